@@ -1,0 +1,104 @@
+"""Euler angles for the 12 sequences, extrinsic and intrinsic, with SciPy's case rule.
+
+Lower case turns about fixed axes: `"zyx"` is first z, then y, then x, so λ = e_x(a3)∘e_y(a2)∘e_z(a1). Upper case turns
+about the moving axes: `"ZYX"` is λ = e_z(a1)∘e_y(a2)∘e_x(a3). With λ body → inertial, `"ZYX"` are yaw, pitch, roll.
+
+For an extrinsic sequence i, j, i the quaternion splits into two planes, λ = A + B∘e_j with
+A = cos(a2/2) exp(e_i (a3+a1)/2) and B = sin(a2/2) exp(e_i (a3−a1)/2): two polar forms give the three angles. A sequence
+i, j, k becomes one of these by a quarter turn about j: e_j(π/2)∘λ has the angles (a1, a2 + π/2, ±a3).
+"""
+
+import math
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.algebra.quaternion import canonical, product
+from qtraj.algebra.vector import balanced, norm
+from qtraj.foundation.types import Flag, Quat, Scalar, Vec3
+
+Pair = Float[Array, "2"]
+
+_LOCK = 16  # in units of the machine precision: nearer to gimbal lock the outer angles are round-off
+
+
+def from_euler(seq: str, angles: Vec3) -> Quat:
+    """The unit quaternion of three Euler angles [rad] in the order of `seq`.
+
+    **Raises:** ValueError where `seq` is not three axes of one case without an immediate repetition.
+    """
+    axes, intrinsic = _parse(seq)
+    first, second, third = (_turn(axis, angle) for axis, angle in zip(axes, angles, strict=True))
+    if intrinsic:
+        return product(first, product(second, third))
+    return product(third, product(second, first))
+
+
+def to_euler(q: Quat, seq: str) -> Vec3:
+    """Euler angles [rad] in the order of `seq`; `q` and `c*q` agree for any c ≠ 0.
+
+    The first and third are in [−π, π], the second in [0, π] for sequences like xyx and in [−π/2, π/2] for others. In
+    gimbal lock the third angle is 0, as SciPy has it (without the warning), and the derivatives are finite. SciPy calls
+    it a lock within 1e-7 rad and loses as much attitude there; here it is 16 units of round-off.
+
+    **Raises:** ValueError as `from_euler`.
+    """
+    axes, intrinsic = _parse(seq)
+    i, j, k = axes[::-1] if intrinsic else axes
+    other = 3 - i - j
+    parity = 1.0 if (j - i) % 3 == 1 else -1.0  # e_i∘e_j = parity e_other
+    q = canonical(balanced(q))
+    s, a, b, c = q[0], q[1 + i], q[1 + j], parity * q[1 + other]
+    if i == k:
+        plane_a, plane_b, offset, sign = jnp.stack([s, a]), jnp.stack([b, c]), 0.0, 1.0
+    else:
+        plane_a, plane_b, offset, sign = jnp.stack([s - b, a + c]), jnp.stack([b + s, c - a]), 0.5 * math.pi, parity
+    first, second, third = _polar(plane_a, plane_b, intrinsic)
+    outer = [_wrap(first), sign * _wrap(third)]
+    start, end = outer[::-1] if intrinsic else outer
+    return jnp.stack([start, second - offset, end])
+
+
+def _polar(plane_a: Pair, plane_b: Pair, keep_third: bool) -> tuple[Scalar, Scalar, Scalar]:
+    """The angles of e_i(third)∘e_j(second)∘e_i(first) from A and B; in a lock only one outer angle is kept."""
+    size_a, size_b = norm(plane_a), norm(plane_b)
+    margin = _LOCK * float(jnp.finfo(plane_a.dtype).eps)
+    lost_a, lost_b = size_a <= margin * size_b, size_b <= margin * size_a
+    half_sum, half_difference = _argument(plane_a, lost_a), _argument(plane_b, lost_b)
+    first, third = half_sum - half_difference, half_sum + half_difference
+    only = jnp.where(lost_a, half_difference if keep_third else -half_difference, half_sum)
+    locked = lost_a | lost_b
+    kept, dropped = (third, first) if keep_third else (first, third)
+    kept, dropped = jnp.where(locked, 2 * only, kept), jnp.where(locked, 0.0, dropped)
+    first, third = (dropped, kept) if keep_third else (kept, dropped)
+    return first, 2 * jnp.arctan2(size_b, size_a), third
+
+
+def _argument(plane: Pair, lost: Flag) -> Scalar:
+    """Polar angle of a pair, or 0 (with zero derivative) where its length is round-off."""
+    return jnp.arctan2(jnp.where(lost, 0.0, plane[1]), jnp.where(lost, 1.0, plane[0]))
+
+
+def _wrap(angle: Scalar) -> Scalar:
+    """An angle in [−2π, 2π] brought into [−π, π]."""
+    turns = jnp.where(angle > math.pi, 1.0, jnp.where(angle < -math.pi, -1.0, 0.0))
+    return angle - 2 * math.pi * turns
+
+
+def _turn(axis: int, angle: Scalar) -> Quat:
+    """The quaternion of a turn by `angle` about a coordinate axis."""
+    parts = [jnp.cos(0.5 * angle)] + 3 * [jnp.zeros_like(angle)]
+    parts[1 + axis] = jnp.sin(0.5 * angle)
+    return jnp.stack(parts)
+
+
+def _parse(seq: str) -> tuple[list[int], bool]:
+    """Axis numbers of a sequence and whether it is intrinsic (upper case)."""
+    axes = ["xyz".find(letter) for letter in seq.lower()]
+    one_case = seq in (seq.lower(), seq.upper())
+    if len(axes) != 3 or min(axes) < 0 or not one_case or axes[0] == axes[1] or axes[1] == axes[2]:
+        raise ValueError(
+            f"an Euler sequence must be three of the letters xyz (extrinsic) or XYZ (intrinsic), none twice in a row, "
+            f"such as 'ZYX' or 'zxz', but {seq!r} was given"
+        )
+    return axes, seq.isupper()

@@ -1,0 +1,83 @@
+"""Paper S's quaternion matrices: monomial (1, 0, −1) combinations of the components.
+
+Each 4×4 matrix is Σ_k q_k E_k, where every E_k has exactly one entry ±1 in each row and column. With L(p) x = p∘x and
+R(p) x = x∘p, and ᾱ the conjugate:
+
+| paper S | here     | is             | of                             |
+|---------|----------|----------------|--------------------------------|
+| A       | `a`      | L(α)           | a quaternion (4,)              |
+| Aᵗ      | `at`     | L(ᾱ)           | a quaternion (4,)              |
+| ᵗA      | `ta`     | R(ᾱ)           | a quaternion (4,)              |
+| ᵗAᵗ     | `tat`    | R(α)           | a quaternion (4,)              |
+| Ṙ₀      | `r0`     | ᵗA of (0, r)   | a vector (3,)                  |
+| Ṙ₀′     | `r0_prime` | Aᵗ of (0, r) | a vector (3,)                  |
+
+ᵗA is A with its first row and first column exchanged. The laws: Aᵗ·ᵗAᵗ = |α|² diag(1, direction cosines), and
+½(Ṙ₀ − Ṙ₀′)(0, x) = (0, r × x), whose square and cube are the double and the triple product.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from qtraj.foundation.types import Mat4, Quat, Vec3
+
+_UNIT_LEFT = [  # column m of E_k is the product e_k∘e_m of the units 1, i, j, k
+    [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+    [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 0, -1], [0, 0, 1, 0]],
+    [[0, 0, -1, 0], [0, 0, 0, 1], [1, 0, 0, 0], [0, -1, 0, 0]],
+    [[0, 0, 0, -1], [0, 0, -1, 0], [0, 1, 0, 0], [1, 0, 0, 0]],
+]
+A_BASIS = np.array(_UNIT_LEFT, dtype=np.int8)
+"""The four basis matrices of A; axis 0 counts the components of the quaternion."""
+AT_BASIS = A_BASIS.transpose(0, 2, 1)
+TAT_BASIS = A_BASIS.transpose(2, 1, 0)  # column m of E_k is e_m∘e_k
+TA_BASIS = TAT_BASIS.transpose(0, 2, 1)
+
+
+def a(q: Quat) -> Mat4:
+    """A = L(q): the matrix of x → q∘x."""
+    return _combine(q, A_BASIS)
+
+
+def at(q: Quat) -> Mat4:
+    """Aᵗ = L(q̄), the transpose of A."""
+    return _combine(q, AT_BASIS)
+
+
+def ta(q: Quat) -> Mat4:
+    """ᵗA = R(q̄): A with its first row and column exchanged."""
+    return _combine(q, TA_BASIS)
+
+
+def tat(q: Quat) -> Mat4:
+    """ᵗAᵗ = R(q): the matrix of x → x∘q, the transpose of ᵗA."""
+    return _combine(q, TAT_BASIS)
+
+
+def r0(v: Vec3) -> Mat4:
+    """Ṙ₀ of a vector: x → −x∘(0, v)."""
+    return _combine(v, TA_BASIS[1:])
+
+
+def r0_prime(v: Vec3) -> Mat4:
+    """Ṙ₀′ of a vector: x → −(0, v)∘x."""
+    return _combine(v, AT_BASIS[1:])
+
+
+def cross(v: Vec3) -> Mat4:
+    """½(Ṙ₀ − Ṙ₀′): takes (0, x) to (0, v × x)."""
+    return 0.5 * (r0(v) - r0_prime(v))
+
+
+def cross_repeated(v: Vec3, x: Vec3, times: int = 1) -> Vec3:
+    """v × (v × … (v × x)), `times` products, as the power of ½(Ṙ₀ − Ṙ₀′) applied to (0, x)."""
+    matrix, column = cross(v), jnp.concatenate([jnp.zeros_like(x, shape=1), x])
+    for _ in range(times):
+        column = jnp.matmul(matrix, column, precision="highest")
+    return column[1:]
+
+
+def _combine(components: Float[Array, " n"], basis: np.ndarray) -> Mat4:
+    """Σ_k components_k basis_k; sums of one term each, so the entries are exact."""
+    return jnp.einsum("k,kij->ij", components, jnp.asarray(basis, components.dtype), precision="highest")

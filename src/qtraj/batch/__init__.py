@@ -1,0 +1,1 @@
+"""Floor 5: many paths at many instants."""

@@ -1,0 +1,1 @@
+"""Floor 4: limits on a path, and the boundary velocities that meet them."""

@@ -1,0 +1,1 @@
+"""The ground under the six floors: array types, input checks, stored documents."""

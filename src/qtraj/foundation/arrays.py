@@ -1,0 +1,73 @@
+"""Turning input into float arrays, and checking what is known before a trace."""
+
+import warnings
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from qtraj.foundation.types import ArrayInput
+
+COARSE_METRES = 1e-3
+"""A float32 position that resolves less than this [m] is worth a warning."""
+
+
+def as_float(x: ArrayInput) -> Array:
+    """`x` as a floating array: float dtypes are kept, anything else takes JAX's default float."""
+    x = x if isinstance(x, jax.Array) else np.asarray(x)
+    if jnp.issubdtype(x.dtype, jnp.floating):
+        return jnp.asarray(x)
+    if jnp.issubdtype(x.dtype, jnp.complexfloating) or x.dtype == object or x.dtype.kind in "USM":
+        raise ValueError(f"real numbers were expected, but the input has dtype {x.dtype}")
+    return jnp.asarray(x, dtype=float)
+
+
+def concrete(x: Any) -> np.ndarray | None:
+    """The value of `x` as a NumPy array, or None inside a trace, where Python cannot know it."""
+    return None if isinstance(x, jax.core.Tracer) else np.asarray(x)
+
+
+def real_vector(x: ArrayInput, name: str, size: int) -> Array:
+    """`x` as a finite float vector of `size` components.
+
+    **Raises:** ValueError naming `name`, what was given and what was expected. Finiteness is checked where the value
+    is known; a traced value passes.
+    """
+    try:
+        vector = as_float(x)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be {size} real numbers, but {x!r} was given") from error
+    if vector.shape != (size,):
+        raise ValueError(f"{name} must have shape ({size},), but an array of shape {vector.shape} was given")
+    require_finite(vector, name)
+    return vector
+
+
+def require_finite(x: Array, name: str) -> None:
+    """Raise a ValueError where a known value is NaN or infinite."""
+    value = concrete(x)
+    if value is not None and not np.all(np.isfinite(value)):
+        raise ValueError(f"{name} must be finite, but {value.tolist()} was given")
+
+
+def require_positive(x: Array, name: str, unit: str) -> None:
+    """Raise a ValueError where a known scalar is not a positive finite number."""
+    value = concrete(x)
+    if value is not None and not (np.all(np.isfinite(value)) and np.all(value > 0)):
+        raise ValueError(f"{name} must be positive and finite [{unit}], but {value.tolist()} was given")
+
+
+def warn_if_coarse(x: Array, name: str) -> None:
+    """Warn (once per name) where positions in float32 resolve worse than a millimetre."""
+    value = concrete(x)
+    if value is None or value.dtype != np.float32 or value.size == 0:
+        return
+    resolution = float(np.spacing(np.max(np.abs(value))))
+    if resolution > COARSE_METRES:
+        warnings.warn(
+            f"{name} in float32 resolves only {resolution:.2g} m so far from the origin. "
+            "Call jax.config.update('jax_enable_x64', True) first, or move the origin near the path.",
+            stacklevel=3,
+        )

@@ -1,0 +1,1 @@
+"""Floor 6: files that other tools read and write."""

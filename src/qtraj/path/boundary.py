@@ -1,0 +1,93 @@
+"""Boundary states: what is known of the motion at its start and at its end."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from qtraj.foundation.arrays import real_vector, warn_if_coarse
+from qtraj.foundation.document import storable
+from qtraj.foundation.types import ArrayInput, Scalar, Vec3
+from qtraj.path.placement import Placement
+
+
+@storable
+class BoundaryState(eqx.Module):
+    """Position [m], velocity [m/s] and, where it is known, acceleration [m/s²], (3,) each, in world axes.
+
+    **Raises:** ValueError for wrong shapes or values that are not finite.
+    """
+
+    position: Vec3
+    velocity: Vec3
+    acceleration: Vec3 | None
+
+    def __init__(self, position: ArrayInput, velocity: ArrayInput, acceleration: ArrayInput | None = None):
+        self.position = real_vector(position, "the position of a boundary state", 3)
+        self.velocity = real_vector(velocity, "the velocity of a boundary state", 3)
+        self.acceleration = (
+            None if acceleration is None else real_vector(acceleration, "the acceleration of a boundary state", 3)
+        )
+        warn_if_coarse(self.position, "the position of a boundary state")
+
+
+class Cylindrical(eqx.Module):
+    """A boundary state about an axis: components along e_ρ, e_φ and the axis.
+
+    `planar` (3,) is the position without its axial part, in the axes of the placement: azimuth differences are taken
+    from it, because the difference of two azimuths loses digits.
+    """
+
+    radius: Scalar
+    azimuth: Scalar
+    height: Scalar
+    velocity: Vec3
+    acceleration: Vec3 | None
+    planar: Vec3
+
+    @property
+    def rate(self) -> Scalar:
+        """V_φ/ρ, the angular rate about the axis [rad/s]."""
+        return self.velocity[1] / self.radius
+
+    @property
+    def radial_acceleration(self) -> Scalar:
+        """ρ̈ = a_ρ + ρ φ̇² [m/s²]; needs the acceleration."""
+        return _required(self.acceleration)[0] + self.radius * self.rate**2
+
+    @property
+    def angular_acceleration(self) -> Scalar:
+        """φ̈ = (a_φ − 2 ρ̇ φ̇)/ρ [rad/s²]; needs the acceleration."""
+        return (_required(self.acceleration)[1] - 2 * self.velocity[0] * self.rate) / self.radius
+
+
+def cylindrical(state: BoundaryState, placement: Placement | None) -> Cylindrical:
+    """`state` in cylindrical components about the axis of `placement` (the world's z axis without one)."""
+    placement = Placement() if placement is None else placement
+    x, y, z = placement.to_local(state.position - placement.origin.astype(state.position.dtype))
+    radius = jnp.hypot(x, y)
+    cos, sin = x / radius, y / radius
+
+    def components(v: Vec3) -> Vec3:
+        a, b, c = placement.to_local(v)
+        return jnp.stack([a * cos + b * sin, b * cos - a * sin, c])
+
+    return Cylindrical(
+        radius=radius,
+        azimuth=jnp.arctan2(y, x),
+        height=z,
+        velocity=components(state.velocity),
+        acceleration=None if state.acceleration is None else components(state.acceleration),
+        planar=jnp.stack([x, y, jnp.zeros_like(x)]),
+    )
+
+
+def azimuth_difference(start: Cylindrical, end: Cylindrical) -> Scalar:
+    """The azimuth of `end` less that of `start`, in (−π, π] [rad]."""
+    a, b = start.planar, end.planar
+    difference = jnp.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)
+    return jnp.where(difference <= -jnp.pi, -difference, difference)
+
+
+def _required(acceleration: Vec3 | None) -> Vec3:
+    if acceleration is None:
+        raise ValueError("this needs the acceleration of the boundary state, and none was given")
+    return acceleration

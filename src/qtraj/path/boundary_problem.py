@@ -1,0 +1,145 @@
+"""From boundary states to the polynomials of a spiral-helix: the problem of paper S and its completion."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from qtraj.algebra import polynomial
+from qtraj.foundation.arrays import concrete
+from qtraj.foundation.types import Scalar
+from qtraj.path.boundary import BoundaryState, Cylindrical, azimuth_difference, cylindrical
+from qtraj.path.placement import Placement
+
+RATE_TOLERANCE = 1e-9
+"""Largest relative disagreement of V_φ/ρ between the ends of a uniformly rotating path."""
+
+AZIMUTH_TOLERANCE = 32
+"""Azimuths closer than this many machine epsilons [rad] are equal."""
+
+PARALLEL_TOLERANCE = 1e-9
+"""Sine of the angle between two horizontal velocities below which they are parallel."""
+
+Coefficients = Float[Array, "_"]
+
+
+def uniform(
+    start: BoundaryState, end: BoundaryState, turns: int, placement: Placement | None
+) -> tuple[Coefficients, Coefficients, Coefficients, Scalar, Placement | None, Scalar]:
+    """ρ, φ, h, duration, placement and mismatch of the path with φ̇ = V_φ/ρ constant (paper S, boundary conditions)."""
+    if start.acceleration is not None or end.acceleration is not None:
+        raise ValueError(
+            "a uniformly rotating path cannot meet given accelerations. Leave them out, or use SpiralHelix.hermite."
+        )
+    a, b = cylindrical(start, placement), cylindrical(end, placement)
+    _require_off_axis(a, b)
+    mismatch = _rate_mismatch(a, b)
+    turn = directed_turn(a, b, turns)
+    _require_solvable(a, b, turn, mismatch)
+    solvable = (jnp.abs(turn) > 0) & (a.rate != 0)
+    duration = jnp.where(solvable, turn / jnp.where(solvable, a.rate, 1.0), jnp.inf)
+    radius, height = _radius_and_height(a, b, duration)
+    angle = jnp.stack([a.azimuth, a.rate])
+    return radius, angle, height, duration, placement, jnp.where(solvable, mismatch, jnp.inf)
+
+
+def directed_turn(a: Cylindrical, b: Cylindrical, turns: int) -> Scalar:
+    """The signed turn from `a` to `b` in the sense of V_φ at the start: magnitude in [0, 2π) plus whole turns [rad]."""
+    if turns < 0:
+        raise ValueError(
+            f"turns={turns} was given, but the sense is that of V_phi: turns counts whole turns, 0 or more"
+        )
+    sense = jnp.where(a.velocity[1] < 0, -1.0, 1.0).astype(a.radius.dtype)
+    ahead = sense * azimuth_difference(a, b)
+    equal = jnp.abs(ahead) <= AZIMUTH_TOLERANCE * jnp.finfo(ahead.dtype).eps
+    ahead = jnp.where(equal, 0.0 * ahead, jnp.where(ahead < 0, ahead + 2 * jnp.pi, ahead))
+    return sense * (ahead + 2 * jnp.pi * turns)
+
+
+def hermite(
+    start: BoundaryState, end: BoundaryState, duration: Scalar, turns: int, placement: Placement | None
+) -> tuple[Coefficients, Coefficients, Coefficients]:
+    """ρ, φ, h that meet every boundary number in the given duration: cubics, or quintics with accelerations."""
+    if (start.acceleration is None) != (end.acceleration is None):
+        raise ValueError("one boundary state has an acceleration and the other has none: give both or neither")
+    a, b = cylindrical(start, placement), cylindrical(end, placement)
+    _require_off_axis(a, b)
+    turn = azimuth_difference(a, b) + 2 * jnp.pi * turns
+    radius, height = _radius_and_height(a, b, duration)
+    angle_a, angle_b = [a.azimuth, a.rate], [a.azimuth + turn, b.rate]
+    if a.acceleration is not None:
+        angle_a, angle_b = [*angle_a, a.angular_acceleration], [*angle_b, b.angular_acceleration]
+    return radius, polynomial.hermite(jnp.stack(angle_a), jnp.stack(angle_b), duration), height
+
+
+def axis_between(start: BoundaryState, end: BoundaryState) -> Placement:
+    """The vertical axis through the point where the horizontal normals of the two velocities meet."""
+    middle = (start.position + end.position)[:2] / 2
+    va, vb = start.velocity[:2], end.velocity[:2]
+    # (p − p_A)·v_A = 0 and (p − p_B)·v_B = 0, about the middle so that large coordinates keep their digits.
+    a, b = va @ (start.position[:2] - middle), vb @ (end.position[:2] - middle)
+    determinant = va[0] * vb[1] - va[1] * vb[0]
+    _require_crossing(va, vb)
+    point = middle + jnp.stack([a * vb[1] - b * va[1], b * va[0] - a * vb[0]]) / determinant
+    return Placement(jnp.concatenate([point, jnp.zeros_like(point[:1])]))
+
+
+def _radius_and_height(a: Cylindrical, b: Cylindrical, duration: Scalar) -> tuple[Coefficients, Coefficients]:
+    radius_a, radius_b = [a.radius, a.velocity[0]], [b.radius, b.velocity[0]]
+    height_a, height_b = [a.height, a.velocity[2]], [b.height, b.velocity[2]]
+    if a.acceleration is not None and b.acceleration is not None:
+        radius_a, radius_b = [*radius_a, a.radial_acceleration], [*radius_b, b.radial_acceleration]
+        height_a, height_b = [*height_a, a.acceleration[2]], [*height_b, b.acceleration[2]]
+    return (
+        polynomial.hermite(jnp.stack(radius_a), jnp.stack(radius_b), duration),
+        polynomial.hermite(jnp.stack(height_a), jnp.stack(height_b), duration),
+    )
+
+
+def _rate_mismatch(a: Cylindrical, b: Cylindrical) -> Scalar:
+    largest = jnp.maximum(jnp.abs(a.rate), jnp.abs(b.rate))
+    safe = jnp.where(largest > 0, largest, 1.0)
+    return jnp.where(largest > 0, jnp.abs(a.rate - b.rate) / safe, jnp.inf)
+
+
+def _require_off_axis(a: Cylindrical, b: Cylindrical) -> None:
+    for state, name in ((a, "start"), (b, "end")):
+        radius = concrete(state.radius)
+        if radius is not None and not radius > 0:
+            raise ValueError(
+                f"the {name} lies on the axis of the spiral-helix (radius 0), where its azimuth has no meaning. "
+                "Give a placement whose axis does not pass through the boundary positions."
+            )
+
+
+def _require_solvable(a: Cylindrical, b: Cylindrical, turn: Scalar, mismatch: Scalar) -> None:
+    disagreement, known_turn = concrete(mismatch), concrete(turn)
+    if disagreement is None or known_turn is None:
+        return
+    if not np.isfinite(disagreement):
+        raise ValueError(
+            "the boundary velocities have no component about the axis (V_phi is 0 at both ends), so the path cannot "
+            "turn uniformly. Give another placement, or use SpiralHelix.hermite with a duration."
+        )
+    tolerance = max(RATE_TOLERANCE, 16 * float(jnp.finfo(mismatch.dtype).eps))
+    if disagreement > tolerance:
+        raise ValueError(
+            f"the boundary rates disagree: V_phi/rho is {float(a.rate):.6g} rad/s at the start and {float(b.rate):.6g} "
+            "at the end, but a uniformly rotating spiral-helix has one. Use SpiralHelix.hermite, whose angle is a "
+            "polynomial and meets both, or change a velocity."
+        )
+    if known_turn == 0:
+        raise ValueError(
+            "the start and the end have the same azimuth, so with turns=0 there is nothing to turn. "
+            "Pass turns=1 for one whole turn, or use SpiralHelix.hermite."
+        )
+
+
+def _require_crossing(va: Array, vb: Array) -> None:
+    a, b = concrete(va), concrete(vb)
+    if a is None or b is None:
+        return
+    if abs(a[0] * b[1] - a[1] * b[0]) <= PARALLEL_TOLERANCE * np.hypot(*a) * np.hypot(*b):
+        raise ValueError(
+            f"the horizontal velocities {a.tolist()} and {b.tolist()} are parallel (or one is zero): their normals "
+            "do not meet, so there is no axis between them. Give a placement to SpiralHelix.hermite instead."
+        )

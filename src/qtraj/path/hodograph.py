@@ -1,0 +1,97 @@
+"""Hodographs: smooth curves r(t) that a vehicle follows."""
+
+import abc
+import os
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from qtraj.algebra.vector import norm
+from qtraj.foundation import document
+from qtraj.foundation.arrays import as_float, require_positive
+from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
+from qtraj.path.boundary import BoundaryState
+
+# Length: panels × Gauss–Legendre nodes. Exact to round-off wherever the speed stays clear of zero.
+PANELS, NODES = 32, 16
+
+
+class AbstractHodograph(eqx.Module):
+    """A smooth curve r(t) on [0, duration]: t in seconds from the path's own start, r in metres, world axes."""
+
+    duration: eqx.AbstractVar[Scalar]
+
+    @abc.abstractmethod
+    def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
+        """r and its time derivatives up to `order` at one instant, world axes, row k in [m s^-k]."""
+
+    def position(self, t: ScalarLike) -> Vec3:
+        """r(t), (3,) [m]."""
+        return self.derivatives(t, 0)[0]
+
+    def velocity(self, t: ScalarLike) -> Vec3:
+        """ṙ(t), (3,) [m/s]."""
+        return self.derivatives(t, 1)[1]
+
+    def acceleration(self, t: ScalarLike) -> Vec3:
+        """r̈(t), (3,) [m/s²]."""
+        return self.derivatives(t, 2)[2]
+
+    def state(self, t: ScalarLike) -> BoundaryState:
+        """Position and velocity at one instant, as a boundary state for another path."""
+        r = self.derivatives(t, 1)
+        return BoundaryState(r[0], r[1])
+
+    def length(self) -> Scalar:
+        """Arc length ∫|ṙ|dt over the duration [m], by composite Gauss–Legendre quadrature."""
+        nodes, weights = np.polynomial.legendre.leggauss(NODES)
+        u = (np.arange(PANELS)[:, None] + (nodes + 1) / 2) / PANELS
+        w = np.tile(weights, PANELS) / (2 * PANELS)
+        t = self.duration * as_float(u.ravel()).astype(self.duration.dtype)
+        speeds = jax.vmap(lambda t: norm(self.velocity(t)))(t)
+        return self.duration * (as_float(w).astype(speeds.dtype) @ speeds)
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Write the path to a TOML or JSON file, exactly; `qtraj.load` reads it.
+
+        **Raises:** ValueError for another suffix, or for a path that holds a function of the user's own.
+        """
+        document.save(self, file)
+
+
+class Curve(AbstractHodograph):
+    """Any differentiable t -> (3,) as a path; its derivatives are taken by nested forward differentiation.
+
+    `position` may be a plain function or a callable Module whose arrays are then differentiable.
+
+    **Raises:** ValueError where `position` is not callable or `duration` [s] is not positive.
+    """
+
+    function: Callable[[Scalar], Vec3]
+    duration: Scalar
+
+    def __init__(self, position: Callable[[Scalar], Vec3], duration: ArrayInput):
+        if not callable(position):
+            raise ValueError(f"a Curve needs a function t -> (3,), but {position!r} is not callable")
+        self.function = position if isinstance(position, eqx.Module) else jax.tree_util.Partial(position)
+        self.duration = as_float(duration)
+        require_positive(self.duration, "the duration of a curve", "s")
+
+    def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
+        def extend(jet: Callable[[Scalar], tuple[Vec3, ...]]) -> Callable[[Scalar], tuple[Vec3, ...]]:
+            def longer(t: Scalar) -> tuple[Vec3, ...]:
+                values, rates = jax.jvp(jet, (t,), (jnp.ones_like(t),))
+                return (*values, rates[-1])
+
+            return longer
+
+        def jet(t: Scalar) -> tuple[Vec3, ...]:
+            return (jnp.asarray(self.function(t)),)
+
+        for _ in range(order):
+            jet = extend(jet)
+        return jnp.stack(jet(as_float(t)))

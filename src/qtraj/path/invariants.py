@@ -1,0 +1,54 @@
+"""The invariants of a path: what its derivatives say without reference to any axes.
+
+The one home of these formulas. With the derivatives r', r'', r''' in *any* orthonormal basis,
+
+    S = r'·r',   N = |r' × r''|²,   T = (r' × r'')·r''',
+
+and speed² = S, curvature² = N/S³, torsion = T/N. For a spiral-helix the basis is the rotating one (e_ρ, e_φ, k), in
+which every derivative is a polynomial in t: no trigonometry.
+"""
+
+import math
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.foundation.types import Scalar, Vec3
+
+
+def rotating_derivatives(
+    radius: Float[Array, " n"], angle: Float[Array, " n"], height: Float[Array, " n"]
+) -> Float[Array, "n 3"]:
+    """Derivatives of ρ(i cos φ + j sin φ) + k h in the rotating basis (e_ρ, e_φ, k), orders 0 … n−1.
+
+    The arguments are Taylor coefficients (k-th derivative / k!) of ρ [m], φ [rad] and h [m] at one instant. In the
+    plane r = ρ e^{iφ}: with g(s) = e^{i(φ(t+s)−φ(t))}, g' = iφ'g gives the series of g, and that of ρg follows by
+    Cauchy's product. Rows 1 and 2 are (ρ̇, ρφ̇, ḣ) and (ρ̈ − ρφ̇², 2ρ̇φ̇ + ρφ̈, ḧ) (paper S, ṙ and r̈).
+    """
+    count = radius.shape[0]
+    cos, sin = [jnp.ones_like(radius[0])], [jnp.zeros_like(radius[0])]
+    for k in range(count - 1):
+        slopes = [(j + 1) * angle[j + 1] for j in range(k + 1)]
+        cos.append(-sum(slopes[j] * sin[k - j] for j in range(k + 1)) / (k + 1))
+        sin.append(sum(slopes[j] * cos[k - j] for j in range(k + 1)) / (k + 1))
+    rows = []
+    for k in range(count):
+        along = sum(radius[j] * cos[k - j] for j in range(k + 1))
+        across = sum(radius[j] * sin[k - j] for j in range(k + 1))
+        rows.append(math.factorial(k) * jnp.stack([along, across, height[k]]))
+    return jnp.stack(rows)
+
+
+class Invariants(eqx.Module):
+    """S [m² s⁻²], N [m⁴ s⁻⁶] and T [m³ s⁻⁶] of a path at one instant."""
+
+    S: Scalar
+    N: Scalar
+    T: Scalar
+
+
+def invariants(r1: Vec3, r2: Vec3, r3: Vec3) -> Invariants:
+    """S, N and T from the first three time derivatives in any one orthonormal basis."""
+    c = jnp.cross(r1, r2)
+    return Invariants(S=r1 @ r1, N=c @ c, T=c @ r3)

@@ -1,0 +1,38 @@
+"""Where a path's own axes stand in the world."""
+
+import equinox as eqx
+
+from qtraj.algebra import quaternion
+from qtraj.foundation.arrays import concrete, real_vector, warn_if_coarse
+from qtraj.foundation.document import storable
+from qtraj.foundation.types import ArrayInput, Quat, Vec3
+
+
+@storable
+class Placement(eqx.Module):
+    """A rigid placement of a path's axes (z along its axis) in the world.
+
+    `origin` (3,) [m] is a point of the axis in world coordinates; `orientation` (4,) maps the path's axes to the
+    world's and may have any non-zero length. A vertical axis needs only an origin.
+
+    **Raises:** ValueError for wrong shapes, values that are not finite, or a zero quaternion.
+    """
+
+    origin: Vec3
+    orientation: Quat
+
+    def __init__(self, origin: ArrayInput = (0.0, 0.0, 0.0), orientation: ArrayInput = (1.0, 0.0, 0.0, 0.0)):
+        self.origin = real_vector(origin, "the origin of a placement", 3)
+        self.orientation = real_vector(orientation, "the orientation of a placement", 4)
+        warn_if_coarse(self.origin, "the origin of a placement")
+        known = concrete(self.orientation)
+        if known is not None and not known.any():
+            raise ValueError("the orientation of a placement must be a quaternion other than zero")
+
+    def to_world(self, vector: Vec3) -> Vec3:
+        """World components of a free vector given in the path's axes."""
+        return quaternion.rotate(self.orientation, vector)
+
+    def to_local(self, vector: Vec3) -> Vec3:
+        """Components in the path's axes of a free vector given in world axes."""
+        return quaternion.rotate(quaternion.conjugate(self.orientation), vector)

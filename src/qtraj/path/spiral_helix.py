@@ -1,0 +1,133 @@
+"""The spiral-helix r(t) = ρ(t)(i cos φ + j sin φ) + k h(t) of paper S, with polynomial ρ, φ and h."""
+
+from typing import Any
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.algebra import polynomial
+from qtraj.foundation.arrays import as_float, require_finite, require_positive
+from qtraj.foundation.document import storable
+from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
+from qtraj.path import boundary_problem as problem
+from qtraj.path.boundary import BoundaryState
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.invariants import rotating_derivatives
+from qtraj.path.placement import Placement
+
+
+@storable
+class SpiralHelix(AbstractHodograph):
+    """A spiral about an axis with a height along it.
+
+    `radius`, `angle` and `height` are ascending coefficients in t [s] of ρ [m], φ [rad] and h [m], of any degree;
+    `duration` [s]; the axis is the world's z axis unless a `placement` says otherwise. Outside [0, duration] the
+    polynomials extrapolate. `mismatch` is the relative disagreement of the two V_φ/ρ that `from_boundary` was given
+    (infinite where its problem has no solution); `residual` compares a fitted path with its recording.
+
+    **Raises:** ValueError for coefficients that are not a finite vector, or a duration that is not positive.
+    """
+
+    radius: Float[Array, " n_radius"]
+    angle: Float[Array, " n_angle"]
+    height: Float[Array, " n_height"]
+    duration: Scalar
+    placement: Placement | None
+    mismatch: Scalar
+    residual: Any
+
+    def __init__(
+        self,
+        radius: ArrayInput,
+        angle: ArrayInput,
+        height: ArrayInput,
+        duration: ArrayInput,
+        placement: Placement | None = None,
+        mismatch: ArrayInput = 0.0,
+        residual: Any = None,
+    ):
+        self.radius = _coefficients(radius, "radius")
+        self.angle = _coefficients(angle, "angle")
+        self.height = _coefficients(height, "height")
+        self.duration = as_float(duration)
+        self.placement = placement
+        self.mismatch = as_float(mismatch)
+        self.residual = residual
+        require_positive(self.duration, "the duration of a spiral-helix", "s")
+
+    def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
+        rows = self.rotating_derivatives(t, order)
+        phi = polynomial.evaluate(self.angle, t)
+        cos, sin = jnp.cos(phi), jnp.sin(phi)
+        along, across, axial = rows[:, 0], rows[:, 1], rows[:, 2]
+        local = jnp.stack([along * cos - across * sin, along * sin + across * cos, axial], axis=-1)
+        if self.placement is None:
+            return local
+        world = jnp.stack([self.placement.to_world(row) for row in local])
+        return world.at[0].add(self.placement.origin.astype(world.dtype))
+
+    def rotating_derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
+        """As `derivatives`, in the rotating basis (e_ρ, e_φ, k) at `t` and about the path's own axis."""
+        jets = [polynomial.taylor(c, t, order) for c in (self.radius, self.angle, self.height)]
+        return rotating_derivatives(*jets)
+
+    @property
+    def turn(self) -> Scalar:
+        """The signed angle turned about the axis from start to end [rad]."""
+        return polynomial.evaluate(self.angle, self.duration) - self.angle[0]
+
+    @classmethod
+    def from_boundary(
+        cls, start: BoundaryState, end: BoundaryState, turns: int = 0, placement: Placement | None = None
+    ) -> "SpiralHelix":
+        """The uniformly rotating spiral-helix with cubic ρ and h through two boundary states (paper S).
+
+        The turn has the sense of V_φ at the start and a magnitude in (0, 2π), plus `turns` whole turns; the duration
+        follows as turn·ρ/V_φ. Ten boundary numbers meet nine unknowns, so V_φ/ρ must be the same at both ends.
+
+        **Raises:** ValueError where V_φ/ρ disagree by more than 1e-9 relatively (both are named), a radius or V_φ is
+        zero, the azimuths are equal with `turns=0`, or an acceleration is given. Inside a trace nothing is raised:
+        the path's `mismatch` tells.
+        """
+        return cls(*problem.uniform(start, end, turns, placement))
+
+    @classmethod
+    def hermite(
+        cls,
+        start: BoundaryState,
+        end: BoundaryState,
+        duration: ArrayInput,
+        turns: int = 0,
+        placement: Placement | None = None,
+    ) -> "SpiralHelix":
+        """The spiral-helix with polynomial angle that meets all boundary data in a given `duration` [s].
+
+        Cubics in ρ, φ and h; quintics where both states carry an acceleration. The turn is in (−π, π] plus `turns`
+        whole turns, signed.
+
+        **Raises:** ValueError where the duration is not positive, a state lies on the axis, or only one acceleration
+        is given.
+        """
+        duration = as_float(duration)
+        require_positive(duration, "the duration of a spiral-helix", "s")
+        return cls(*problem.hermite(start, end, duration, turns, placement), duration, placement)
+
+    @classmethod
+    def between(cls, start: BoundaryState, end: BoundaryState, duration: ArrayInput, turns: int = 0) -> "SpiralHelix":
+        """`hermite` about the vertical axis on which the horizontal normals of the two velocities meet.
+
+        **Raises:** ValueError where the horizontal velocities are parallel or zero, so that no such axis exists.
+        """
+        axis = problem.axis_between(start, end)
+        return cls.hermite(start, end, duration, turns, axis)
+
+
+def _coefficients(values: ArrayInput, name: str) -> Float[Array, " n"]:
+    coefficients = as_float(values)
+    if coefficients.ndim != 1 or coefficients.shape[0] == 0:
+        raise ValueError(
+            f"the {name} of a spiral-helix must be a vector of ascending polynomial coefficients, "
+            f"but an array of shape {coefficients.shape} was given. Stack many paths with jax.vmap."
+        )
+    require_finite(coefficients, f"the {name} of a spiral-helix")
+    return coefficients

@@ -1,0 +1,216 @@
+"""Trihedra along a path: the natural one (τ, n, b) of paper S and the upright one of vehicles.
+
+Let c = r' × r'', v = |r'|, D = c·r'''. Then κ = |c|/v³, χ = D/|c|², and the natural trihedral turns at
+ω⁰ = (vχ, 0, |c|/v²) in its own axes; ε⁰ is the derivative of that. Where |r'| or |c| vanishes there is no natural
+trihedral: `defined` is false there, and every number is finite, as is its gradient.
+"""
+
+import abc
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.algebra import rotation
+from qtraj.algebra.vector import norm, unit
+from qtraj.foundation.arrays import concrete, real_vector
+from qtraj.foundation.types import ArrayInput, Flag, Mat3, Quat, Scalar, ScalarLike, Vec3
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.invariants import invariants
+
+DEFINED_TOLERANCE = 4096
+"""In machine epsilons: a path that bends by less than this over its own length is straight, and a speed below this
+part of its own changes is zero. At the tolerance itself the direction of n still has three good digits."""
+
+
+class Trihedral(eqx.Module):
+    """A right-handed trihedral on a path at one instant.
+
+    `tangent`, `normal`, `binormal`: unit vectors (3,), world axes; body axes x, y, z of the trihedral. `speed` [m/s],
+    `curvature` and `torsion` [1/m] of the path. `rate` [rad/s] and `acceleration` [rad/s²]: angular, (3,), in the
+    trihedral's own axes. `defined` is false where the trihedral does not exist; the numbers there are finite fillers.
+    """
+
+    tangent: Vec3
+    normal: Vec3
+    binormal: Vec3
+    speed: Scalar
+    curvature: Scalar
+    torsion: Scalar
+    rate: Vec3
+    acceleration: Vec3
+    defined: Flag
+
+    def dcm(self) -> Mat3:
+        """Direction cosines α: rows τ, n, b; maps world components to trihedral components (paper S)."""
+        return jnp.stack([self.tangent, self.normal, self.binormal])
+
+    def quaternion(self) -> Quat:
+        """The unit quaternion, trihedral to world, of either sign (see `FrameProgram` for one continuous in time)."""
+        return rotation.from_dcm(self.dcm())
+
+    def gibbs(self) -> Vec3:
+        """The Gibbs vector G = e·tan(Φ/2), singular where Φ = π."""
+        return rotation.to_gibbs(self.quaternion())
+
+
+class AbstractFrame(eqx.Module):
+    """A rule that hangs a trihedral on a path."""
+
+    @abc.abstractmethod
+    def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
+        """The trihedral from r and its first four derivatives, world axes, on a path of this duration [s]."""
+
+
+def trihedral(path: AbstractHodograph, t: ScalarLike, frame: AbstractFrame | None = None) -> Trihedral:
+    """The trihedral of `path` at one instant `t` [s]: the natural one, or that of another `frame`."""
+    frame = Natural() if frame is None else frame
+    return frame.trihedral(path.derivatives(t, 4), path.duration)
+
+
+class Natural(AbstractFrame):
+    """The natural (Frenet) trihedral: tangent, principal normal, binormal (paper S, with its errata mended)."""
+
+    def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
+        shape = _shape(r, duration)
+        tangent = unit(r[1], _axis(r, 0))
+        # n from c × r', then b = τ × n: orthonormal to round-off also where c has lost most of its digits.
+        towards = jnp.where(shape.bending, jnp.cross(shape.c, r[1]), 0.0)
+        normal = unit(towards, jnp.cross(_across(tangent), tangent))
+        rate, acceleration = _natural_rates(r, shape)
+        return Trihedral(
+            tangent=tangent,
+            normal=normal,
+            binormal=jnp.cross(tangent, normal),
+            speed=shape.speed,
+            curvature=shape.curvature,
+            torsion=shape.torsion,
+            rate=rate,
+            acceleration=acceleration,
+            defined=shape.moving & shape.bending,
+        )
+
+
+class Upright(AbstractFrame):
+    """The frame of a vehicle that stays upright: x along the path, y to the left, z up.
+
+    `up` (3,), world axes, any length. It does not exist where the path runs along `up`.
+
+    **Raises:** ValueError for an `up` that is zero, not finite or of another shape.
+    """
+
+    up: Vec3
+
+    def __init__(self, up: ArrayInput = (0.0, 0.0, 1.0)):
+        self.up = real_vector(up, "the up direction of an upright frame", 3)
+        known = concrete(self.up)
+        if known is not None and not known.any():
+            raise ValueError("the up direction of an upright frame must not be zero")
+
+    def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
+        shape = _shape(r, duration)
+        up = unit(self.up.astype(r.dtype), _axis(r, 2))
+        tangent = unit(r[1], _axis(r, 0))
+        level = jnp.cross(up, r[1])
+        normal = unit(level, jnp.cross(_across(tangent), tangent))
+        exists = shape.moving & (level @ level > _tolerance(r) ** 2 * (r[1] @ r[1]))
+        # ε is the derivative of ω along the path, and ω depends on r', r'' alone.
+        finite = jnp.where(exists, r[1:], jnp.asarray(_REGULAR, r.dtype))
+        rate, acceleration = jax.jvp(
+            lambda r1, r2: _upright_rate(up, r1, r2), (finite[0], finite[1]), (finite[1], finite[2])
+        )
+        nothing = jnp.zeros_like(rate)
+        return Trihedral(
+            tangent=tangent,
+            normal=normal,
+            binormal=jnp.cross(tangent, normal),
+            speed=shape.speed,
+            curvature=shape.curvature,
+            torsion=shape.torsion,
+            rate=jnp.where(exists, rate, nothing),
+            acceleration=jnp.where(exists, acceleration, nothing),
+            defined=exists,
+        )
+
+
+class _Shape(eqx.Module):
+    """What every frame needs of a path, with finite fillers where it does not exist."""
+
+    c: Vec3
+    speed: Scalar
+    curvature: Scalar
+    torsion: Scalar
+    safe_speed: Scalar  # [m/s] the speed, or 1 where it vanishes
+    safe_area: Scalar  # [m² s⁻³] |c|, or 1 where it vanishes
+    moving: Flag
+    bending: Flag
+
+
+_REGULAR = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+"""Derivatives r' … r'''' of a path on which every formula is regular: the filler behind `where`."""
+
+
+def _shape(r: Float[Array, "5 3"], duration: Scalar) -> _Shape:
+    delta = _tolerance(r)
+    of = invariants(r[1], r[2], r[3])
+    period = duration.astype(r.dtype)
+    moving = delta**2 * (of.S + period**2 * (r[2] @ r[2]) + period**4 * (r[3] @ r[3])) < of.S
+    safe_s = jnp.where(moving, of.S, 1.0)
+    bending = moving & (delta**2 * safe_s * (r[2] @ r[2] + safe_s / period**2) < of.N)
+    safe_n = jnp.where(bending, of.N, 1.0)
+    c = jnp.cross(r[1], r[2])
+    return _Shape(
+        c=c,
+        speed=norm(r[1]),
+        curvature=jnp.where(moving, norm(c) / safe_s**1.5, 0.0),
+        torsion=jnp.where(bending, of.T / safe_n, 0.0),
+        safe_speed=jnp.sqrt(safe_s),
+        safe_area=jnp.sqrt(safe_n),
+        moving=moving,
+        bending=bending,
+    )
+
+
+def _natural_rates(r: Float[Array, "5 3"], shape: _Shape) -> tuple[Vec3, Vec3]:
+    """ω⁰ and ε⁰ of the natural trihedral in its own axes, zero where it does not exist; c' = r' × r'''."""
+    v, area, torsion, c = shape.safe_speed, shape.safe_area, shape.torsion, shape.c
+    slope = r[1] @ r[2]
+    c_rate = jnp.cross(r[1], r[3])
+    growth = c @ c_rate
+    torsion_rate = (c @ r[4]) / area**2 - 2 * (c @ r[3]) * growth / area**4
+    zero = jnp.zeros_like(v)
+    rate = jnp.stack([v * torsion, zero, area / v**2])
+    acceleration = jnp.stack(
+        [slope / v * torsion + v * torsion_rate, zero, growth / (area * v**2) - 2 * area * slope / v**4]
+    )
+    exists = shape.bending
+    return jnp.where(exists, rate, 0.0), jnp.where(exists, acceleration, 0.0)
+
+
+def _upright_rate(up: Vec3, r1: Vec3, r2: Vec3) -> Vec3:
+    """ω = c/v² + τ[(u × r'')·B]/|u × r'| in the upright frame's own axes."""
+    tangent = r1 / norm(r1)
+    level = jnp.cross(up, r1)
+    normal = level / norm(level)
+    binormal = jnp.cross(tangent, normal)
+    omega = jnp.cross(r1, r2) / (r1 @ r1) + tangent * (jnp.cross(up, r2) @ binormal) / norm(level)
+    return jnp.stack([tangent, normal, binormal]) @ omega
+
+
+def _across(tangent: Vec3) -> Vec3:
+    """A unit vector across the tangent: level where it can be, so that a straight level road keeps b up."""
+    upwards = jnp.zeros_like(tangent).at[2].set(1.0)
+    forwards = jnp.zeros_like(tangent).at[0].set(1.0)
+    steep = tangent[2] ** 2 > 0.75
+    reference = jnp.where(steep, forwards, upwards)
+    across = reference - tangent * (reference @ tangent)
+    return across / norm(across)
+
+
+def _axis(r: Float[Array, "5 3"], k: int) -> Vec3:
+    return jnp.zeros_like(r[0]).at[k].set(1.0)
+
+
+def _tolerance(r: Array) -> float:
+    return DEFINED_TOLERANCE * float(jnp.finfo(r.dtype).eps)
