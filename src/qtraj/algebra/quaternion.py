@@ -30,11 +30,11 @@ from qtraj.foundation.types import Flag, Mat4, Quat, Scalar, Vec3
 
 Axes = Literal["body", "inertial"]
 
-_COS = [(-1) ** k / math.factorial(2 * k) for k in range(12)]
-_SINC = [(-1) ** k / math.factorial(2 * k + 1) for k in range(12)]
-_ATANC = [(-1) ** k / (2 * k + 1) for k in range(10)]
-_SMALL_ANGLE_SQUARED = 1.0  # the series in θ² are exact to rounding here, and their derivatives of any order too
-_SMALL_TANGENT_SQUARED = 1e-2
+_COS = [(-1) ** k / math.factorial(2 * k) for k in range(8)]
+_SINC = [(-1) ** k / math.factorial(2 * k + 1) for k in range(8)]
+_ATANC = [(-1) ** k / (2 * k + 1) for k in range(8)]
+_SMALL_ANGLE_SQUARED = 0.05  # below, the series are exact to rounding with two derivatives;
+_SMALL_TANGENT_SQUARED = 0.0025  # above, the closed forms are, since their derivatives lose no more than 1/θ
 
 
 def product(p: Quat, q: Quat) -> Quat:
@@ -124,8 +124,7 @@ def log(q: Quat) -> Vec3:
     tangent_squared = jnp.where(small, square, 0.0) / (cosine * cosine)
     near = u * _series(_ATANC, tangent_squared) / cosine
     first_axis = jnp.asarray([1.0, 0.0, 0.0], dtype=q.dtype)
-    w = jnp.where(small, first_axis, u)  # keeps the other branch's derivatives finite
-    far = unit_vector(w, first_axis) * jnp.arctan2(norm(w), s)
+    far = unit_vector(u, first_axis) * jnp.arctan2(norm(u), s)
     return jnp.where(small, near, far)
 
 

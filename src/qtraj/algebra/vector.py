@@ -32,7 +32,7 @@ def balanced(v: Vector) -> Vector:
 def _scaled(v: Vector) -> tuple[Vector, Scalar, Flag]:
     """`v` over its largest magnitude, that magnitude (a constant to differentiation), and whether it vanishes."""
     size = stop_gradient(jnp.max(jnp.abs(v)))
-    zero = size < jnp.finfo(v.dtype).tiny  # false for NaN, which must pass through
+    zero = size < jnp.finfo(size.dtype).tiny  # false for NaN, which must pass through
     scale = jnp.where(zero, 1.0, size)
     return v / scale, scale, zero
 

@@ -1,17 +1,18 @@
 """Limits on a path, and how far a path keeps from them."""
 
 import dataclasses
+from collections.abc import Callable
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.algebra import polynomial
-from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_float, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.invariants import invariants
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.trihedral import Natural
 
@@ -79,8 +80,7 @@ class Limits(eqx.Module):
 
     def values(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
         """The limited magnitudes of `path` at one instant `t` [s], by name, each in its limit's unit."""
-        quantities = magnitudes(path, t)
-        return {name: quantities[name] for name in self.given()}
+        return {name: magnitude(path, t, name) for name in self.given()}
 
     def margins(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
         """Limit less magnitude at one instant `t` [s], by name: negative where the limit is broken."""
@@ -88,33 +88,98 @@ class Limits(eqx.Module):
         return {name: limits[name] - value for name, value in self.values(path, t).items()}
 
 
-def magnitudes(path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
-    """Every magnitude that can be limited, at one instant; computed in the rotating basis where the path has one."""
-    r, up = _moving_derivatives(path, t)
-    trihedral = Natural().trihedral(r, path.duration)
-    speed, curvature = trihedral.speed, trihedral.curvature
-    moving = speed > 0
+def squared(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
+    """The square of one limited magnitude at one instant: a ratio of polynomials in t for a spiral-helix."""
+    order, formula = _SQUARES[name]
+    r, up = moving_derivatives(path, t, order)
+    return formula(r, up, path.duration)
+
+
+def magnitude(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
+    """One limited magnitude at one instant, in its limit's unit; infinite where it grows without bound."""
+    square = squared(path, t, name)
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+
+
+Derivatives = Float[Array, "n 3"]
+
+
+def _curvature(r: Derivatives, up: Vec3, duration: Scalar) -> Scalar:
+    area, speed = _area_and_speed(r)
+    return _over(area, speed**3)
+
+
+def _torsion(r: Derivatives, up: Vec3, duration: Scalar) -> Scalar:
+    of = invariants(r[1], r[2], r[3])
+    return _over(of.T**2, of.N**2)
+
+
+def _speed(r: Derivatives, up: Vec3, duration: Scalar) -> Scalar:
+    return r[1] @ r[1]
+
+
+def _acceleration(r: Derivatives, up: Vec3, duration: Scalar) -> Scalar:
+    return r[2] @ r[2]
+
+
+def _lateral(r: Derivatives, up: Vec3, duration: Scalar) -> Scalar:
+    return _over(*_area_and_speed(r))
+
+
+def _longitudinal(r: Derivatives, up: Vec3, duration: Scalar) -> Scalar:
+    return _over((r[1] @ r[2]) ** 2, r[1] @ r[1])
+
+
+def _slope(r: Derivatives, up: Vec3, duration: Scalar) -> Scalar:
     rise = r[1] @ up
-    run = norm(r[1] - rise * up)
-    return {
-        "curvature": curvature,
-        "torsion": jnp.abs(trihedral.torsion),
-        "speed": speed,
-        "acceleration": norm(r[2]),
-        "lateral_acceleration": curvature * speed**2,
-        "longitudinal_acceleration": jnp.abs(r[1] @ r[2]) / jnp.where(moving, speed, 1.0),
-        "slope": jnp.where(run > 0, jnp.abs(rise) / jnp.where(run > 0, run, 1.0), jnp.inf),
-        "angular_rate": norm(trihedral.rate),
-        "angular_acceleration": norm(trihedral.acceleration),
-    }
+    run = r[1] - rise * up
+    return _over(rise**2, run @ run)
 
 
-def _moving_derivatives(path: AbstractHodograph, t: ScalarLike) -> tuple[Float[Array, "5 3"], Vec3]:
+def _angular_rate(r: Derivatives, up: Vec3, duration: Scalar) -> Scalar:
+    of = invariants(r[1], r[2], r[3])
+    return of.S * _over(of.T**2, of.N**2) + _over(of.N, of.S**2)
+
+
+def _angular_acceleration(r: Derivatives, up: Vec3, duration: Scalar) -> Scalar:
+    acceleration = Natural().trihedral(r, duration).acceleration
+    return acceleration @ acceleration
+
+
+_SQUARES: dict[str, tuple[int, Callable[[Derivatives, Vec3, Scalar], Scalar]]] = {
+    "curvature": (2, _curvature),
+    "torsion": (3, _torsion),
+    "speed": (1, _speed),
+    "acceleration": (2, _acceleration),
+    "lateral_acceleration": (2, _lateral),
+    "longitudinal_acceleration": (2, _longitudinal),
+    "slope": (1, _slope),
+    "angular_rate": (3, _angular_rate),
+    "angular_acceleration": (4, _angular_acceleration),
+}
+"""Of each magnitude: the highest derivative it needs, and its square."""
+
+
+def _area_and_speed(r: Derivatives) -> tuple[Scalar, Scalar]:
+    """N and S alone, for what needs no third derivative."""
+    of = invariants(r[1], r[2], jnp.zeros_like(r[1]))
+    return of.N, of.S
+
+
+def _over(part: Scalar, whole: Scalar) -> Scalar:
+    """part/whole; 0/0 is 0, and anything else over 0 is infinite, with zero gradient there."""
+    positive = whole > 0
+    ratio = part / jnp.where(positive, whole, 1.0)
+    return jnp.where(positive, ratio, jnp.where(part > 0, jnp.inf, 0.0))
+
+
+def moving_derivatives(path: AbstractHodograph, t: ScalarLike, order: int) -> tuple[Float[Array, "{order}+1 3"], Vec3]:
     """Derivatives in a basis of the path's own choice, and the world's vertical in that basis."""
     if not isinstance(path, SpiralHelix):
-        r = path.derivatives(t, 4)
+        r = path.derivatives(t, order)
         return r, jnp.zeros_like(r[0]).at[2].set(1.0)
-    r = path.rotating_derivatives(t, 4)
+    r = path.rotating_derivatives(t, order)
     vertical = jnp.zeros_like(r[0]).at[2].set(1.0)
     if path.placement is None:
         return r, vertical

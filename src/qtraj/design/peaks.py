@@ -20,21 +20,19 @@ NEWTON_STEPS = 4
 def sliding_nodes(
     f: Callable[[Scalar], Scalar], duration: Scalar, samples: int
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Times and values of `f` on `samples` nodes of [0, duration], local maxima polished by Newton's method."""
+    """Times and values of `f` on `samples` nodes of [0, duration], local maxima polished by Newton's method.
+
+    The times are constant fractions of the duration to differentiation, since the duration itself may vary.
+    """
     step = duration / (samples - 1)
     grid = step * jnp.arange(samples, dtype=duration.dtype)
-    frozen = jax.lax.stop_gradient(grid)
-    values = jax.lax.stop_gradient(jax.vmap(f)(grid))
+    values = jax.vmap(f)(grid)
     left = jnp.concatenate([values[:1], values[:-1]])
     right = jnp.concatenate([values[1:], values[-1:]])
     crest = (values >= left) & (values >= right)
-    low = jnp.clip(frozen - step, 0.0, duration)
-    high = jnp.clip(frozen + step, 0.0, duration)
-    moved = jax.lax.stop_gradient(_newton(f, frozen, low, high))
-    better = crest & (jax.lax.stop_gradient(jax.vmap(f)(moved)) > values)
-    # As fractions of the duration, which itself may be a variable of the problem.
-    times = jnp.where(better, jax.lax.stop_gradient(moved / duration), jax.lax.stop_gradient(frozen / duration))
-    times = times * duration
+    moved = _newton(f, grid, jnp.clip(grid - step, 0.0, duration), jnp.clip(grid + step, 0.0, duration))
+    better = crest & (jax.vmap(f)(moved) > values)
+    times = jax.lax.stop_gradient(jnp.where(better, moved, grid) / duration) * duration
     return times, jax.vmap(f)(times)
 
 
@@ -52,9 +50,10 @@ def _newton(
         step = jnp.where(concave, -first / jnp.where(concave, second, 1.0), 0.0)
         return jnp.clip(jnp.where(jnp.isfinite(step), t + step, t), low, high)
 
-    for _ in range(NEWTON_STEPS):
-        t = jax.vmap(improve)(t, low, high)
-    return t
+    def step(_: int, t: Float[Array, " n"]) -> Float[Array, " n"]:
+        return jax.vmap(improve)(t, low, high)
+
+    return jax.lax.fori_loop(0, NEWTON_STEPS, step, jax.lax.stop_gradient(t))
 
 
 def peak(f: Callable[[Scalar], Scalar], duration: Scalar, samples: int = 513) -> tuple[Scalar, Scalar]:

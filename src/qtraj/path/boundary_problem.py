@@ -37,8 +37,7 @@ def uniform(
     _require_solvable(a, b, turn, mismatch)
     solvable = (jnp.abs(turn) > 0) & (a.rate != 0)
     duration = jnp.where(solvable, turn / jnp.where(solvable, a.rate, 1.0), jnp.inf)
-    radius, height = _radius_and_height(a, b, duration)
-    angle = jnp.stack([a.azimuth, a.rate])
+    radius, angle, height = polynomials(a, b, turn, duration, uniform=True)
     return radius, angle, height, duration, placement, jnp.where(solvable, mismatch, jnp.inf)
 
 
@@ -64,11 +63,28 @@ def hermite(
     a, b = cylindrical(start, placement), cylindrical(end, placement)
     _require_off_axis(a, b)
     turn = azimuth_difference(a, b) + 2 * jnp.pi * turns
-    radius, height = _radius_and_height(a, b, duration)
-    angle_a, angle_b = [a.azimuth, a.rate], [a.azimuth + turn, b.rate]
-    if a.acceleration is not None:
-        angle_a, angle_b = [*angle_a, a.angular_acceleration], [*angle_b, b.angular_acceleration]
-    return radius, polynomial.hermite(jnp.stack(angle_a), jnp.stack(angle_b), duration), height
+    return polynomials(a, b, turn, duration, uniform=False)
+
+
+def polynomials(
+    a: Cylindrical, b: Cylindrical, turn: Scalar, duration: Scalar, uniform: bool
+) -> tuple[Coefficients, Coefficients, Coefficients]:
+    """ρ, φ and h between two cylindrical states in a given duration; a uniform angle needs only the turn."""
+    ends = [_rows(a), _rows(b)]
+    radius, height = (polynomial.hermite(ends[0][k], ends[1][k], duration) for k in (0, 2))
+    if uniform:
+        return radius, jnp.stack([a.azimuth, turn / duration]), height
+    angle = polynomial.hermite(ends[0][1], ends[1][1].at[0].set(a.azimuth + turn), duration)
+    return radius, angle, height
+
+
+def _rows(state: Cylindrical) -> tuple[Coefficients, Coefficients, Coefficients]:
+    """Value and derivatives of ρ, of φ and of h at one end."""
+    rows = [(state.radius, state.azimuth, state.height), (state.velocity[0], state.rate, state.velocity[2])]
+    if state.acceleration is not None:
+        rows.append((state.radial_acceleration, state.angular_acceleration, state.acceleration[2]))
+    radius, angle, height = zip(*rows, strict=True)
+    return jnp.stack(radius), jnp.stack(angle), jnp.stack(height)
 
 
 def axis_between(start: BoundaryState, end: BoundaryState) -> Placement:
@@ -81,18 +97,6 @@ def axis_between(start: BoundaryState, end: BoundaryState) -> Placement:
     _require_crossing(va, vb)
     point = middle + jnp.stack([a * vb[1] - b * va[1], b * va[0] - a * vb[0]]) / determinant
     return Placement(jnp.concatenate([point, jnp.zeros_like(point[:1])]))
-
-
-def _radius_and_height(a: Cylindrical, b: Cylindrical, duration: Scalar) -> tuple[Coefficients, Coefficients]:
-    radius_a, radius_b = [a.radius, a.velocity[0]], [b.radius, b.velocity[0]]
-    height_a, height_b = [a.height, a.velocity[2]], [b.height, b.velocity[2]]
-    if a.acceleration is not None and b.acceleration is not None:
-        radius_a, radius_b = [*radius_a, a.radial_acceleration], [*radius_b, b.radial_acceleration]
-        height_a, height_b = [*height_a, a.acceleration[2]], [*height_b, b.acceleration[2]]
-    return (
-        polynomial.hermite(jnp.stack(radius_a), jnp.stack(radius_b), duration),
-        polynomial.hermite(jnp.stack(height_a), jnp.stack(height_b), duration),
-    )
 
 
 def _rate_mismatch(a: Cylindrical, b: Cylindrical) -> Scalar:

@@ -52,3 +52,27 @@ def invariants(r1: Vec3, r2: Vec3, r3: Vec3) -> Invariants:
     """S, N and T from the first three time derivatives in any one orthonormal basis."""
     c = jnp.cross(r1, r2)
     return Invariants(S=r1 @ r1, N=c @ c, T=c @ r3)
+
+
+class Existence(eqx.Module):
+    """Relative measures in [0, 1] of motion and bend at one instant; zero where v = 0 or c = 0.
+
+    `motion` is S against the speeds that the path's own changes make over its duration, and `bend` is N against the
+    largest N that these speeds and accelerations allow: squares of relative sizes, without units.
+    """
+
+    motion: Scalar
+    bend: Scalar
+
+
+def existence(r1: Vec3, r2: Vec3, r3: Vec3, duration: Scalar) -> Existence:
+    """How clearly speed and curvature differ from zero, from the first three derivatives and the duration [s]."""
+    of = invariants(r1, r2, r3)
+    speeds = of.S + duration**2 * (r2 @ r2) + duration**4 * (r3 @ r3)
+    areas = of.S * (r2 @ r2 + of.S / duration**2)
+    return Existence(motion=_ratio(of.S, speeds), bend=_ratio(of.N, areas))
+
+
+def _ratio(part: Scalar, whole: Scalar) -> Scalar:
+    positive = whole > 0
+    return jnp.where(positive, part / jnp.where(positive, whole, 1.0), 0.0)

@@ -17,7 +17,7 @@ from qtraj.algebra.vector import norm, unit
 from qtraj.foundation.arrays import concrete, real_vector
 from qtraj.foundation.types import ArrayInput, Flag, Mat3, Quat, Scalar, ScalarLike, Vec3
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.invariants import invariants
+from qtraj.path.invariants import existence, invariants
 
 DEFINED_TOLERANCE = 4096
 """In machine epsilons: a path that bends by less than this over its own length is straight, and a speed below this
@@ -152,12 +152,11 @@ _REGULAR = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def _shape(r: Float[Array, "5 3"], duration: Scalar) -> _Shape:
-    delta = _tolerance(r)
     of = invariants(r[1], r[2], r[3])
-    period = duration.astype(r.dtype)
-    moving = delta**2 * (of.S + period**2 * (r[2] @ r[2]) + period**4 * (r[3] @ r[3])) < of.S
+    exists = existence(r[1], r[2], r[3], duration.astype(r.dtype))
+    moving = exists.motion > _tolerance(r) ** 2
+    bending = moving & (exists.bend > _tolerance(r) ** 2)
     safe_s = jnp.where(moving, of.S, 1.0)
-    bending = moving & (delta**2 * safe_s * (r[2] @ r[2] + safe_s / period**2) < of.N)
     safe_n = jnp.where(bending, of.N, 1.0)
     c = jnp.cross(r[1], r[2])
     return _Shape(

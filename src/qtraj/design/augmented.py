@@ -1,0 +1,173 @@
+"""Augmented Lagrangian (Powell–Hestenes–Rockafellar) over the nodes of a time grid, minimised by optax's L-BFGS.
+
+Every limit is a constraint g ≤ 0 at every node, each with its own multiplier. After each round the nodes that are
+maxima slide onto the true maxima (see `peaks`), so what is held at the nodes is in the end held between them.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.design.limits import Limits, squared
+from qtraj.design.peaks import sliding_nodes
+from qtraj.design.problem import Problem, Variables
+from qtraj.foundation.types import Flag, Scalar
+from qtraj.path.spiral_helix import SpiralHelix
+
+NODES = 129
+INNER_STEPS, MEMORY, GRADIENT_TOLERANCE = 200, 12, 1e-9
+
+FIRST_PENALTY, PENALTY_GROWTH = 10.0, 4.0
+HIGHEST_PENALTY = 1e9
+SUFFICIENT_DECREASE = 0.25  # of the violation in one round; less, and the penalty grows
+HOPELESS_DECREASE, HOPELESS_ROUNDS = 0.9, 6  # this little decrease for so many rounds, and the search gives up
+LEAST_ROUNDS = 12
+
+FEASIBLE = 2e-9
+"""Largest relative excess over a limit, of ½((value/limit)² − 1), that counts as met."""
+
+STATIONARY = 1e-6
+"""Largest component of the Lagrangian's gradient at a converged point, in the problem's own scale."""
+
+PerNode = dict[str, Float[Array, " nodes"]]
+Progress = Callable[[int, float, float], None]
+_Carry = tuple[Variables, Any, Scalar, Flag, Array]
+
+
+class Iterate(NamedTuple):
+    """Where the method stands: variables, nodes, multipliers and penalty, with the size of what is still wrong."""
+
+    z: Variables
+    nodes: PerNode  # where each limit is held, as fractions of the duration
+    multipliers: PerNode
+    penalty: Scalar
+    cost: Scalar
+    violation: Scalar  # largest relative excess over a limit
+    gradient: Scalar  # largest component of the Lagrangian's gradient
+    steps: Array  # L-BFGS steps taken so far
+
+
+def begin(problem: Problem, limits: Limits, z: Variables) -> Iterate:
+    """The iterate at `z`, with nothing learnt yet."""
+    nodes, g, cost = survey(problem, limits, z)
+    none = {name: jnp.zeros_like(v) for name, v in g.items()}
+    unknown = jnp.full_like(cost, jnp.inf)
+    return Iterate(z, nodes, none, jnp.full_like(cost, FIRST_PENALTY), cost, worst(g), unknown, jnp.asarray(0))
+
+
+def solve(
+    problem: Problem, limits: Limits, z: Variables, max_rounds: int, progress: Progress | None
+) -> tuple[Iterate, bool]:
+    """Rounds until the limits are met at a stationary point (True), or until there is little hope of it (False)."""
+    iterate = begin(problem, limits, z)
+    hopeless = 0
+    for count in range(1, max_rounds + 1):
+        before = float(iterate.violation)
+        iterate = advance(problem, limits, iterate, weight=1.0)
+        violation = float(iterate.violation)
+        if progress is not None:
+            progress(count, float(iterate.cost), violation)
+        if violation <= FEASIBLE and float(iterate.gradient) <= STATIONARY:
+            return iterate, True
+        hopeless = hopeless + 1 if violation > HOPELESS_DECREASE * before else 0
+        if not math.isfinite(violation) or hopeless >= HOPELESS_ROUNDS or float(iterate.penalty) > HIGHEST_PENALTY:
+            break
+    return iterate, False
+
+
+def least_violation(problem: Problem, limits: Limits, z: Variables) -> Iterate:
+    """Where the sum of squared excesses is locally least, whatever the objective says."""
+    iterate = begin(problem, limits, z)
+    for _ in range(LEAST_ROUNDS):
+        before = float(iterate.violation)
+        iterate = advance(problem, limits, iterate, weight=0.0)
+        if abs(before - float(iterate.violation)) <= 1e-6 * before:
+            break
+    return iterate
+
+
+def advance(problem: Problem, limits: Limits, iterate: Iterate, weight: float) -> Iterate:
+    """One round: minimise the augmented Lagrangian in z, let the nodes slide, move multipliers and penalty.
+
+    `weight` is 1, or 0 to look for the least violation alone.
+    """
+    z, gradient, steps = _descend(problem, limits, iterate, jnp.full_like(iterate.cost, weight))
+    nodes, g, cost = survey(problem, limits, z)
+    violation = worst(g)
+    multipliers = iterate.multipliers
+    if weight > 0:  # with no objective the multipliers have nothing to balance
+        multipliers = {name: jnp.maximum(0.0, m + iterate.penalty * g[name]) for name, m in multipliers.items()}
+    stalled = violation > SUFFICIENT_DECREASE * iterate.violation
+    penalty = jnp.where(stalled, PENALTY_GROWTH, 1.0) * iterate.penalty
+    return Iterate(z, nodes, multipliers, penalty, cost, violation, gradient, iterate.steps + steps)
+
+
+@eqx.filter_jit
+def survey(problem: Problem, limits: Limits, z: Variables) -> tuple[PerNode, PerNode, Scalar]:
+    """Nodes that have slid onto the maxima of each limit's excess on this path, the excesses there, and the cost."""
+    path = problem.path(z)
+    nodes, g = {}, {}
+    for name, limit in limits.given().items():
+        times, g[name] = sliding_nodes(_excess(path, name, limit), path.duration, NODES)
+        nodes[name] = times / path.duration
+    return nodes, g, problem.cost(z)
+
+
+@eqx.filter_jit
+def _descend(problem: Problem, limits: Limits, iterate: Iterate, weight: Scalar) -> tuple[Variables, Scalar, Array]:
+    """Minimise weight·cost + Σ (max(0, m + penalty·g)² − m²)/(2·penalty) over the nodes."""
+
+    def lagrangian(z: Variables) -> Scalar:
+        g = excesses(problem, limits, z, iterate.nodes)
+        m, penalty = iterate.multipliers, iterate.penalty
+        terms = [jnp.sum(jnp.maximum(0.0, m[name] + penalty * g[name]) ** 2 - m[name] ** 2) for name in g]
+        return weight * problem.cost(z) + sum(terms) / (2 * penalty)
+
+    return _minimise(lagrangian, iterate.z)
+
+
+def excesses(problem: Problem, limits: Limits, z: Variables, nodes: PerNode) -> PerNode:
+    """g = ½((value/limit)² − 1) of each limit at its nodes: zero on the limit, smooth where the value vanishes."""
+    path = problem.path(z)
+    return {
+        name: jax.vmap(_excess(path, name, limit))(path.duration * nodes[name])
+        for name, limit in limits.given().items()
+    }
+
+
+def worst(g: PerNode) -> Scalar:
+    """The largest excess, or zero where nothing is exceeded."""
+    return jnp.max(jnp.stack([jnp.max(jnp.maximum(0.0, v)) for v in g.values()]))
+
+
+def _excess(path: SpiralHelix, name: str, limit: Scalar) -> Callable[[Scalar], Scalar]:
+    return lambda t: 0.5 * (squared(path, t, name) / limit**2 - 1.0)
+
+
+def _minimise(f: Callable[[Variables], Scalar], z: Variables) -> tuple[Variables, Scalar, Array]:
+    """L-BFGS with a zoom line search, until the gradient vanishes or no step helps: (z, gradient, steps)."""
+    import optax  # here, so that importing qtraj does not wait for it
+
+    solver = optax.lbfgs(memory_size=MEMORY)
+    value_and_gradient = optax.value_and_grad_from_state(f)
+
+    def proceed(carry: _Carry) -> _Carry:
+        z, state, _, _, count = carry
+        value, gradient = value_and_gradient(z, state=state)
+        updates, state = solver.update(gradient, state, z, value=value, grad=gradient, value_fn=f)
+        moved = jnp.asarray(optax.apply_updates(z, updates))
+        size = jnp.max(jnp.abs(optax.tree.get(state, "grad")))
+        return moved, state, size, jnp.all(moved == z), count + 1
+
+    def unfinished(carry: _Carry) -> Flag:
+        _, _, size, stuck, count = carry
+        return (size > GRADIENT_TOLERANCE) & ~stuck & (count < INNER_STEPS)
+
+    start = (z, solver.init(z), jnp.asarray(jnp.inf, z.dtype), jnp.asarray(False), jnp.asarray(0))
+    z, _, size, _, count = jax.lax.while_loop(unfinished, proceed, start)
+    return z, size, count

@@ -1,0 +1,189 @@
+"""A recorded turn as a spiral-helix: least squares over axis, radius, angle and height.
+
+The height is linear and separate. In the horizontal plane the axis (x, y) and the polynomials of ρ and φ are found by
+Levenberg–Marquardt from several starts, in lengths of the mean turning radius R = L/|θ| (path length over the turn of
+the travel direction) about the centre of the window, so that large world coordinates cost no digits.
+
+Left alone, the axis runs away: polynomials of ρ and φ about a far axis, or one that the path touches, draw almost any
+curve. So ρ is held within bounds, R/4 to 2R unless told otherwise: the axis stays inside the bend.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.polynomial import Legendre, Polynomial
+
+from qtraj.design.axis_search import starts
+from qtraj.design.turn_problem import TERMS, basis_at, minimise, problem
+from qtraj.path.placement import Placement
+from qtraj.path.residual import compare
+from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.track import Track, known, travel_length, travel_turn
+
+ANGLE_TERMS = {"uniform": 2, "hermite": 4}
+"""Coefficients of φ in each motion: linear, or cubic as between two boundary states."""
+
+POSITION_SIGMA, VELOCITY_SIGMA = 0.005, 0.08
+"""[m], [m/s] What cubics over 1 s leave of a car's smoothed recording (Boreas): the default noise."""
+
+LEAST_TURN = float(np.radians(10.0))
+"""A window that turns by less than this does not tell where its axis is [rad]."""
+
+FEWEST_SAMPLES = 8
+"""Up to ten unknowns in the plane, from two coordinates of each sample, and as many again for a residual."""
+
+BOUNDS = (0.25, 2.0)
+"""Default bounds of ρ in mean turning radii."""
+
+HELD = 1e-3
+"""A radius within this part of a bound is held by it."""
+
+
+def fit(
+    track: Track,
+    motion: str = "uniform",
+    position_sigma: float = POSITION_SIGMA,
+    velocity_sigma: float = VELOCITY_SIGMA,
+    radius_bounds: tuple[float, float] | None = None,
+    max_steps: int = 256,
+) -> SpiralHelix:
+    """The spiral-helix about a vertical axis that follows `track` best; path time 0 is its first sample.
+
+    `motion`: "uniform" (constant φ̇, as in paper S) or "hermite" (cubic φ); ρ and h are cubics. Minimised is the sum
+    of squared position errors over `position_sigma` [m] and, where velocities are recorded, of squared velocity errors
+    over `velocity_sigma` [m/s]; only the ratio of the two matters. `radius_bounds` [m] hold ρ: by default a quarter
+    and twice the mean turning radius.
+
+    The path's `residual` tells how well it follows. Where the search did not end, `residual.converged` is false;
+    `residual.message` says so and what to do, and also tells where a bound holds the radius; it is empty for a clean
+    fit. Use float64. The data must be known numbers: gradients do not pass through the fit, but the fitted path has
+    them like any other.
+
+    **Raises:** ValueError for an unknown motion, sigmas or bounds that are not positive, too few samples, or a window
+    that is nearly straight.
+    """
+    if motion not in ANGLE_TERMS:
+        raise ValueError(f"motion={motion!r} is unknown: choose one of {', '.join(map(repr, ANGLE_TERMS))}")
+    _require_positive(position_sigma=position_sigma, velocity_sigma=velocity_sigma, max_steps=max_steps)
+    scale = _turning_radius(track)
+    bounds = (BOUNDS[0] * scale, BOUNDS[1] * scale) if radius_bounds is None else _ordered(radius_bounds)
+    centre = known(track.positions).mean(axis=0)
+    ratio = position_sigma / velocity_sigma
+    unknowns, converged = _in_the_plane(track, centre, scale, bounds, ratio, ANGLE_TERMS[motion], max_steps)
+    height = _height(track, centre[2], ratio)
+
+    duration = float(track.duration)
+    radius = _ascending(unknowns[2 : 2 + TERMS], duration) * scale
+    angle = _ascending(unknowns[2 + TERMS :], duration)
+    angle[0] -= 2 * np.pi * np.round(angle[0] / (2 * np.pi))
+    coefficients = (jnp.asarray(c, track.positions.dtype) for c in (radius, angle, _ascending(height, duration)))
+    axis = np.array([*(centre[:2] + scale * unknowns[:2]), 0.0])
+    placement = Placement(jnp.asarray(axis, track.positions.dtype))
+    path = SpiralHelix(*coefficients, duration=track.duration, placement=placement)
+
+    converged, message = _verdict(radius, duration, bounds, converged, max_steps)
+    residual = compare(path, track, converged, message)
+    return SpiralHelix(path.radius, path.angle, path.height, path.duration, placement, residual=residual)
+
+
+def _in_the_plane(
+    track: Track,
+    centre: np.ndarray,
+    scale: float,
+    bounds: tuple[float, float],
+    ratio: float,
+    angle_terms: int,
+    max_steps: int,
+) -> tuple[np.ndarray, bool]:
+    """Axis, ρ and φ in lengths of `scale` about `centre`, of the best of several searches, and whether it ended."""
+    turn = problem(track, centre, scale, bounds, ratio)
+    positions = (known(track.positions)[:, :2] - centre[:2]) / scale
+    basis, _ = basis_at(known(track.elapsed))
+    found = []
+    for start in starts(positions, basis, angle_terms, (bounds[0] / scale, bounds[1] / scale)):
+        unknowns, cost, ended = minimise(turn, jnp.asarray(start, track.positions.dtype), max_steps)
+        if np.isfinite(cost):
+            found.append((float(cost), np.asarray(unknowns, np.float64), bool(ended)))
+    if not found:
+        raise ValueError(
+            f"no spiral-helix with a radius between {bounds[0]:.4g} and {bounds[1]:.4g} m could be laid along this "
+            "window. Choose a window with one bend, or pass other radius_bounds."
+        )
+    _, unknowns, ended = min(found, key=lambda f: f[0])
+    return unknowns, ended
+
+
+def _height(track: Track, level: float, ratio: float) -> np.ndarray:
+    """Legendre coefficients of h by weighted linear least squares."""
+    basis, slope = basis_at(known(track.elapsed))
+    rows, values = basis, known(track.positions)[:, 2] - level
+    if track.velocities is not None:
+        rows = np.concatenate([rows, ratio * slope])
+        values = np.concatenate([values, ratio * known(track.velocities)[:, 2]])
+    coefficients = np.linalg.lstsq(rows, values, rcond=None)[0]
+    coefficients[0] += level
+    return coefficients
+
+
+def _ascending(coefficients: np.ndarray, duration: float) -> np.ndarray:
+    """Ascending coefficients in t [s] of a Legendre series over [0, duration]."""
+    series = Legendre(coefficients, domain=(0.0, duration)).convert(kind=Polynomial, domain=(-1, 1), window=(-1, 1))
+    return np.pad(series.coef, (0, len(coefficients) - len(series.coef)))
+
+
+def _turning_radius(track: Track) -> float:
+    """Path length over turn [m].
+
+    **Raises:** ValueError for too few samples or a window that is nearly straight.
+    """
+    if not isinstance(track, Track):
+        raise ValueError(f"fit needs a Track, as read_track gives, but a {type(track).__name__} was given")
+    count = track.times.shape[0]
+    if count < FEWEST_SAMPLES:
+        raise ValueError(f"a fit needs at least {FEWEST_SAMPLES} samples, but the window holds {count}: widen it")
+    turn, length = travel_turn(track), travel_length(track)
+    if abs(turn) < LEAST_TURN or length == 0:
+        raise ValueError(
+            f"the window is nearly straight: over {length:.4g} m the direction of travel turns by "
+            f"{np.degrees(turn):.2f}° from start to end, but at least {np.degrees(LEAST_TURN):.0f}° are needed to tell "
+            "where the axis of a spiral-helix is. Choose a window around one bend, with track.window(t0, t1)."
+        )
+    return length / abs(turn)
+
+
+def _verdict(
+    radius: np.ndarray, duration: float, bounds: tuple[float, float], converged: bool, max_steps: int
+) -> tuple[bool, str]:
+    """Whether the fit may be called converged, and what there is to say about it."""
+    rho = Polynomial(radius)
+    turning = rho.deriv().roots()
+    inside = turning.real[(abs(turning.imag) < 1e-12) & (turning.real > 0) & (turning.real < duration)]
+    values = rho(np.array([0.0, duration, *inside]))
+    if not converged:
+        return False, (
+            f"the search did not end within {max_steps} steps: the numbers of this path are not the best ones. "
+            "Pass a larger max_steps, or choose a window with one clear bend."
+        )
+    if not values.min() > 0:
+        return False, (
+            "the radius vanishes inside the window, so the path runs through its own axis. "
+            "Choose a window with one clear bend, or raise the lower of radius_bounds."
+        )
+    if values.min() < bounds[0] * (1 + HELD) or values.max() > bounds[1] * (1 - HELD):
+        return True, (
+            f"the radius is held by its bounds, {bounds[0]:.4g} to {bounds[1]:.4g} m: this window alone does not fix "
+            "the axis. Choose a window with one clear bend, or pass other radius_bounds."
+        )
+    return True, ""
+
+
+def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
+    low, high = bounds
+    if not 0 < low < high < np.inf:
+        raise ValueError(f"radius_bounds must be 0 < low < high [m], but {bounds!r} was given")
+    return float(low), float(high)
+
+
+def _require_positive(**numbers: float) -> None:
+    for name, value in numbers.items():
+        if not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{name} must be positive, but {value!r} was given")

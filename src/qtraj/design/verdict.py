@@ -1,0 +1,71 @@
+"""The outcome of a tuning in words: what was met, what binds, and, where nothing helps, why and what would."""
+
+from qtraj.design import augmented
+from qtraj.design.augmented import FEASIBLE, Iterate
+from qtraj.design.certificate import Certificate, finding
+from qtraj.design.limits import UNITS, Limits
+from qtraj.design.problem import Problem
+
+RELAXED = 1e6
+"""A limit times this limits nothing."""
+
+
+def converged(certificate: Certificate, rounds_of: Iterate) -> str:
+    """What to say of a tuning that met every limit."""
+    lines = [f"converged in {int(rounds_of.steps)} steps: every limit is met, as far as refined sampling shows."]
+    for name in certificate.binding:
+        time, value, limit = certificate.worst[name]
+        lines.append(f"{name} binds: {finding(name, value, limit, time)}.")
+    if not certificate.binding:
+        lines.append("No limit binds: the path is the best one without them.")
+    return " ".join(lines)
+
+
+def not_converged(certificate: Certificate, last: Iterate) -> str:
+    """What to say of a search that stopped early, although the limits can be met or nearly so."""
+    state = "every limit is met, but the objective may not be at its least" if certificate.met else "limits are broken"
+    return (
+        f"not converged after {int(last.steps)} steps: {state} (largest relative excess {float(last.violation):.2g}, "
+        f"gradient {float(last.gradient):.2g}). Try a larger max_rounds, other starting velocities, or wider limits."
+    )
+
+
+def infeasible(problem: Problem, limits: Limits, least: Iterate, certificate: Certificate) -> str:
+    """What to say where no boundary velocities near the given ones meet the limits."""
+    broken = [name for name, status in certificate.status.items() if status != "sampled"]
+    lines = [f"infeasible: no boundary velocities of {problem.motion} motion were found that meet the limits."]
+    floors = {name: _least_alone(problem, limits, least, name) for name in broken}
+    for name in broken:
+        time, value, limit = certificate.worst[name]
+        alone = floors[name]
+        if alone > 1 + FEASIBLE:
+            lines.append(
+                f"{name} cannot be met between these positions: its peak stays at {alone * limit:.6g} {UNITS[name]} "
+                f"or more, whatever the other limits ({finding(name, value, limit, time)})."
+            )
+        else:
+            lines.append(f"{name} can be met alone, but not with the others ({finding(name, value, limit, time)}).")
+    lines.append("What would help: " + "; ".join(_remedies(problem, certificate, broken, floors)) + ".")
+    return " ".join(lines)
+
+
+def _least_alone(problem: Problem, limits: Limits, least: Iterate, name: str) -> float:
+    """The least peak of one quantity over its limit, found with every other limit relaxed."""
+    # Relaxed and not left out: the problem keeps its structure, so nothing is compiled again.
+    alone = {other: value if other == name else RELAXED * value for other, value in limits.given().items()}
+    excess = float(augmented.least_violation(problem, Limits(**alone), least.z).violation)
+    return (1 + 2 * excess) ** 0.5
+
+
+def _remedies(problem: Problem, certificate: Certificate, broken: list[str], floors: dict[str, float]) -> list[str]:
+    remedies = []
+    for name in broken:
+        _, value, limit = certificate.worst[name]
+        needed = max(value, floors[name] * limit)
+        remedies.append(f"raise {name} to {needed * 1.0001:.6g} {UNITS[name]}".rstrip())
+    if problem.motion == "uniform":
+        remedies.append("take motion='hermite', whose angle need not turn uniformly")
+    if problem.holds_duration:
+        remedies.append("give a longer duration, which this objective holds fixed")
+    remedies.append("move the boundary positions, or the axis (placement), so that the turn is wider")
+    return remedies

@@ -1,0 +1,203 @@
+"""Recorded tracks from text files: CSV with a header row, and TUM trajectories."""
+
+import csv
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from qtraj.path.track import FEWEST_SAMPLES, Track
+
+COMMON = {
+    "time": ("time", "t", "timestamp", "seconds"),
+    "position": (
+        "x,y,z",
+        "px,py,pz",
+        "pos_x,pos_y,pos_z",
+        "position_x,position_y,position_z",
+        "easting,northing,altitude",
+        "east,north,up",
+        "tx,ty,tz",
+    ),
+    "velocity": (
+        "vx,vy,vz",
+        "vel_x,vel_y,vel_z",
+        "velocity_x,velocity_y,velocity_z",
+        "vel_east,vel_north,vel_up",
+        "ve,vn,vu",
+    ),
+    "attitude": ("qw,qx,qy,qz", "q_w,q_x,q_y,q_z", "quaternion_w,quaternion_x,quaternion_y,quaternion_z"),
+}
+"""Column names that are recognised without being told, in lower case and without units in brackets."""
+
+COUNTS = {"time": 1, "position": 3, "velocity": 3, "attitude": 4}
+
+TUM_COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+TUM_SCALAR_FIRST = [7, 4, 5, 6]
+
+Lines = list[tuple[int, str]]
+
+
+def read_track(file: str | os.PathLike[str], columns: Mapping[str, str | Sequence[str] | None] | None = None) -> Track:
+    """The recorded track in a text file; velocities and attitudes where it has them.
+
+    A CSV file (commas, semicolons or tabs; UTF-8; lines that start with # are comments) has a header row. `columns`
+    tells the names of its columns: {"time": "t", "position": ["e", "n", "u"], "velocity": [...], "attitude": [...]},
+    attitude as a quaternion, body to world, scalar first; None leaves a part out. Parts that are not named are taken
+    from common names (time, t; x, y, z; easting, northing, altitude; vx, vy, vz; vel_east, …; qw, qx, qy, qz).
+    A TUM trajectory (eight numbers "timestamp tx ty tz qx qy qz qw" to a line, no header) is known by its content;
+    its quaternions, scalar last, are reordered. Units are those of `Track`: s, m, m/s.
+
+    **Raises:** FileNotFoundError for a missing file; ValueError naming file, line, column and value for a cell that
+    is missing or no finite number, times that do not increase strictly, unknown columns, or too few rows.
+    """
+    path = Path(file)
+    lines = _content(path)
+    if _is_tum(path, lines):
+        if columns is not None:
+            raise ValueError(f"{path}: columns= names those of a CSV file, but a TUM trajectory has no header row")
+        return _read_tum(path, lines)
+    return _read_csv(path, lines, columns)
+
+
+def _content(path: Path) -> Lines:
+    """Numbered lines without comments and blanks."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{path}: there is no such file to read a track from") from None
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not a text file in UTF-8 ({error})") from None
+    lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and line.lstrip()[0] != "#"]
+    if not lines:
+        raise ValueError(f"{path}: the file is empty: a track needs rows of times and positions")
+    return lines
+
+
+def _is_tum(path: Path, lines: Lines) -> bool:
+    cells = lines[0][1].split()
+    numbers = all(_is_number(cell) for cell in cells)
+    return numbers and (len(cells) == len(TUM_COLUMNS) or path.suffix.lower() in {".txt", ".tum"})
+
+
+def _read_tum(path: Path, lines: Lines) -> Track:
+    table = _numbers(path, lines, _split, range(len(TUM_COLUMNS)), TUM_COLUMNS)
+    _require_increasing(path, lines, table[:, 0], TUM_COLUMNS[0])
+    return _track(path, table[:, 0], table[:, 1:4], None, table[:, TUM_SCALAR_FIRST])
+
+
+def _read_csv(path: Path, lines: Lines, columns: Mapping[str, str | Sequence[str] | None] | None) -> Track:
+    line, names = lines[0]
+    delimiter = max(",;\t", key=names.count)
+
+    def parse(lines: Lines) -> Iterator[list[str]]:
+        return csv.reader((line for _, line in lines), delimiter=delimiter, skipinitialspace=True)
+
+    header = [cell.strip() for cell in next(parse(lines))]
+    if all(_is_number(cell) for cell in header):
+        raise ValueError(f"{path}, line {line}: a header row with column names was expected, but it holds numbers")
+    chosen = _choose(path, header, {} if columns is None else columns)
+    used = [name for part in chosen.values() for name in part]
+    table = _numbers(path, lines[1:], parse, [header.index(name) for name in used], used)
+    _require_increasing(path, lines[1:], table[:, 0], used[0])
+    ends = np.cumsum([len(part) for part in chosen.values()])[:-1]
+    parts = dict(zip(chosen, np.split(table, ends, axis=1), strict=True))
+    return _track(path, table[:, 0], parts["position"], parts.get("velocity"), parts.get("attitude"))
+
+
+def _choose(
+    path: Path, header: list[str], columns: Mapping[str, str | Sequence[str] | None]
+) -> dict[str, tuple[str, ...]]:
+    """The columns of each part that is there: those told, else common ones."""
+    if unknown := sorted(set(columns) - set(COUNTS)):
+        raise ValueError(f"columns= knows the keys {', '.join(COUNTS)}, but {unknown[0]!r} was given")
+    listed = ", ".join(header)
+    chosen: dict[str, tuple[str, ...]] = {}
+    for part, count in COUNTS.items():
+        told = columns.get(part)
+        names = _common(part, header) if part not in columns else (told,) if isinstance(told, str) else told
+        if names is None:
+            if count == 1 or part == "position":
+                raise ValueError(
+                    f"{path}: no columns for the {part} were found. The columns are {listed}; "
+                    f'name those of the {part} with columns={{"{part}": ...}}.'
+                )
+            continue
+        if len(names) != count:
+            raise ValueError(f"columns[{part!r}] must name {count} column(s), but {list(names)!r} was given")
+        if missing := [name for name in names if name not in header]:
+            raise ValueError(f"{path}: there is no column {missing[0]!r}. The columns are {listed}.")
+        chosen[part] = tuple(names)
+    return chosen
+
+
+def _common(part: str, header: list[str]) -> tuple[str, ...] | None:
+    plain = {re.sub(r"\s*[\[(].*$", "", name).strip().lower(): name for name in reversed(header)}
+    for choice in COMMON[part]:
+        names = choice.split(",")
+        if all(name in plain for name in names):
+            return tuple(plain[name] for name in names)
+    return None
+
+
+def _split(lines: Lines) -> Iterator[list[str]]:
+    return (line.split() for _, line in lines)
+
+
+def _numbers(
+    path: Path, lines: Lines, parse: Callable[[Lines], Iterator[list[str]]], places: Sequence[int], names: Sequence[str]
+) -> np.ndarray:
+    """The chosen cells as float64, (rows, columns); a cell that is no finite number is named."""
+    if len(lines) < FEWEST_SAMPLES:
+        raise ValueError(f"{path}: a track needs at least {FEWEST_SAMPLES} rows of numbers, but there are {len(lines)}")
+    try:
+        table = np.array([[float(row[k]) for k in places] for row in parse(lines)])
+    except (ValueError, IndexError, csv.Error):
+        table = np.full((1, 1), np.nan)
+    if len(table) != len(lines) or not np.isfinite(table).all():
+        for number, line in lines:
+            row = next(parse([(number, line)]))
+            for k, name in zip(places, names, strict=True):
+                _require_number(path, number, name, row[k].strip() if k < len(row) else "")
+        raise ValueError(f"{path}: a quoted cell spans several lines, but each row must stand in one")
+    return table
+
+
+def _require_number(path: Path, line: int, name: str, cell: str) -> None:
+    if not cell:
+        raise ValueError(f"{path}, line {line}: the cell of column {name!r} is missing")
+    if not _is_number(cell) or not np.isfinite(float(cell)):
+        raise ValueError(f"{path}, line {line}: column {name!r} must hold a finite number, but it holds {cell!r}")
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _require_increasing(path: Path, lines: Lines, times: np.ndarray, name: str) -> None:
+    late = np.flatnonzero(np.diff(times) <= 0)
+    if late.size:
+        k = int(late[0]) + 1
+        raise ValueError(
+            f"{path}, line {lines[k][0]}: times must increase strictly, but column {name!r} holds "
+            f"{times[k]:.17g} after {times[k - 1]:.17g}"
+        )
+
+
+def _track(
+    path: Path,
+    time: np.ndarray,
+    position: np.ndarray,
+    velocity: np.ndarray | None,
+    attitude: np.ndarray | None,
+) -> Track:
+    try:
+        return Track(time, position, velocity, attitude)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error

@@ -1,0 +1,150 @@
+"""How well a path follows a recorded track."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Bool, Float, Int
+
+from qtraj.algebra.vector import norm
+from qtraj.foundation.arrays import as_float, concrete
+from qtraj.foundation.document import storable
+from qtraj.foundation.types import Scalar
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.track import STANDING, Track
+
+OVERHANG = 1e-6
+"""A track may outlast the path it is compared with by this part of the path's duration: rounding, no more."""
+
+
+@storable
+class Residual(eqx.Module):
+    """A recorded track against a path, over all samples; RMS is the root of the mean square.
+
+    `horizontal_rms`, `vertical_rms`, `distance_rms` and `maximum` [m]: horizontal, vertical and spatial distance
+    between the recorded position and the path at the same time. `velocity_rms` [m/s], and `direction_rms` [rad], the
+    angle between the recorded velocity and the path's tangent at samples that move: None without recorded velocities.
+    `turn` [rad] is that of the recorded direction of travel, left positive (the angle about the axis is `path.turn`).
+    `radius_min`, `radius_max` [m]: ρ at the samples, None for a path other than a spiral-helix. `converged` and
+    `message` tell how a fit ended.
+    """
+
+    horizontal_rms: Scalar
+    vertical_rms: Scalar
+    distance_rms: Scalar
+    maximum: Scalar
+    turn: Scalar
+    samples: Int[Array, ""]
+    velocity_rms: Scalar | None
+    direction_rms: Scalar | None
+    radius_min: Scalar | None
+    radius_max: Scalar | None
+    converged: Bool[Array, ""]
+    message: str = eqx.field(static=True)
+
+    def __init__(
+        self,
+        horizontal_rms: ArrayLike,
+        vertical_rms: ArrayLike,
+        distance_rms: ArrayLike,
+        maximum: ArrayLike,
+        turn: ArrayLike,
+        samples: ArrayLike,
+        velocity_rms: ArrayLike | None = None,
+        direction_rms: ArrayLike | None = None,
+        radius_min: ArrayLike | None = None,
+        radius_max: ArrayLike | None = None,
+        converged: ArrayLike = True,
+        message: str = "",
+    ):
+        self.horizontal_rms = as_float(horizontal_rms)
+        self.vertical_rms = as_float(vertical_rms)
+        self.distance_rms = as_float(distance_rms)
+        self.maximum = as_float(maximum)
+        self.turn = as_float(turn)
+        self.samples = jnp.asarray(samples, dtype=int)
+        self.velocity_rms = _optional(velocity_rms)
+        self.direction_rms = _optional(direction_rms)
+        self.radius_min = _optional(radius_min)
+        self.radius_max = _optional(radius_max)
+        self.converged = jnp.asarray(converged, dtype=bool)
+        self.message = message
+
+
+def compare(path: AbstractHodograph, track: Track, converged: bool = True, message: str = "") -> Residual:
+    """The residual of `path` against `track`, whose first sample is at path time 0.
+
+    Differentiable in the path.
+
+    **Raises:** ValueError where the track lasts longer than the path.
+    """
+    _require_covered(path, track)
+    times = track.elapsed.astype(path.duration.dtype)
+    states = jax.vmap(lambda t: path.derivatives(t, 1))(times)
+    offset = states[:, 0] - track.positions.astype(states.dtype)
+    distances = jax.vmap(norm)(offset)
+    radius = _radius(path, times)
+    return Residual(
+        horizontal_rms=_rms(jax.vmap(norm)(offset[:, :2])),
+        vertical_rms=_rms(offset[:, 2]),
+        distance_rms=_rms(distances),
+        maximum=jnp.max(distances),
+        turn=track.turn.astype(states.dtype),
+        samples=times.shape[0],
+        velocity_rms=_velocity_rms(states[:, 1], track),
+        direction_rms=_direction_rms(states[:, 1], track),
+        radius_min=None if radius is None else jnp.min(radius),
+        radius_max=None if radius is None else jnp.max(radius),
+        converged=converged,
+        message=message,
+    )
+
+
+def _radius(path: AbstractHodograph, times: Float[Array, " n"]) -> Float[Array, " n"] | None:
+    if not isinstance(path, SpiralHelix):
+        return None
+    return jax.vmap(lambda t: path.rotating_derivatives(t, 0)[0, 0])(times)
+
+
+def _velocity_rms(velocities: Float[Array, "n 3"], track: Track) -> Scalar | None:
+    if track.velocities is None:
+        return None
+    return _rms(jax.vmap(norm)(velocities - track.velocities.astype(velocities.dtype)))
+
+
+def _direction_rms(velocities: Float[Array, "n 3"], track: Track) -> Scalar | None:
+    """RMS angle between tangent and recorded velocity over the samples that move (0 where none does)."""
+    if track.velocities is None:
+        return None
+    recorded = track.velocities.astype(velocities.dtype)
+    speeds = jax.vmap(norm)(recorded)
+    moving = (speeds > STANDING * jnp.max(speeds)) & (jax.vmap(norm)(velocities) > 0)
+
+    def angle(a: Float[Array, "3"], b: Float[Array, "3"], counts: Bool[Array, ""]) -> Scalar:
+        along = jnp.where(counts, a @ b, 1.0)
+        across = jnp.where(counts, jnp.cross(a, b), 0.0)
+        return jnp.arctan2(norm(across), along)
+
+    angles = jax.vmap(angle)(velocities, recorded, moving)
+    count = jnp.maximum(jnp.sum(moving), 1).astype(angles.dtype)
+    return norm(angles) / jnp.sqrt(count)
+
+
+def _rms(x: Float[Array, " n"]) -> Scalar:
+    return norm(x) / x.shape[0] ** 0.5
+
+
+def _optional(x: ArrayLike | None) -> Scalar | None:
+    return None if x is None else as_float(x)
+
+
+def _require_covered(path: AbstractHodograph, track: Track) -> None:
+    available, wanted = concrete(path.duration), concrete(track.duration)
+    if available is None or wanted is None:
+        return
+    if float(wanted) > float(available) * (1 + OVERHANG):
+        raise ValueError(
+            f"the track lasts {float(wanted):.9g} s, but the path only {float(available):.9g} s: "
+            "compare with the window of the track that the path covers, track.window(t0, t1)."
+        )

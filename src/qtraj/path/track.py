@@ -1,0 +1,193 @@
+"""Recorded tracks: where a vehicle really was, sample by sample."""
+
+import equinox as eqx
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
+
+from qtraj.foundation.arrays import as_float, concrete, warn_if_coarse
+from qtraj.foundation.document import storable
+from qtraj.foundation.types import Scalar
+
+FEWEST_SAMPLES = 4
+"""A window with fewer samples says nothing about a curve."""
+
+CHORDS = 24
+"""Length, and direction of travel where no velocities are recorded, are those of about so many chords: long against the
+noise, and short enough to follow eight whole turns."""
+
+STANDING = 0.05
+"""Below this part of the fastest sample's speed a vehicle has no direction of travel."""
+
+
+@storable
+class Track(eqx.Module):
+    """A recording: `times` (n,) [s], `positions` (n, 3) [m] and, where recorded, `velocities` (n, 3) [m/s], world
+    axes, and `attitudes` (n, 4), quaternions body to world, scalar first, of any length but zero.
+
+    **Raises:** ValueError for wrong shapes, values that are not finite, or times that do not increase strictly; it
+    names the sample.
+    """
+
+    times: Float[Array, " n"]
+    positions: Float[Array, "n 3"]
+    velocities: Float[Array, "n 3"] | None
+    attitudes: Float[Array, "n 4"] | None
+
+    def __init__(
+        self,
+        times: ArrayLike,
+        positions: ArrayLike,
+        velocities: ArrayLike | None = None,
+        attitudes: ArrayLike | None = None,
+    ):
+        self.times = _times(times)
+        count = self.times.shape[0]
+        self.positions = _samples(positions, "positions", count, 3)
+        self.velocities = None if velocities is None else _samples(velocities, "velocities", count, 3)
+        self.attitudes = None if attitudes is None else _samples(attitudes, "attitudes", count, 4)
+        if self.attitudes is not None:
+            _require_some_length(self.attitudes)
+        warn_if_coarse(self.positions, "a recorded track")
+
+    @property
+    def start_time(self) -> Scalar:
+        """The time of the first sample [s], on the recording's own clock."""
+        return self.times[0]
+
+    @property
+    def duration(self) -> Scalar:
+        """From the first to the last sample [s]."""
+        return self.times[-1] - self.times[0]
+
+    @property
+    def elapsed(self) -> Float[Array, " n"]:
+        """Times since the first sample (n,) [s]: the time of a path that is laid along the track."""
+        return self.times - self.times[0]
+
+    @property
+    def turn(self) -> Scalar:
+        """How far the horizontal direction of travel turns from the first to the last sample, left positive [rad].
+
+        From the recorded velocities, else from chords between positions. Samples at a standstill have no direction.
+        """
+        return as_float(travel_turn(self)).astype(self.positions.dtype)
+
+    def window(self, t0: ArrayLike, t1: ArrayLike) -> "Track":
+        """The samples with t0 ≤ time ≤ t1, on the recording's own clock [s].
+
+        **Raises:** ValueError where t0 ≥ t1, the window leaves the recording, or fewer than 4 samples fall into it.
+        """
+        times = known(self.times)
+        start, end = float(np.asarray(t0)), float(np.asarray(t1))
+        span = f"the recording runs from {times[0]:.9g} to {times[-1]:.9g} s"
+        if not start < end:
+            raise ValueError(f"a window must end after it starts, but {start:.9g} to {end:.9g} s was given; {span}")
+        if start < times[0] or end > times[-1]:
+            raise ValueError(f"the window {start:.9g} to {end:.9g} s leaves the recording; {span}")
+        first, last = np.searchsorted(times, start, "left"), np.searchsorted(times, end, "right")
+        if last - first < FEWEST_SAMPLES:
+            raise ValueError(
+                f"the window {start:.9g} to {end:.9g} s holds {last - first} samples, but at least {FEWEST_SAMPLES} "
+                f"are needed. Widen it; {span}."
+            )
+        chosen = slice(int(first), int(last))
+        velocities = None if self.velocities is None else self.velocities[chosen]
+        attitudes = None if self.attitudes is None else self.attitudes[chosen]
+        return Track(self.times[chosen], self.positions[chosen], velocities, attitudes)
+
+
+def known(x: Array) -> np.ndarray:
+    """The values of a recording in float64 (ValueError inside a trace, where they are not known)."""
+    values = concrete(x)
+    if values is None:
+        raise ValueError("this needs the values of a recorded track, which are not known inside jit, grad or vmap")
+    return values.astype(np.float64)
+
+
+def travel_turn(track: Track) -> float:
+    """The signed turn of the horizontal direction of travel [rad]; 0 where the vehicle never moves."""
+    if track.velocities is not None:
+        return _net_turn(known(track.velocities)[:, :2])
+    chords, seconds = _chords(track)
+    # A chord has the direction of its middle: the half chords at both ends are extrapolated.
+    return _net_turn(chords / seconds[:, None], ends=0.5)
+
+
+def travel_length(track: Track) -> float:
+    """The horizontal length of the track along its chords [m], hardly lengthened by noise."""
+    chords, _ = _chords(track)
+    return float(np.hypot(*chords.T).sum())
+
+
+def _chords(track: Track) -> tuple[np.ndarray, np.ndarray]:
+    positions, times = known(track.positions)[:, :2], known(track.times)
+    marks = np.linspace(0, len(times) - 1, min(len(times), CHORDS + 1)).round().astype(int)
+    return np.diff(positions[marks], axis=0), np.diff(times[marks])
+
+
+def _net_turn(velocities: np.ndarray, ends: float = 0.0) -> float:
+    speed = np.hypot(*velocities.T)
+    x, y = velocities[speed > STANDING * speed.max()].T
+    if len(x) < 2:
+        return 0.0
+    direction = np.unwrap(np.arctan2(y, x))
+    outside = direction[1] - direction[0] + direction[-1] - direction[-2]
+    return float(direction[-1] - direction[0] + ends * outside)
+
+
+def _times(values: ArrayLike) -> Float[Array, " n"]:
+    times = as_float(values)
+    if times.ndim != 1 or times.shape[0] < FEWEST_SAMPLES:
+        raise ValueError(
+            f"the times of a track must be a vector of at least {FEWEST_SAMPLES}, "
+            f"but an array of shape {times.shape} was given"
+        )
+    _require_finite(times, "times")
+    stored, given = concrete(times), np.asarray(values) if concrete(times) is not None else None
+    if stored is None or given is None:
+        return times
+    late = np.flatnonzero(~(np.diff(given) > 0))
+    if late.size:
+        k = int(late[0]) + 1
+        raise ValueError(
+            f"the times of a track must increase strictly, but sample {k} has {given[k]:.17g} s "
+            f"after {given[k - 1]:.17g} s"
+        )
+    if not np.all(np.diff(stored) > 0):
+        raise ValueError(
+            f"the times of this track, about {stored[0]:.9g} s, cannot be told apart in {stored.dtype}. "
+            "Call jax.config.update('jax_enable_x64', True) first, or subtract the start time."
+        )
+    return times
+
+
+def _samples(values: ArrayLike, name: str, count: int, size: int) -> Float[Array, "n m"]:
+    samples = as_float(values)
+    if samples.shape != (count, size):
+        raise ValueError(
+            f"the {name} of a track must have shape ({count}, {size}), one row for each time, "
+            f"but an array of shape {samples.shape} was given"
+        )
+    _require_finite(samples, name)
+    return samples
+
+
+def _require_finite(samples: Array, name: str) -> None:
+    values = concrete(samples)
+    if values is None:
+        return
+    bad = np.argwhere(~np.isfinite(values))
+    if len(bad):
+        raise ValueError(
+            f"the {name} of a track must be finite, but sample {bad[0][0]} is {values[bad[0][0]].tolist()}"
+        )
+
+
+def _require_some_length(attitudes: Array) -> None:
+    values = concrete(attitudes)
+    if values is None:
+        return
+    bad = np.flatnonzero(~values.any(axis=1))
+    if bad.size:
+        raise ValueError(f"the attitudes of a track must be quaternions other than zero, but sample {bad[0]} is zero")
