@@ -37,7 +37,7 @@ def from_dcm(C: Mat3) -> Quat:
 def squares_from_dcm(C: Mat3) -> Quat:
     """(α0², α1², α2², α3²) of the unit quaternion by paper S's linear system, ¼H(1, α11, α22, α33)."""
     column = jnp.concatenate([jnp.ones_like(C, shape=1), jnp.diagonal(C)])
-    return 0.25 * jnp.sum(jnp.asarray(SIGNS, C.dtype) * column[None, :], axis=1)
+    return 0.25 * jnp.sum(jnp.asarray(SIGNS, column.dtype) * column[None, :], axis=1)
 
 
 def outer_from_dcm(C: Mat3) -> Mat4:

@@ -80,4 +80,5 @@ def cross_repeated(v: Vec3, x: Vec3, times: int = 1) -> Vec3:
 
 def _combine(components: Float[Array, " n"], basis: np.ndarray) -> Mat4:
     """Σ_k components_k basis_k; sums of one term each, so the entries are exact."""
+    components = jnp.asarray(components)
     return jnp.einsum("k,kij->ij", components, jnp.asarray(basis, components.dtype), precision="highest")

@@ -19,7 +19,6 @@ Each function takes one quaternion; batches are `jax.vmap`'s. Paper S writes α_
 """
 
 import math
-from typing import Literal
 
 import jax.numpy as jnp
 
@@ -27,8 +26,6 @@ from qtraj.algebra import matrices
 from qtraj.algebra.vector import balanced, norm
 from qtraj.algebra.vector import unit as unit_vector
 from qtraj.foundation.types import Flag, Mat4, Quat, Scalar, Vec3
-
-Axes = Literal["body", "inertial"]
 
 _COS = [(-1) ** k / math.factorial(2 * k) for k in range(8)]
 _SINC = [(-1) ** k / math.factorial(2 * k + 1) for k in range(8)]
@@ -133,7 +130,7 @@ def log_norm(q: Quat) -> Scalar:
     return jnp.log(norm(q))
 
 
-def derivative(q: Quat, omega: Vec3 | Quat, axes: Axes = "body") -> Quat:
+def derivative(q: Quat, omega: Vec3 | Quat, axes: str = "body") -> Quat:
     """λ̇ [1/s] at the rate `omega` [rad/s]: 2λ̇ = λ∘ω_x in body axes, ω_ξ∘λ in inertial axes.
 
     `omega` is a vector (3,), or (4,) with the scalar part ω0 = d/dt ln|λ|² first.
