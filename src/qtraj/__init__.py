@@ -6,7 +6,7 @@ from qtraj.batch.evaluate import evaluate
 from qtraj.batch.table import Table
 from qtraj.design.certificate import Certificate
 from qtraj.design.fit import fit
-from qtraj.design.limits import Limits
+from qtraj.design.limits import Limits, peak
 from qtraj.design.tune import Tuned, tune
 from qtraj.foundation.document import load
 from qtraj.io.track_file import read_track
@@ -37,6 +37,7 @@ __all__ = [
     "evaluate",
     "fit",
     "load",
+    "peak",
     "quaternion",
     "read_track",
     "rotation",

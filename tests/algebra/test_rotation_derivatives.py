@@ -41,10 +41,11 @@ def all_derivatives(f, xs):
 
 
 def differences(f, xs, step=1e-5):
-    size = xs.shape[1]
-    up, down = (batch(f)((xs[:, None, :] + s * jnp.eye(size)[None]).reshape(-1, size)) for s in (step, -step))
-    slopes = (np.array(up) - np.array(down)) / (2 * step)
-    return np.moveaxis(slopes.reshape(len(xs), size, *slopes.shape[1:]), 1, -1)
+    shifts = step * jnp.eye(xs.shape[1])
+    near = (xs[:, None, None, :] + jnp.stack([shifts, -shifts])[None]).reshape(-1, xs.shape[1])
+    values = np.array(batch(f)(near))
+    up, down = np.moveaxis(values.reshape(len(xs), 2, xs.shape[1], *values.shape[1:]), 1, 0)
+    return np.moveaxis((up - down) / (2 * step), 1, -1)
 
 
 @pytest.fixture(scope="module")

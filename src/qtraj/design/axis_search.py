@@ -1,8 +1,8 @@
 """Where the vertical axis of a recorded turn may stand: starts for the least squares of `fit`.
 
 Once an axis is chosen, the radii and azimuths of the samples are known, and the polynomials of ρ and φ follow
-linearly. So the whole plane about the track is searched, in polar steps about its centre; starts are the best places, and the
-best again well away from those, so that which axis the fit finds is no matter of luck.
+linearly. So the whole plane about the track is searched, in polar steps about its centre. Starts are the best place and
+the next best ones away from it, so that which axis the fit finds is no matter of luck.
 """
 
 import numpy as np

@@ -9,15 +9,12 @@ import math
 import equinox as eqx
 import jax.numpy as jnp
 
-from qtraj.design.limits import UNITS, Limits, magnitude, moving_derivatives
-from qtraj.design.peaks import peak
+from qtraj.design.limits import SAMPLES, UNITS, Limits, moving_derivatives, peak
+from qtraj.design.peaks import largest
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.invariants import Existence, existence
-
-SAMPLES = 1025
-"""Instants of the refined grid."""
 
 GAP = 1e-9
 """A relative speed or bend below this counts as zero: the quantities that divide by it do not exist there."""
@@ -108,10 +105,7 @@ def require_float64(path: AbstractHodograph) -> None:
 
 @eqx.filter_jit
 def _peaks(path: AbstractHodograph, limits: Limits) -> dict[str, tuple[Scalar, Scalar]]:
-    def one(name: str) -> tuple[Scalar, Scalar]:
-        return peak(lambda t: magnitude(path, t, name), path.duration, SAMPLES)
-
-    return {name: one(name) for name in limits.given()}
+    return {name: peak(path, name) for name in limits.given()}
 
 
 @eqx.filter_jit
@@ -124,7 +118,7 @@ def _gaps(path: AbstractHodograph) -> tuple[tuple[Scalar, Scalar], tuple[Scalar,
     def bend(t: Scalar) -> Scalar:
         return -_existence(path, t).bend
 
-    (stop, slowest), (straight, flattest) = (peak(f, path.duration, SAMPLES) for f in (motion, bend))
+    (stop, slowest), (straight, flattest) = (largest(f, path.duration, SAMPLES) for f in (motion, bend))
     return (stop, -slowest), (straight, -flattest)
 
 

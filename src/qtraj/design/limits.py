@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.algebra import polynomial
+from qtraj.design.peaks import largest
 from qtraj.foundation.arrays import as_float, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
@@ -28,6 +29,10 @@ UNITS = {
     "angular_acceleration": "rad/s²",
 }
 """The unit of each limit; their order here is the order everywhere."""
+
+
+SAMPLES = 1025
+"""Instants of the grid on which peaks are sought."""
 
 
 @storable
@@ -86,6 +91,18 @@ class Limits(eqx.Module):
         """Limit less magnitude at one instant `t` [s], by name: negative where the limit is broken."""
         limits = self.given()
         return {name: limits[name] - value for name, value in self.values(path, t).items()}
+
+
+def peak(path: AbstractHodograph, name: str) -> tuple[Scalar, Scalar]:
+    """Time [s] and size of the largest value of one magnitude (a field of `Limits`) over the whole path.
+
+    Sought on a grid of 1025 instants and polished by Newton's method; differentiable in the path (envelope theorem).
+
+    **Raises:** ValueError for an unknown name.
+    """
+    if name not in UNITS:
+        raise ValueError(f"unknown magnitude {name!r}; known are {', '.join(UNITS)}")
+    return largest(lambda t: magnitude(path, t, name), path.duration, SAMPLES)
 
 
 def squared(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:

@@ -56,7 +56,7 @@ def _newton(
     return jax.lax.fori_loop(0, NEWTON_STEPS, step, jax.lax.stop_gradient(t))
 
 
-def peak(f: Callable[[Scalar], Scalar], duration: Scalar, samples: int = 513) -> tuple[Scalar, Scalar]:
+def largest(f: Callable[[Scalar], Scalar], duration: Scalar, samples: int) -> tuple[Scalar, Scalar]:
     """Time and value of the largest `f` over [0, duration]; the value is differentiable (envelope theorem)."""
     times, values = sliding_nodes(f, duration, samples)
     worst = jnp.argmax(values)

@@ -44,9 +44,7 @@ def uniform(
 def directed_turn(a: Cylindrical, b: Cylindrical, turns: int) -> Scalar:
     """The signed turn from `a` to `b` in the sense of V_φ at the start: magnitude in [0, 2π) plus whole turns [rad]."""
     if turns < 0:
-        raise ValueError(
-            f"turns={turns} was given, but the sense is that of V_phi: turns counts whole turns, 0 or more"
-        )
+        raise ValueError(f"turns must be 0 or more whole turns in the sense of V_phi, but {turns} was given")
     sense = jnp.where(a.velocity[1] < 0, -1.0, 1.0).astype(a.radius.dtype)
     ahead = sense * azimuth_difference(a, b)
     equal = jnp.abs(ahead) <= AZIMUTH_TOLERANCE * jnp.finfo(ahead.dtype).eps

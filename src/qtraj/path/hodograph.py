@@ -3,6 +3,7 @@
 import abc
 import os
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -74,7 +75,7 @@ class Curve(AbstractHodograph):
     function: Callable[[Scalar], Vec3]
     duration: Scalar
 
-    def __init__(self, position: Callable[[Scalar], Vec3], duration: ArrayInput):
+    def __init__(self, position: Any, duration: ArrayInput):
         if not callable(position):
             raise ValueError(f"a Curve needs a function t -> (3,), but {position!r} is not callable")
         self.function = position if isinstance(position, eqx.Module) else jax.tree_util.Partial(position)

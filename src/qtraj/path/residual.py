@@ -3,13 +3,12 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.document import storable
-from qtraj.foundation.types import Scalar
+from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import STANDING, Track
@@ -45,17 +44,17 @@ class Residual(eqx.Module):
 
     def __init__(
         self,
-        horizontal_rms: ArrayLike,
-        vertical_rms: ArrayLike,
-        distance_rms: ArrayLike,
-        maximum: ArrayLike,
-        turn: ArrayLike,
-        samples: ArrayLike,
-        velocity_rms: ArrayLike | None = None,
-        direction_rms: ArrayLike | None = None,
-        radius_min: ArrayLike | None = None,
-        radius_max: ArrayLike | None = None,
-        converged: ArrayLike = True,
+        horizontal_rms: ArrayInput,
+        vertical_rms: ArrayInput,
+        distance_rms: ArrayInput,
+        maximum: ArrayInput,
+        turn: ArrayInput,
+        samples: ArrayInput,
+        velocity_rms: ArrayInput | None = None,
+        direction_rms: ArrayInput | None = None,
+        radius_min: ArrayInput | None = None,
+        radius_max: ArrayInput | None = None,
+        converged: ArrayInput = True,
         message: str = "",
     ):
         self.horizontal_rms = as_float(horizontal_rms)
@@ -81,24 +80,37 @@ def compare(path: AbstractHodograph, track: Track, converged: bool = True, messa
     """
     _require_covered(path, track)
     times = track.elapsed.astype(path.duration.dtype)
-    states = jax.vmap(lambda t: path.derivatives(t, 1))(times)
-    offset = states[:, 0] - track.positions.astype(states.dtype)
-    distances = jax.vmap(norm)(offset)
-    radius = _radius(path, times)
     return Residual(
-        horizontal_rms=_rms(jax.vmap(norm)(offset[:, :2])),
-        vertical_rms=_rms(offset[:, 2]),
-        distance_rms=_rms(distances),
-        maximum=jnp.max(distances),
-        turn=track.turn.astype(states.dtype),
+        **_measures(path, times, track.positions, track.velocities),
+        turn=track.turn,
         samples=times.shape[0],
-        velocity_rms=_velocity_rms(states[:, 1], track),
-        direction_rms=_direction_rms(states[:, 1], track),
-        radius_min=None if radius is None else jnp.min(radius),
-        radius_max=None if radius is None else jnp.max(radius),
         converged=converged,
         message=message,
     )
+
+
+@eqx.filter_jit
+def _measures(
+    path: AbstractHodograph,
+    times: Float[Array, " n"],
+    positions: Float[Array, "n 3"],
+    velocities: Float[Array, "n 3"] | None,
+) -> dict[str, Scalar | None]:
+    states = jax.vmap(lambda t: path.derivatives(t, 1))(times)
+    offset = states[:, 0] - positions.astype(states.dtype)
+    distances = jax.vmap(norm)(offset)
+    radius = _radius(path, times)
+    recorded = None if velocities is None else velocities.astype(states.dtype)
+    return {
+        "horizontal_rms": _rms(jax.vmap(norm)(offset[:, :2])),
+        "vertical_rms": _rms(offset[:, 2]),
+        "distance_rms": _rms(distances),
+        "maximum": jnp.max(distances),
+        "velocity_rms": None if recorded is None else _rms(jax.vmap(norm)(states[:, 1] - recorded)),
+        "direction_rms": None if recorded is None else _direction_rms(states[:, 1], recorded),
+        "radius_min": None if radius is None else jnp.min(radius),
+        "radius_max": None if radius is None else jnp.max(radius),
+    }
 
 
 def _radius(path: AbstractHodograph, times: Float[Array, " n"]) -> Float[Array, " n"] | None:
@@ -107,17 +119,8 @@ def _radius(path: AbstractHodograph, times: Float[Array, " n"]) -> Float[Array, 
     return jax.vmap(lambda t: path.rotating_derivatives(t, 0)[0, 0])(times)
 
 
-def _velocity_rms(velocities: Float[Array, "n 3"], track: Track) -> Scalar | None:
-    if track.velocities is None:
-        return None
-    return _rms(jax.vmap(norm)(velocities - track.velocities.astype(velocities.dtype)))
-
-
-def _direction_rms(velocities: Float[Array, "n 3"], track: Track) -> Scalar | None:
+def _direction_rms(velocities: Float[Array, "n 3"], recorded: Float[Array, "n 3"]) -> Scalar:
     """RMS angle between tangent and recorded velocity over the samples that move (0 where none does)."""
-    if track.velocities is None:
-        return None
-    recorded = track.velocities.astype(velocities.dtype)
     speeds = jax.vmap(norm)(recorded)
     moving = (speeds > STANDING * jnp.max(speeds)) & (jax.vmap(norm)(velocities) > 0)
 
@@ -135,7 +138,7 @@ def _rms(x: Float[Array, " n"]) -> Scalar:
     return norm(x) / x.shape[0] ** 0.5
 
 
-def _optional(x: ArrayLike | None) -> Scalar | None:
+def _optional(x: ArrayInput | None) -> Scalar | None:
     return None if x is None else as_float(x)
 
 

@@ -2,12 +2,11 @@
 
 import equinox as eqx
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import as_float, concrete, warn_if_coarse
 from qtraj.foundation.document import storable
-from qtraj.foundation.types import Scalar
+from qtraj.foundation.types import ArrayInput, Scalar
 
 FEWEST_SAMPLES = 4
 """A window with fewer samples says nothing about a curve."""
@@ -36,10 +35,10 @@ class Track(eqx.Module):
 
     def __init__(
         self,
-        times: ArrayLike,
-        positions: ArrayLike,
-        velocities: ArrayLike | None = None,
-        attitudes: ArrayLike | None = None,
+        times: ArrayInput,
+        positions: ArrayInput,
+        velocities: ArrayInput | None = None,
+        attitudes: ArrayInput | None = None,
     ):
         self.times = _times(times)
         count = self.times.shape[0]
@@ -73,7 +72,7 @@ class Track(eqx.Module):
         """
         return as_float(travel_turn(self)).astype(self.positions.dtype)
 
-    def window(self, t0: ArrayLike, t1: ArrayLike) -> "Track":
+    def window(self, t0: ArrayInput, t1: ArrayInput) -> "Track":
         """The samples with t0 ≤ time ≤ t1, on the recording's own clock [s].
 
         **Raises:** ValueError where t0 ≥ t1, the window leaves the recording, or fewer than 4 samples fall into it.
@@ -136,7 +135,7 @@ def _net_turn(velocities: np.ndarray, ends: float = 0.0) -> float:
     return float(direction[-1] - direction[0] + ends * outside)
 
 
-def _times(values: ArrayLike) -> Float[Array, " n"]:
+def _times(values: ArrayInput) -> Float[Array, " n"]:
     times = as_float(values)
     if times.ndim != 1 or times.shape[0] < FEWEST_SAMPLES:
         raise ValueError(
@@ -162,7 +161,7 @@ def _times(values: ArrayLike) -> Float[Array, " n"]:
     return times
 
 
-def _samples(values: ArrayLike, name: str, count: int, size: int) -> Float[Array, "n m"]:
+def _samples(values: ArrayInput, name: str, count: int, size: int) -> Float[Array, "n m"]:
     samples = as_float(values)
     if samples.shape != (count, size):
         raise ValueError(

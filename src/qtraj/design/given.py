@@ -1,0 +1,42 @@
+"""The path that tuning starts from."""
+
+import jax.numpy as jnp
+
+from qtraj.design.limits import Limits
+from qtraj.design.problem import Objective, pose
+from qtraj.foundation.arrays import as_float
+from qtraj.foundation.types import ArrayInput
+from qtraj.path.boundary import BoundaryState, azimuth_difference, cylindrical
+from qtraj.path.boundary_problem import directed_turn
+from qtraj.path.placement import Placement
+from qtraj.path.spiral_helix import SpiralHelix
+
+UNLIMITED = Limits(speed=1.0)
+"""The starting path is the same whatever the limits are, but a tuning problem must have one."""
+
+
+def given_path(
+    start: BoundaryState,
+    end: BoundaryState,
+    objective: Objective = "nearest",
+    motion: str = "uniform",
+    duration: ArrayInput | None = None,
+    turns: int = 0,
+    placement: Placement | None = None,
+) -> SpiralHelix:
+    """The path between two states before anything is tuned: the one from which `tune` with these arguments starts.
+
+    For "uniform" motion it turns at the rate nearest to both V_φ/ρ, which need not agree; "hermite" meets all given
+    velocities, and, with a duration, given accelerations (which `tune` would refuse).
+
+    **Raises:** ValueError for input that makes no path, saying what was given and what to do.
+    """
+    if start.acceleration is None and end.acceleration is None:
+        problem = pose(start, end, UNLIMITED, objective, motion, duration, turns, placement)
+        return problem.path(jnp.zeros(problem.size, problem.speed.dtype))
+    if motion != "hermite" or duration is None:
+        raise ValueError("boundary states with accelerations make a path only with motion='hermite' and a duration")
+    a, b = cylindrical(start, placement), cylindrical(end, placement)
+    short = azimuth_difference(a, b)
+    whole = round(float(directed_turn(a, b, turns) - short) / (2 * jnp.pi))
+    return SpiralHelix.hermite(start, end, as_float(duration), whole, placement)

@@ -1,0 +1,92 @@
+"""Documents round-trip exactly, refuse what they cannot hold, and name the file when they cannot be read."""
+
+import os
+import stat
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import qtraj as qt
+from qtraj.foundation import document
+
+AWKWARD = [0.1, 1 / 3, 2**-1074, 1.7976931348623157e308, -0.0]  # shortest, subnormal, largest, signed zero
+
+
+def helix() -> qt.SpiralHelix:
+    placement = qt.Placement([623000.125, 4848000.3, 150.7], [0.9, 0.1, -0.2, 0.3])
+    return qt.SpiralHelix(AWKWARD, [0.1, 0.35], [1e-17, 0.2], 4.1, placement)
+
+
+@pytest.mark.parametrize("suffix", [".toml", ".json"])
+def test_round_trip_is_exact(tmp_path, suffix):
+    path = helix()
+    path.save(tmp_path / f"path{suffix}")
+    again = qt.load(tmp_path / f"path{suffix}")
+    assert jax.tree.structure(path) == jax.tree.structure(again)
+    for a, b in zip(jax.tree.leaves(path), jax.tree.leaves(again), strict=True):
+        assert np.asarray(a).tobytes() == np.asarray(b).tobytes()
+
+
+def test_infinity_is_kept_in_toml_and_refused_in_json(tmp_path):
+    path = qt.SpiralHelix([1.0], [0.0, 1.0], [0.0], 1.0, mismatch=jnp.inf)
+    path.save(tmp_path / "path.toml")
+    assert np.isinf(qt.load(tmp_path / "path.toml").mismatch)
+    with pytest.raises(ValueError, match=r"save it as \.toml"):
+        path.save(tmp_path / "path.json")
+    assert os.listdir(tmp_path) == ["path.toml"], "nothing half-written"
+
+
+def test_a_file_is_replaced_whole(tmp_path):
+    file = tmp_path / "path.toml"
+    file.write_text("old")
+    helix().save(file)
+    assert isinstance(qt.load(file), qt.SpiralHelix)
+    assert stat.S_IMODE(file.stat().st_mode) & 0o444
+    assert os.listdir(tmp_path) == ["path.toml"]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "fragment"),
+    [
+        ("a.toml", "x = [1, ", "not valid TOML"),
+        ("a.json", "{", "not valid JSON"),
+        ("a.toml", "x = 1", "'format' must be 'qtraj/1'"),
+        ("a.json", "[1]", "'format' must be 'qtraj/1'"),
+        ("a.toml", 'format = "qtraj/1"\ntype = "Nothing"', "unknown type 'Nothing'"),
+        ("a.toml", 'format = "qtraj/1"\ntype = "Placement"\ncolour = 1', "no field 'colour'"),
+        ("a.toml", 'format = "qtraj/1"\ntype = "Placement"\norigin = [0, 0]', "shape (3,)"),
+        ("a.toml", 'format = "qtraj/1"\ntype = "SpiralHelix"\nradius = [1.0]', "angle"),
+        ("a.txt", "", "must end in .toml or .json"),
+    ],
+)
+def test_a_bad_file_is_named(tmp_path, name, text, fragment):
+    file = tmp_path / name
+    file.write_text(text)
+    with pytest.raises(ValueError) as caught:
+        qt.load(file)
+    assert str(file) in str(caught.value)
+    assert fragment in str(caught.value)
+
+
+def test_a_missing_file_is_an_os_error(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        qt.load(tmp_path / "nothing.toml")
+
+
+def test_what_has_no_document_form_is_refused(tmp_path):
+    curve = qt.Curve(lambda t: jnp.stack([t, t, t]), 1.0)
+    with pytest.raises(ValueError, match="Curve cannot be stored"):
+        curve.save(tmp_path / "curve.toml")
+    assert not os.listdir(tmp_path)
+
+
+def test_a_failed_write_leaves_nothing(tmp_path, monkeypatch):
+    def broken(*_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(document.os, "replace", broken)
+    with pytest.raises(OSError, match="disk full"):
+        document.write_atomically(tmp_path / "x", b"content")
+    assert not os.listdir(tmp_path)

@@ -1,0 +1,111 @@
+"""Derivatives, length and states of hodographs."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+import qtraj as qt
+
+from .conftest import as_curve
+
+RELATIVE = 1e-12
+
+
+@pytest.mark.parametrize("name", ["helix", "tilted"])
+@pytest.mark.parametrize("t", [0.0, 1.3, 5.0])  # the last one extrapolates
+def test_the_rotating_basis_agrees_with_nested_differentiation(name, t, request):
+    path = request.getfixturevalue(name)
+    order = 6
+    expected = jax.jit(lambda t: as_curve(path).derivatives(t, order))(t)
+    actual = path.derivatives(t, order)
+    for k in range(order + 1):
+        scale = np.linalg.norm(expected[k])
+        np.testing.assert_allclose(actual[k], expected[k], rtol=0, atol=(k + 1) * RELATIVE * scale)
+
+
+def test_one_order_is_the_derivative_of_the_one_below(tilted):
+    for k in range(4):
+        _, slope = jax.jvp(lambda t: tilted.derivatives(t, k)[k], (1.1,), (1.0,))  # noqa: B023
+        np.testing.assert_allclose(tilted.derivatives(1.1, k + 1)[k + 1], slope, rtol=1e-11)
+
+
+def test_position_velocity_and_acceleration_are_the_rows(tilted):
+    r = tilted.derivatives(0.7, 2)
+    for k, method in enumerate((tilted.position, tilted.velocity, tilted.acceleration)):
+        np.testing.assert_array_equal(method(0.7), r[k])
+
+
+@pytest.mark.parametrize("name", ["helix", "tilted"])
+def test_length_agrees_with_adaptive_quadrature(name, request):
+    path = request.getfixturevalue(name)
+    speed = jax.jit(lambda t: jnp.linalg.norm(path.velocity(t)))
+    expected, _ = quad(lambda t: float(speed(t)), 0.0, float(path.duration), epsabs=0, epsrel=1e-13, limit=200)
+    np.testing.assert_allclose(path.length(), expected, rtol=RELATIVE)
+    np.testing.assert_allclose(as_curve(path).length(), expected, rtol=RELATIVE)
+
+
+def test_the_length_of_a_circle_and_its_gradient_are_exact():
+    def circle(radius):
+        return qt.SpiralHelix(jnp.stack([radius]), [0.0, 2 * np.pi], [0.0], 1.0).length()
+
+    np.testing.assert_allclose(circle(jnp.asarray(3.0)), 6 * np.pi, rtol=1e-15)
+    np.testing.assert_allclose(jax.grad(circle)(3.0), 2 * np.pi, rtol=1e-14)
+
+
+def test_a_path_at_rest_has_no_length_and_a_finite_gradient():
+    def length(slope):
+        return qt.SpiralHelix(jnp.stack([jnp.asarray(2.0), slope]), [0.3], [1.0], 2.0).length()
+
+    assert length(jnp.asarray(0.0)) == 0
+    assert np.isfinite(jax.grad(length)(0.0))
+
+
+def test_a_state_is_position_and_velocity(helix):
+    state = helix.state(2.0)
+    np.testing.assert_array_equal(state.position, helix.position(2.0))
+    np.testing.assert_array_equal(state.velocity, helix.velocity(2.0))
+
+
+def test_a_curve_takes_modules_and_differentiates_in_them():
+    line = qt.Curve(qt.SpiralHelix([2.0, 1.0], [0.0, 1.0], [0.0], 1.0).position, 1.0)
+    np.testing.assert_allclose(line.velocity(0.0), [1.0, 2.0, 0.0], atol=1e-15)
+    jitted = jax.jit(lambda curve, t: curve.velocity(t))
+    np.testing.assert_allclose(jitted(line, 0.0), [1.0, 2.0, 0.0], atol=1e-15)
+
+
+def test_float32_is_kept():
+    coefficients = [jnp.asarray(c, jnp.float32) for c in ([20.0, 1.0], [0.0, 0.3], [1.0, 0.5])]
+    path = qt.SpiralHelix(*coefficients, jnp.asarray(4.0, jnp.float32))
+    assert path.derivatives(1.0, 3).dtype == jnp.float32
+    assert path.length().dtype == jnp.float32
+    trihedral = qt.trihedral(path, 1.0)
+    assert all(leaf.dtype in (jnp.float32, bool) for leaf in jax.tree.leaves(trihedral))
+
+
+@pytest.mark.parametrize(
+    ("make", "fragment"),
+    [
+        (lambda: qt.Curve(3.0, 1.0), "not callable"),
+        (lambda: qt.Curve(lambda t: jnp.zeros(3), 0.0), "positive"),
+        (lambda: qt.SpiralHelix([1.0], [0.0, 1.0], [0.0], -2.0), "positive"),
+        (lambda: qt.SpiralHelix([1.0], [0.0, 1.0], [0.0], float("nan")), "positive"),
+        (lambda: qt.SpiralHelix([[1.0]], [0.0, 1.0], [0.0], 1.0), "vector of ascending"),
+        (lambda: qt.SpiralHelix([], [0.0, 1.0], [0.0], 1.0), "vector of ascending"),
+        (lambda: qt.SpiralHelix([1.0], [0.0, float("inf")], [0.0], 1.0), "finite"),
+        (lambda: qt.BoundaryState([1.0, 2.0], [0.0, 0.0, 0.0]), "shape (3,)"),
+        (lambda: qt.BoundaryState([1.0, 2.0, float("nan")], [0.0, 0.0, 0.0]), "finite"),
+        (lambda: qt.BoundaryState(["a", "b", "c"], [0.0, 0.0, 0.0]), "3 real numbers"),
+        (lambda: qt.Placement(orientation=[0.0, 0.0, 0.0, 0.0]), "other than zero"),
+    ],
+)
+def test_bad_input_is_refused_with_a_reason(make, fragment):
+    with pytest.raises(ValueError) as caught:
+        make()
+    assert fragment in str(caught.value)
+
+
+def test_coarse_float32_positions_are_warned_of():
+    with pytest.warns(UserWarning, match=r"resolves only 0\.5 m"):
+        qt.BoundaryState(jnp.asarray([623425.5, 4848821.0, 153.0], jnp.float32), jnp.zeros(3, jnp.float32))

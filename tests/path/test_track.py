@@ -1,0 +1,137 @@
+"""Recorded tracks: what they accept, their windows, and the turn they read from a recording."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from qtraj.foundation import document
+from qtraj.path.track import Track
+
+ROUND_OFF = 1e-12
+CHORD_ERROR = 0.01
+"""Relative error of turn and length read from chords on a circle: (1/24 of the turn)²/24 and less."""
+
+
+def recording(count=11, start=100.0):
+    times = start + 0.1 * np.arange(count)
+    positions = np.stack([times, times**2, -times], axis=1)
+    return times, positions
+
+
+def circle(turn, count=200, velocities=True, radius=20.0):
+    times = np.linspace(5.0, 9.0, count)
+    angle = turn * (times - 5.0) / 4.0
+    positions = radius * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1) + np.array([6e5, 4.8e6, 150.0])
+    speeds = radius * turn / 4.0 * np.stack([-np.sin(angle), np.cos(angle), 0 * angle], axis=1)
+    return Track(times, positions, speeds if velocities else None)
+
+
+def test_times_of_a_track():
+    track = Track(*recording())
+    assert float(track.start_time) == 100.0
+    np.testing.assert_allclose(track.duration, 1.0, rtol=ROUND_OFF)
+    np.testing.assert_allclose(track.elapsed, 0.1 * np.arange(11), atol=ROUND_OFF)
+
+
+def test_a_window_holds_the_samples_of_its_closed_interval_on_the_recordings_clock():
+    times, positions = recording()
+    quaternions = np.tile([1.0, 0, 0, 0], (11, 1)) + times[:, None]
+    window = Track(times, positions, 2 * positions, quaternions).window(times[3], times[7])
+    np.testing.assert_array_equal(window.times, times[3:8])
+    np.testing.assert_array_equal(window.positions, positions[3:8])
+    np.testing.assert_array_equal(window.velocities, 2 * positions[3:8])
+    np.testing.assert_array_equal(window.attitudes, quaternions[3:8])
+
+
+@pytest.mark.parametrize(
+    ("t0", "t1", "words"),
+    [
+        (100.6, 100.2, "must end after it starts"),
+        (100.2, 100.2, "must end after it starts"),
+        (99.0, 100.5, r"leaves the recording; the recording runs from 100 to 101 s"),
+        (100.5, 103.0, r"leaves the recording; the recording runs from 100 to 101 s"),
+        (100.15, 100.45, r"holds 3 samples, but at least 4"),
+        (100.51, 100.59, r"holds 0 samples, but at least 4"),
+        (float("nan"), 100.5, "must end after it starts"),
+    ],
+)
+def test_windows_that_are_refused(t0, t1, words):
+    with pytest.raises(ValueError, match=words):
+        Track(*recording()).window(t0, t1)
+
+
+def changed(values, where, value):
+    values = values.copy()
+    values[where] = value
+    return values
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t, p: (changed(t, 4, t[3]), p), r"sample 4 has 100.3.* after 100.3"),
+        (lambda t, p: (changed(t, 4, t[2]), p), r"sample 4 has 100.2"),
+        (lambda t, p: (changed(t, 4, np.nan), p), r"times of a track must be finite, but sample 4 is nan"),
+        (lambda t, p: (t, changed(p, (2, 1), np.inf)), r"positions of a track must be finite, but sample 2 is .*inf"),
+        (lambda t, p: (t, p[:-1]), r"shape \(11, 3\).*\(10, 3\)"),
+        (lambda t, p: (t, p[:, :2]), r"shape \(11, 3\).*\(11, 2\)"),
+        (lambda t, p: (t[:3], p[:3]), r"at least 4.*\(3,\)"),
+        (lambda t, p: (t, p, p[:5]), r"velocities of a track must have shape \(11, 3\)"),
+        (lambda t, p: (t, p, None, p), r"attitudes of a track must have shape \(11, 4\)"),
+        (lambda t, p: (t, p, None, np.eye(11, 4)), r"other than zero, but sample 4 is zero"),
+    ],
+)
+def test_recordings_that_are_refused(change, words):
+    with pytest.raises(ValueError, match=words):
+        Track(*change(*recording()))
+
+
+def test_times_that_float32_cannot_tell_apart_are_refused():
+    _, positions = recording()
+    times = (1.6e9 + np.arange(11)).astype(np.float32)
+    with pytest.raises(ValueError, match="increase strictly"):
+        Track(times, positions.astype(np.float32))
+
+
+def test_a_coarse_float32_track_warns():
+    times, positions = recording()
+    with pytest.warns(UserWarning, match=r"a recorded track in float32 resolves only"):
+        Track((times - times[0]).astype(np.float32), (positions + 4.8e6).astype(np.float32))
+
+
+@pytest.mark.parametrize("turn", [1.5, -1.5, 7.0, -0.2])
+def test_the_turn_of_a_circle(turn):
+    """The direction of travel on a circle turns as far as the circle does, left positive."""
+    np.testing.assert_allclose(circle(turn).turn, turn, rtol=1e-9)
+    np.testing.assert_allclose(circle(turn, velocities=False).turn, turn, rtol=CHORD_ERROR)
+
+
+def test_the_turn_from_chords_hardly_feels_noise():
+    """Centimetre noise on 1000 samples of 4 cm: the direction of single steps is lost, that of chords is not."""
+    track = circle(2.0, count=1000, velocities=False)
+    noise = 0.01 * np.random.default_rng(1).normal(size=(1000, 3))
+    np.testing.assert_allclose(Track(track.times, track.positions + noise).turn, 2.0, atol=0.05)
+
+
+def test_a_stop_has_no_direction():
+    """Standing still, with velocities of pure noise, must not wind up a turn."""
+    moving = circle(1.0, count=50)
+    noise = 0.01 * np.random.default_rng(2).normal(size=(30, 3))
+    track = Track(
+        jnp.concatenate([moving.times, moving.times[-1] + jnp.arange(1.0, 31.0)]),
+        jnp.concatenate([moving.positions, jnp.tile(moving.positions[-1:], (30, 1))]),
+        jnp.concatenate([moving.velocities, jnp.asarray(noise)]),
+    )
+    np.testing.assert_allclose(track.turn, 1.0, rtol=1e-9)
+    still = Track(np.arange(5.0), np.ones((5, 3)))
+    assert float(still.turn) == 0.0
+
+
+@pytest.mark.parametrize("suffix", [".toml", ".json"])
+def test_a_track_is_stored_exactly(tmp_path, suffix):
+    track = circle(1.0, count=7)
+    document.save(track, tmp_path / f"track{suffix}")
+    back = document.load(tmp_path / f"track{suffix}")
+    np.testing.assert_array_equal(back.positions, track.positions)
+    np.testing.assert_array_equal(back.velocities, track.velocities)
+    assert back.attitudes is None
