@@ -52,7 +52,9 @@ def test_rms_and_maximum_of_uneven_offsets():
     track = track_along(PATH)
     offsets = RNG.normal(size=(41, 3))
     residual = compare(PATH, Track(track.times, track.positions + offsets, track.velocities + offsets))
-    np.testing.assert_allclose(residual.horizontal_rms, np.sqrt(np.mean(np.sum(offsets[:, :2] ** 2, axis=1))), rtol=1e-8)
+    np.testing.assert_allclose(
+        residual.horizontal_rms, np.sqrt(np.mean(np.sum(offsets[:, :2] ** 2, axis=1))), rtol=1e-8
+    )
     np.testing.assert_allclose(residual.vertical_rms, np.sqrt(np.mean(offsets[:, 2] ** 2)), rtol=1e-8)
     np.testing.assert_allclose(residual.velocity_rms, np.sqrt(np.mean(np.sum(offsets**2, axis=1))), rtol=1e-8)
     np.testing.assert_allclose(residual.maximum, np.max(np.linalg.norm(offsets, axis=1)), rtol=1e-8)

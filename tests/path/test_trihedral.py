@@ -17,7 +17,6 @@ EXACT = 1e-13
 FRAMES = [qt.Natural(), qt.Upright(), qt.Upright([0.3, -0.2, 2.0])]
 
 trihedral = jax.jit(qt.trihedral)
-SQUARE_ROOT_OF_EPSILON = 1e-6
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=["natural", "upright", "leaning"])

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.algebra import rotation
-from qtraj.batch.table import AXES, Components, Table
+from qtraj.batch.table import AXES, Table
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph
@@ -22,7 +22,7 @@ def evaluate(
     times: ArrayInput,
     outputs: Sequence[str] = DEFAULT_OUTPUTS,
     frame: AbstractFrame | None = None,
-    components: Components = "last",
+    components: str = "last",
     continuous: bool = False,
 ) -> Table:
     """Evaluate one path, or a stack of paths as `jax.vmap` makes it, at `times` (n,) [s].
@@ -53,7 +53,7 @@ def _evaluate(
     frame: AbstractFrame,
     names: tuple[str, ...],
     batched: bool,
-    components: Components,
+    components: str,
     continuous: bool,
 ) -> dict[str, Array]:
     def along(path: AbstractHodograph) -> dict[str, Array]:

@@ -1,6 +1,6 @@
 """What a batched evaluation returns: labelled arrays."""
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import numpy as np
@@ -10,8 +10,6 @@ from qtraj._version import __version__
 
 if TYPE_CHECKING:
     import xarray
-
-Components = Literal["last", "first"]
 
 AXES: dict[str, tuple[str, ...]] = {
     "position": ("world",),
@@ -75,7 +73,7 @@ class Table(eqx.Module):
     angular_acceleration: Float[Array, "..."] | None = None
     defined: Bool[Array, "..."] | None = None
     batched: bool = eqx.field(static=True, default=False)
-    components: Components = eqx.field(static=True, default="last")
+    components: str = eqx.field(static=True, default="last")
 
     def to_xarray(self) -> "xarray.Dataset":
         """The table as an `xarray.Dataset` with units, axes and conventions in its attributes (extra `io`)."""

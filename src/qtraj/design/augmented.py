@@ -1,11 +1,12 @@
-"""Augmented Lagrangian (Powell–Hestenes–Rockafellar) over the nodes of a time grid, minimised by optax's L-BFGS.
+"""Augmented Lagrangian (Powell–Hestenes–Rockafellar) over the cells of a time grid, minimised by optax's L-BFGS.
 
-Every limit is a constraint g ≤ 0 at every node, each with its own multiplier. After each round the nodes that are
-maxima slide onto the true maxima (see `peaks`), so what is held at the nodes is in the end held between them.
+Time is divided into cells, and every limit is a constraint on its largest excess in each cell (see `peaks`), each with
+its own multiplier: what is held in the cells is held between the nodes.
 """
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -14,12 +15,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.design.limits import Limits, squared
-from qtraj.design.peaks import sliding_nodes
+from qtraj.design.peaks import cell_peaks
 from qtraj.design.problem import Problem, Variables
 from qtraj.foundation.types import Flag, Scalar
-from qtraj.path.spiral_helix import SpiralHelix
 
-NODES = 129
+CELLS = 65
 INNER_STEPS, MEMORY, GRADIENT_TOLERANCE = 200, 12, 1e-9
 
 FIRST_PENALTY, PENALTY_GROWTH = 10.0, 4.0
@@ -34,17 +34,16 @@ FEASIBLE = 2e-9
 STATIONARY = 1e-6
 """Largest component of the Lagrangian's gradient at a converged point, in the problem's own scale."""
 
-PerNode = dict[str, Float[Array, " nodes"]]
+PerCell = dict[str, Float[Array, " cells"]]
 Progress = Callable[[int, float, float], None]
 _Carry = tuple[Variables, Any, Scalar, Flag, Array]
 
 
 class Iterate(NamedTuple):
-    """Where the method stands: variables, nodes, multipliers and penalty, with the size of what is still wrong."""
+    """Where the method stands: variables, multipliers and penalty, with the size of what is still wrong."""
 
     z: Variables
-    nodes: PerNode  # where each limit is held, as fractions of the duration
-    multipliers: PerNode
+    multipliers: PerCell
     penalty: Scalar
     cost: Scalar
     violation: Scalar  # largest relative excess over a limit
@@ -54,10 +53,10 @@ class Iterate(NamedTuple):
 
 def begin(problem: Problem, limits: Limits, z: Variables) -> Iterate:
     """The iterate at `z`, with nothing learnt yet."""
-    nodes, g, cost = survey(problem, limits, z)
+    g, cost = survey(problem, limits, z)
     none = {name: jnp.zeros_like(v) for name, v in g.items()}
     unknown = jnp.full_like(cost, jnp.inf)
-    return Iterate(z, nodes, none, jnp.full_like(cost, FIRST_PENALTY), cost, worst(g), unknown, jnp.asarray(0))
+    return Iterate(z, none, jnp.full_like(cost, FIRST_PENALTY), cost, worst(g), unknown, jnp.asarray(0))
 
 
 def solve(
@@ -68,14 +67,16 @@ def solve(
     hopeless = 0
     for count in range(1, max_rounds + 1):
         before = float(iterate.violation)
-        iterate = advance(problem, limits, iterate, weight=1.0)
+        last, iterate = iterate, advance(problem, limits, iterate, weight=1.0)
         violation = float(iterate.violation)
         if progress is not None:
             progress(count, float(iterate.cost), violation)
         if violation <= FEASIBLE and float(iterate.gradient) <= STATIONARY:
             return iterate, True
+        if not math.isfinite(violation):
+            return last, False
         hopeless = hopeless + 1 if violation > HOPELESS_DECREASE * before else 0
-        if not math.isfinite(violation) or hopeless >= HOPELESS_ROUNDS or float(iterate.penalty) > HIGHEST_PENALTY:
+        if hopeless >= HOPELESS_ROUNDS or float(iterate.penalty) > HIGHEST_PENALTY:
             break
     return iterate, False
 
@@ -92,82 +93,87 @@ def least_violation(problem: Problem, limits: Limits, z: Variables) -> Iterate:
 
 
 def advance(problem: Problem, limits: Limits, iterate: Iterate, weight: float) -> Iterate:
-    """One round: minimise the augmented Lagrangian in z, let the nodes slide, move multipliers and penalty.
+    """One round: minimise the augmented Lagrangian in z, then move multipliers and penalty.
 
     `weight` is 1, or 0 to look for the least violation alone.
     """
     z, gradient, steps = _descend(problem, limits, iterate, jnp.full_like(iterate.cost, weight))
-    nodes, g, cost = survey(problem, limits, z)
+    g, cost = survey(problem, limits, z)
     violation = worst(g)
     multipliers = iterate.multipliers
     if weight > 0:  # with no objective the multipliers have nothing to balance
         multipliers = {name: jnp.maximum(0.0, m + iterate.penalty * g[name]) for name, m in multipliers.items()}
     stalled = violation > SUFFICIENT_DECREASE * iterate.violation
     penalty = jnp.where(stalled, PENALTY_GROWTH, 1.0) * iterate.penalty
-    return Iterate(z, nodes, multipliers, penalty, cost, violation, gradient, iterate.steps + steps)
+    return Iterate(z, multipliers, penalty, cost, violation, gradient, iterate.steps + steps)
 
 
 @eqx.filter_jit
-def survey(problem: Problem, limits: Limits, z: Variables) -> tuple[PerNode, PerNode, Scalar]:
-    """Nodes that have slid onto the maxima of each limit's excess on this path, the excesses there, and the cost."""
-    path = problem.path(z)
-    nodes, g = {}, {}
-    for name, limit in limits.given().items():
-        times, g[name] = sliding_nodes(_excess(path, name, limit), path.duration, NODES)
-        nodes[name] = times / path.duration
-    return nodes, g, problem.cost(z)
+def survey(problem: Problem, limits: Limits, z: Variables) -> tuple[PerCell, Scalar]:
+    """The excesses over the limits and the cost."""
+    return excesses(problem, limits, z, worst_times(problem, limits, z)), problem.cost(z)
 
 
 @eqx.filter_jit
 def _descend(problem: Problem, limits: Limits, iterate: Iterate, weight: Scalar) -> tuple[Variables, Scalar, Array]:
-    """Minimise weight·cost + Σ (max(0, m + penalty·g)² − m²)/(2·penalty) over the nodes."""
+    """Minimise weight·cost + Σ (max(0, m + penalty·g)² − m²)/(2·penalty) over the cells."""
 
-    def lagrangian(z: Variables) -> Scalar:
-        g = excesses(problem, limits, z, iterate.nodes)
+    def lagrangian(z: Variables, times: PerCell) -> Scalar:
+        g = excesses(problem, limits, z, times)
         m, penalty = iterate.multipliers, iterate.penalty
         terms = [jnp.sum(jnp.maximum(0.0, m[name] + penalty * g[name]) ** 2 - m[name] ** 2) for name in g]
         return weight * problem.cost(z) + sum(terms) / (2 * penalty)
 
-    return _minimise(lagrangian, iterate.z)
+    return _minimise(lagrangian, lambda z: worst_times(problem, limits, z), iterate.z)
 
 
-def excesses(problem: Problem, limits: Limits, z: Variables, nodes: PerNode) -> PerNode:
-    """g = ½((value/limit)² − 1) of each limit at its nodes: zero on the limit, smooth where the value vanishes."""
+def worst_times(problem: Problem, limits: Limits, z: Variables) -> PerCell:
+    """Where in each cell each limit is exceeded most, as fractions of the duration."""
     path = problem.path(z)
-    return {
-        name: jax.vmap(_excess(path, name, limit))(path.duration * nodes[name])
-        for name, limit in limits.given().items()
-    }
+    return {name: cell_peaks(partial(squared, name=name), path, CELLS) for name in limits.given()}
 
 
-def worst(g: PerNode) -> Scalar:
+def excesses(problem: Problem, limits: Limits, z: Variables, times: PerCell) -> PerCell:
+    """g = ½((value/limit)² − 1) at the given fractions: zero on the limit, smooth where the value vanishes."""
+    path = problem.path(z)
+
+    def excess(name: str, limit: Scalar) -> Float[Array, " cells"]:
+        values = jax.vmap(lambda u: squared(path, u * path.duration, name))(times[name])
+        return 0.5 * (values / limit**2 - 1.0)
+
+    return {name: excess(name, limit) for name, limit in limits.given().items()}
+
+
+def worst(g: PerCell) -> Scalar:
     """The largest excess, or zero where nothing is exceeded."""
     return jnp.max(jnp.stack([jnp.max(jnp.maximum(0.0, v)) for v in g.values()]))
 
 
-def _excess(path: SpiralHelix, name: str, limit: Scalar) -> Callable[[Scalar], Scalar]:
-    return lambda t: 0.5 * (squared(path, t, name) / limit**2 - 1.0)
+def _minimise(
+    f: Callable[[Variables, PerCell], Scalar], times_at: Callable[[Variables], PerCell], z: Variables
+) -> tuple[Variables, Scalar, Array]:
+    """L-BFGS with a zoom line search, until the gradient vanishes or no step helps: (z, gradient, steps).
 
-
-def _minimise(f: Callable[[Variables], Scalar], z: Variables) -> tuple[Variables, Scalar, Array]:
-    """L-BFGS with a zoom line search, until the gradient vanishes or no step helps: (z, gradient, steps)."""
+    The times of the peaks stand still during one line search: they move the value only to second order, and sought
+    once a step they cost little.
+    """
     import optax  # here, so that importing qtraj does not wait for it
 
     solver = optax.lbfgs(memory_size=MEMORY)
-    value_and_gradient = optax.value_and_grad_from_state(f)
 
     def proceed(carry: _Carry) -> _Carry:
         z, state, _, _, count = carry
-        value, gradient = value_and_gradient(z, state=state)
-        updates, state = solver.update(gradient, state, z, value=value, grad=gradient, value_fn=f)
+        times = times_at(z)
+        value, gradient = jax.value_and_grad(f)(z, times)
+        updates, state = solver.update(gradient, state, z, value=value, grad=gradient, value_fn=lambda z: f(z, times))
         moved = jnp.asarray(optax.apply_updates(z, updates))
-        size = jnp.max(jnp.abs(optax.tree.get(state, "grad")))
-        return moved, state, size, jnp.all(moved == z), count + 1
+        return moved, state, jnp.max(jnp.abs(gradient)), jnp.all(moved == z), count + 1
 
     def unfinished(carry: _Carry) -> Flag:
         _, _, size, stuck, count = carry
         return (size > GRADIENT_TOLERANCE) & ~stuck & (count < INNER_STEPS)
 
     start = (z, solver.init(z), jnp.asarray(jnp.inf, z.dtype), jnp.asarray(False), jnp.asarray(0))
-    z, _, size, _, count = jax.lax.while_loop(unfinished, proceed, start)
+    with jax.numpy_dtype_promotion("standard"):  # optax mixes widths of integers, which a strict session refuses
+        z, _, size, _, count = jax.lax.while_loop(unfinished, proceed, start)
     return z, size, count

@@ -9,7 +9,7 @@ import math
 import equinox as eqx
 import jax.numpy as jnp
 
-from qtraj.design.limits import SAMPLES, UNITS, Limits, moving_derivatives, peak
+from qtraj.design.limits import CELLS, Limits, moving_derivatives, peak, quantity
 from qtraj.design.peaks import largest
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import Scalar
@@ -71,12 +71,11 @@ class Certificate(eqx.Module):
 
 def finding(name: str, value: float, limit: float, time: float) -> str:
     """One value against its limit, in words."""
-    unit = f" {UNITS[name]}" if UNITS[name] else ""
-    return f"{value:.6g} of {limit:.6g}{unit} at t = {time:.4g} s"
+    return f"{value:.6g} of {quantity(name, limit)} at t = {time:.4g} s"
 
 
 def sampled_certificate(path: AbstractHodograph, limits: Limits) -> Certificate:
-    """Findings of a refined grid of 1025 instants, its peaks polished by Newton's method.
+    """Findings of a refined grid: the peaks of 1025 cells of time, polished by Newton's method.
 
     **Raises:** ValueError in float32, whose rounding exceeds the margins that matter here.
     """
@@ -112,13 +111,10 @@ def _peaks(path: AbstractHodograph, limits: Limits) -> dict[str, tuple[Scalar, S
 def _gaps(path: AbstractHodograph) -> tuple[tuple[Scalar, Scalar], tuple[Scalar, Scalar]]:
     """Time and relative measure where the path comes nearest to a stop, and where it comes nearest to straightness."""
 
-    def motion(t: Scalar) -> Scalar:
-        return -_existence(path, t).motion
-
-    def bend(t: Scalar) -> Scalar:
-        return -_existence(path, t).bend
-
-    (stop, slowest), (straight, flattest) = (largest(f, path.duration, SAMPLES) for f in (motion, bend))
+    (stop, slowest), (straight, flattest) = (
+        largest(f, path, CELLS)
+        for f in (lambda path, t: -_existence(path, t).motion, lambda path, t: -_existence(path, t).bend)
+    )
     return (stop, -slowest), (straight, -flattest)
 
 

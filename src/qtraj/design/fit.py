@@ -8,6 +8,8 @@ Left alone, the axis runs away: polynomials of ρ and φ about a far axis, or on
 curve. So ρ is held within bounds, R/4 to 2R unless told otherwise: the axis stays inside the bend.
 """
 
+from collections.abc import Sequence
+
 import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial
@@ -41,9 +43,9 @@ HELD = 1e-3
 def fit(
     track: Track,
     motion: str = "uniform",
-    position_sigma: float = POSITION_SIGMA,
-    velocity_sigma: float = VELOCITY_SIGMA,
-    radius_bounds: tuple[float, float] | None = None,
+    position_sigma: float | int = POSITION_SIGMA,
+    velocity_sigma: float | int = VELOCITY_SIGMA,
+    radius_bounds: Sequence[float | int] | None = None,
     max_steps: int = 256,
 ) -> SpiralHelix:
     """The spiral-helix about a vertical axis that follows `track` best; path time 0 is its first sample.
@@ -71,14 +73,14 @@ def fit(
     unknowns, converged = _in_the_plane(track, centre, scale, bounds, ratio, ANGLE_TERMS[motion], max_steps)
     height = _height(track, centre[2], ratio)
 
-    duration = float(track.duration)
+    duration, dtype = float(track.duration), track.positions.dtype
     radius = _ascending(unknowns[2 : 2 + TERMS], duration) * scale
     angle = _ascending(unknowns[2 + TERMS :], duration)
     angle[0] -= 2 * np.pi * np.round(angle[0] / (2 * np.pi))
-    coefficients = (jnp.asarray(c, track.positions.dtype) for c in (radius, angle, _ascending(height, duration)))
+    coefficients = (jnp.asarray(c, dtype) for c in (radius, angle, _ascending(height, duration)))
     axis = np.array([*(centre[:2] + scale * unknowns[:2]), 0.0])
-    placement = Placement(jnp.asarray(axis, track.positions.dtype))
-    path = SpiralHelix(*coefficients, duration=track.duration, placement=placement)
+    placement = Placement(jnp.asarray(axis, dtype), jnp.array([1.0, 0.0, 0.0, 0.0], dtype))
+    path = SpiralHelix(*coefficients, duration=track.duration.astype(dtype), placement=placement)
 
     converged, message = _verdict(radius, duration, bounds, converged, max_steps)
     residual = compare(path, track, converged, message)
@@ -100,7 +102,7 @@ def _in_the_plane(
     basis, _ = basis_at(known(track.elapsed))
     found = []
     for start in starts(positions, basis, angle_terms, (bounds[0] / scale, bounds[1] / scale)):
-        unknowns, cost, ended = minimise(turn, jnp.asarray(start, track.positions.dtype), max_steps)
+        unknowns, cost, ended = minimise(turn, jnp.asarray(start, float), max_steps)
         if np.isfinite(cost):
             found.append((float(cost), np.asarray(unknowns, np.float64), bool(ended)))
     if not found:
@@ -176,14 +178,13 @@ def _verdict(
     return True, ""
 
 
-def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
-    low, high = bounds
-    if not 0 < low < high < np.inf:
-        raise ValueError(f"radius_bounds must be 0 < low < high [m], but {bounds!r} was given")
-    return float(low), float(high)
+def _ordered(bounds: Sequence[float | int]) -> tuple[float, float]:
+    if len(bounds) != 2 or not 0 < bounds[0] < bounds[1] < np.inf:
+        raise ValueError(f"radius_bounds must be (low, high) with 0 < low < high [m], but {bounds!r} was given")
+    return float(bounds[0]), float(bounds[1])
 
 
-def _require_positive(**numbers: float) -> None:
+def _require_positive(**numbers: float | int) -> None:
     for name, value in numbers.items():
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} must be positive, but {value!r} was given")

@@ -11,9 +11,6 @@ from qtraj.path.boundary_problem import directed_turn
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
 
-UNLIMITED = Limits(speed=1.0)
-"""The starting path is the same whatever the limits are, but a tuning problem must have one."""
-
 
 def given_path(
     start: BoundaryState,
@@ -32,7 +29,8 @@ def given_path(
     **Raises:** ValueError for input that makes no path, saying what was given and what to do.
     """
     if start.acceleration is None and end.acceleration is None:
-        problem = pose(start, end, UNLIMITED, objective, motion, duration, turns, placement)
+        any_limit = Limits(speed=1.0)  # a tuning problem must have one, and its starting path is the same for all
+        problem = pose(start, end, any_limit, objective, motion, duration, turns, placement)
         return problem.path(jnp.zeros(problem.size, problem.speed.dtype))
     if motion != "hermite" or duration is None:
         raise ValueError("boundary states with accelerations make a path only with motion='hermite' and a duration")

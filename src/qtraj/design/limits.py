@@ -31,8 +31,8 @@ UNITS = {
 """The unit of each limit; their order here is the order everywhere."""
 
 
-SAMPLES = 1025
-"""Instants of the grid on which peaks are sought."""
+CELLS = 1025
+"""Cells of time in which peaks are sought."""
 
 
 @storable
@@ -93,16 +93,21 @@ class Limits(eqx.Module):
         return {name: limits[name] - value for name, value in self.values(path, t).items()}
 
 
+def quantity(name: str, value: float) -> str:
+    """A value of one magnitude with its unit, in words."""
+    return f"{value:.6g} {UNITS[name]}".rstrip()
+
+
 def peak(path: AbstractHodograph, name: str) -> tuple[Scalar, Scalar]:
     """Time [s] and size of the largest value of one magnitude (a field of `Limits`) over the whole path.
 
-    Sought on a grid of 1025 instants and polished by Newton's method; differentiable in the path (envelope theorem).
+    Sought in 1025 cells of time by Newton's method; differentiable in the path (envelope theorem).
 
     **Raises:** ValueError for an unknown name.
     """
     if name not in UNITS:
         raise ValueError(f"unknown magnitude {name!r}; known are {', '.join(UNITS)}")
-    return largest(lambda t: magnitude(path, t, name), path.duration, SAMPLES)
+    return largest(lambda path, t: magnitude(path, t, name), path, CELLS)
 
 
 def squared(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:

@@ -1,63 +1,61 @@
-"""Maxima of a smooth function of time: a grid whose nodes slide onto the maxima.
+"""Maxima of a smooth function of time, cell by cell.
 
-Every node that is a local maximum of its neighbourhood is moved onto the true maximum by Newton's method, so the
-largest value over the nodes is the largest value over the interval, up to maxima narrower than the grid. The moved
-times are held constant in differentiation: at a maximum ∂f/∂t = 0, so the gradient of f(t*, x) in x is exact
-(envelope theorem); at an end of the interval t* does not move.
+[0, duration] is divided into cells about equally spaced nodes, and in each the largest value is sought by Newton's
+method from the node. So the largest of the values is that of the whole interval, up to maxima narrower than a cell,
+and each value is a continuous function of whatever else `f` depends on. The times found are held constant in
+differentiation: within a cell ∂f/∂t = 0 there, so the gradient of f(t*, x) in x is exact (envelope theorem), and on
+the border of a cell t* does not move.
 """
 
 from collections.abc import Callable
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from qtraj.foundation.types import Scalar
+from qtraj.foundation.types import Scalar, ScalarLike
+from qtraj.path.hodograph import AbstractHodograph
 
 NEWTON_STEPS = 4
 
+OfPath = Callable[[AbstractHodograph, Scalar], Scalar]
+"""A quantity of a path at one instant."""
 
-def sliding_nodes(
-    f: Callable[[Scalar], Scalar], duration: Scalar, samples: int
-) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Times and values of `f` on `samples` nodes of [0, duration], local maxima polished by Newton's method.
 
-    The times are constant fractions of the duration to differentiation, since the duration itself may vary.
-    """
-    step = duration / (samples - 1)
-    grid = step * jnp.arange(samples, dtype=duration.dtype)
-    values = jax.vmap(f)(grid)
-    left = jnp.concatenate([values[:1], values[:-1]])
-    right = jnp.concatenate([values[1:], values[-1:]])
-    crest = (values >= left) & (values >= right)
-    moved = _newton(f, grid, jnp.clip(grid - step, 0.0, duration), jnp.clip(grid + step, 0.0, duration))
-    better = crest & (jax.vmap(f)(moved) > values)
-    times = jax.lax.stop_gradient(jnp.where(better, moved, grid) / duration) * duration
-    return times, jax.vmap(f)(times)
+def cell_peaks(f: OfPath, path: AbstractHodograph, cells: int) -> Float[Array, " n"]:
+    """Where f(path, t) is largest in each of `cells` cells: fractions of the duration, constant to differentiation."""
+    half = 0.5 / (cells - 1)
+    nodes = jnp.linspace(0.0, 1.0, cells, dtype=path.duration.dtype)
+    low, high = jnp.clip(nodes - half, 0.0, 1.0), jnp.clip(nodes + half, 0.0, 1.0)
+    # Frozen before the search and not after it, or the search itself would be differentiated in vain.
+    frozen = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, path)
+    return _newton(lambda u: f(frozen, u * frozen.duration), nodes, low, high)
+
+
+def largest(f: OfPath, path: AbstractHodograph, cells: int) -> tuple[Scalar, Scalar]:
+    """Time and value of the largest f(path, t) over the path; the value is differentiable (envelope theorem)."""
+    times = cell_peaks(f, path, cells) * path.duration
+    values = jax.vmap(lambda t: f(path, t))(times)
+    worst = jnp.argmax(values)
+    return times[worst], values[worst]
 
 
 def _newton(
-    f: Callable[[Scalar], Scalar], t: Float[Array, " n"], low: Float[Array, " n"], high: Float[Array, " n"]
+    g: Callable[[Scalar], Scalar], u: Float[Array, " n"], low: Float[Array, " n"], high: Float[Array, " n"]
 ) -> Float[Array, " n"]:
-    """Newton's iteration for f' = 0 on every node at once, kept in its bracket; no step where f is not concave."""
+    """Newton's iteration for g' = 0 in every cell at once; uphill to the border where g is not concave."""
 
-    def slope(t: Scalar) -> Scalar:
-        return jax.jvp(f, (t,), (jnp.ones_like(t),))[1]
+    def slope(u: Scalar) -> Scalar:
+        return jax.jvp(g, (u,), (jnp.ones_like(u),))[1]
 
-    def improve(t: Scalar, low: Scalar, high: Scalar) -> Scalar:
-        first, second = jax.jvp(slope, (t,), (jnp.ones_like(t),))
+    def improve(u: Scalar, low: Scalar, high: Scalar) -> Scalar:
+        first, second = jax.jvp(slope, (u,), (jnp.ones_like(u),))
         concave = second < 0
-        step = jnp.where(concave, -first / jnp.where(concave, second, 1.0), 0.0)
-        return jnp.clip(jnp.where(jnp.isfinite(step), t + step, t), low, high)
+        step = jnp.where(concave, -first / jnp.where(concave, second, 1.0), jnp.sign(first))
+        return jnp.where(jnp.isfinite(step), jnp.clip(u + step, low, high), u)
 
-    def step(_: int, t: Float[Array, " n"]) -> Float[Array, " n"]:
-        return jax.vmap(improve)(t, low, high)
+    def step(_: ScalarLike, u: Float[Array, " n"]) -> Float[Array, " n"]:
+        return jax.vmap(improve)(u, low, high)
 
-    return jax.lax.fori_loop(0, NEWTON_STEPS, step, jax.lax.stop_gradient(t))
-
-
-def largest(f: Callable[[Scalar], Scalar], duration: Scalar, samples: int) -> tuple[Scalar, Scalar]:
-    """Time and value of the largest `f` over [0, duration]; the value is differentiable (envelope theorem)."""
-    times, values = sliding_nodes(f, duration, samples)
-    worst = jnp.argmax(values)
-    return times[worst], values[worst]
+    return jax.lax.fori_loop(0, NEWTON_STEPS, step, u)

@@ -71,8 +71,8 @@ def tune(
     turn has the sense of V_φ at the start, a magnitude in (0, 2π), and `turns` whole turns besides. After every round
     `progress(round, objective over its scale, largest relative excess)` is called.
 
-    The search is local and starts from the given states. Limits are held at the polished peaks of a grid of 129
-    instants, and judged on a refined grid of 1025: see `Certificate`.
+    The search is local and starts from the given states. Limits are held at the polished peaks of 65 cells of time,
+    and judged on 1025: see `Certificate`.
 
     **Raises:** ValueError for input that makes no problem, or in float32. A problem without a solution is no error:
     its `status` is "infeasible" and its `result` says why and what would help.

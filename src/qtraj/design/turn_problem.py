@@ -57,15 +57,18 @@ def basis_at(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def problem(track: Track, centre: np.ndarray, scale: float, bounds: tuple[float, float], ratio: float) -> TurnProblem:
-    """The problem of `track` about `centre` [m]; `ratio` [s] is the position sigma over the velocity sigma."""
+    """The problem of `track` about `centre` [m]; `ratio` [s] is the position sigma over the velocity sigma.
+
+    In JAX's default precision, whatever that of the track.
+    """
     basis, slope = basis_at(known(track.elapsed))
-    count, dtype = len(basis), track.positions.dtype
+    count = len(basis)
     velocities = np.zeros((count, 2)) if track.velocities is None else known(track.velocities)[:, :2]
     weight = np.full(count, count**-0.5)
     missing = max(SMALLEST_BUCKET, 1 << (count - 1).bit_length()) - count
 
     def padded(x: np.ndarray) -> Array:
-        return jnp.asarray(np.pad(x, [(0, missing)] + [(0, 0)] * (x.ndim - 1)), dtype)
+        return jnp.asarray(np.pad(x, [(0, missing)] + [(0, 0)] * (x.ndim - 1)), float)
 
     return TurnProblem(
         basis=padded(basis),
@@ -74,7 +77,7 @@ def problem(track: Track, centre: np.ndarray, scale: float, bounds: tuple[float,
         velocities=padded(velocities / scale),
         weights=padded(weight),
         velocity_weights=padded(weight * (0.0 if track.velocities is None else ratio)),
-        bounds=jnp.asarray(np.array(bounds) / scale, dtype),
+        bounds=jnp.asarray(np.array(bounds) / scale, float),
     )
 
 

@@ -3,16 +3,16 @@
 from qtraj.design import augmented
 from qtraj.design.augmented import FEASIBLE, Iterate
 from qtraj.design.certificate import Certificate, finding
-from qtraj.design.limits import UNITS, Limits
+from qtraj.design.limits import Limits, quantity
 from qtraj.design.problem import Problem
 
 RELAXED = 1e6
 """A limit times this limits nothing."""
 
 
-def converged(certificate: Certificate, rounds_of: Iterate) -> str:
+def converged(certificate: Certificate, last: Iterate) -> str:
     """What to say of a tuning that met every limit."""
-    lines = [f"converged in {int(rounds_of.steps)} steps: every limit is met, as far as refined sampling shows."]
+    lines = [f"converged in {int(last.steps)} steps: every limit is met, as far as refined sampling shows."]
     for name in certificate.binding:
         time, value, limit = certificate.worst[name]
         lines.append(f"{name} binds: {finding(name, value, limit, time)}.")
@@ -34,18 +34,17 @@ def infeasible(problem: Problem, limits: Limits, least: Iterate, certificate: Ce
     """What to say where no boundary velocities near the given ones meet the limits."""
     broken = [name for name, status in certificate.status.items() if status != "sampled"]
     lines = [f"infeasible: no boundary velocities of {problem.motion} motion were found that meet the limits."]
-    floors = {name: _least_alone(problem, limits, least, name) for name in broken}
     for name in broken:
         time, value, limit = certificate.worst[name]
-        alone = floors[name]
+        alone = _least_alone(problem, limits, least, name)
         if alone > 1 + FEASIBLE:
             lines.append(
-                f"{name} cannot be met between these positions: its peak stays at {alone * limit:.6g} {UNITS[name]} "
-                f"or more, whatever the other limits ({finding(name, value, limit, time)})."
+                f"{name} cannot be met between these positions: even alone the least peak found is "
+                f"{quantity(name, alone * limit)} ({finding(name, value, limit, time)})."
             )
         else:
             lines.append(f"{name} can be met alone, but not with the others ({finding(name, value, limit, time)}).")
-    lines.append("What would help: " + "; ".join(_remedies(problem, certificate, broken, floors)) + ".")
+    lines.append("What would help: " + "; ".join(_remedies(problem, certificate, broken)) + ".")
     return " ".join(lines)
 
 
@@ -57,12 +56,11 @@ def _least_alone(problem: Problem, limits: Limits, least: Iterate, name: str) ->
     return (1 + 2 * excess) ** 0.5
 
 
-def _remedies(problem: Problem, certificate: Certificate, broken: list[str], floors: dict[str, float]) -> list[str]:
+def _remedies(problem: Problem, certificate: Certificate, broken: list[str]) -> list[str]:
     remedies = []
     for name in broken:
-        _, value, limit = certificate.worst[name]
-        needed = max(value, floors[name] * limit)
-        remedies.append(f"raise {name} to {needed * 1.0001:.6g} {UNITS[name]}".rstrip())
+        _, value, _ = certificate.worst[name]
+        remedies.append(f"raise {name} to {quantity(name, 1.0001 * value)}")
     if problem.motion == "uniform":
         remedies.append("take motion='hermite', whose angle need not turn uniformly")
     if problem.holds_duration:

@@ -42,7 +42,12 @@ def read_scenario(file: Path | str) -> ScenarioFile:
         scenario = Scenario.model_validate(data)
     except ValidationError as error:
         raise ValueError(explain(path, error)) from None
-    return ScenarioFile(path, scenario, hashlib.sha256(content).hexdigest()[:HASH_DIGITS])
+    return ScenarioFile(path, scenario, content_hash(content))
+
+
+def content_hash(content: bytes) -> str:
+    """The first 16 hexadecimal digits of the SHA-256 of a file's bytes."""
+    return hashlib.sha256(content).hexdigest()[:HASH_DIGITS]
 
 
 def _parse(path: Path, content: bytes) -> dict[str, object]:
@@ -52,6 +57,8 @@ def _parse(path: Path, content: bytes) -> dict[str, object]:
         raise ValueError(f"{path}: not a text file in UTF-8 (byte {error.start})") from None
     try:
         return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError(f"{path}: not a scenario: its tables or arrays are nested too deep") from None
     except tomllib.TOMLDecodeError as error:
         lines = text.splitlines() or [""]
         end = f"at line {len(lines)}, column {len(lines[-1]) + 1}, the end of the file"

@@ -3,7 +3,7 @@
 The `description` of a key completes the sentence "expected …": it is what a message says when the value is another.
 """
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -31,29 +31,29 @@ class TrackPart(Part):
 
     file: Text = Field(description="the name of a text file, relative to the scenario")
     window: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = Field(
-        None, description="two finite times [t0, t1] in seconds on the recording's own clock"
+        default=None, description="two finite times [t0, t1] in seconds on the recording's own clock"
     )
     columns: dict[Literal["time", "position", "velocity", "attitude"], Text | list[Text]] | None = Field(
-        None,
+        default=None,
         description="column names of 'time', 'position', 'velocity' or 'attitude'; an empty list leaves a part out",
     )
-    source: Text | None = Field(None, description="a text: where the recording comes from, and its licence")
+    source: Text | None = Field(default=None, description="a text: where the recording comes from, and its licence")
 
     @model_validator(mode="after")
-    def _ordered(self) -> Self:
+    def _ordered(self) -> "TrackPart":
         if self.window is not None and not self.window[0] < self.window[1]:
-            raise ValueError("track.window: a window must end after it starts")
+            raise ValueError(f"the key 'track.window' holds {self.window}, but expected [t0, t1] with t0 < t1")
         return self
 
 
 class FitPart(Part):
     """[fit]: how the recording is fitted; what is left out takes the defaults of `qtraj.fit`."""
 
-    motion: Motion | None = Field(None, description=MOTION)
-    position_sigma: Positive | None = Field(None, description="a positive finite number [m]")
-    velocity_sigma: Positive | None = Field(None, description="a positive finite number [m/s]")
+    motion: Motion | None = Field(default=None, description=MOTION)
+    position_sigma: Positive | None = Field(default=None, description="a positive finite number [m]")
+    velocity_sigma: Positive | None = Field(default=None, description="a positive finite number [m/s]")
     radius_bounds: Annotated[list[Positive], Field(min_length=2, max_length=2)] | None = Field(
-        None, description="two positive finite radii [low, high] [m]"
+        default=None, description="two positive finite radii [low, high] [m]"
     )
 
 
@@ -62,7 +62,7 @@ class StatePart(Part):
 
     position: Vector = Field(description="three finite numbers [x, y, z] [m]")
     velocity: Vector = Field(description="three finite numbers [x, y, z] [m/s]")
-    acceleration: Vector | None = Field(None, description="three finite numbers [x, y, z] [m/s²]")
+    acceleration: Vector | None = Field(default=None, description="three finite numbers [x, y, z] [m/s²]")
 
 
 class PlacementPart(Part):
@@ -70,22 +70,23 @@ class PlacementPart(Part):
 
     origin: Vector = Field(description="three finite numbers [x, y, z] [m], a point of the axis")
     orientation: Annotated[list[Number], Field(min_length=4, max_length=4)] | None = Field(
-        None, description="a quaternion of four finite numbers, scalar first, from the path's axes to the world's"
+        default=None,
+        description="a quaternion of four finite numbers, scalar first, from the path's axes to the world's",
     )
 
 
 class LimitsPart(Part):
     """[limits]: upper bounds on magnitudes along the path."""
 
-    curvature: Positive | None = Field(None, description="a positive finite number [1/m]")
-    torsion: Positive | None = Field(None, description="a positive finite number [1/m]")
-    speed: Positive | None = Field(None, description="a positive finite number [m/s]")
-    acceleration: Positive | None = Field(None, description="a positive finite number [m/s²]")
-    lateral_acceleration: Positive | None = Field(None, description="a positive finite number [m/s²]")
-    longitudinal_acceleration: Positive | None = Field(None, description="a positive finite number [m/s²]")
-    slope: Positive | None = Field(None, description="a positive finite number [-], rise over run")
-    angular_rate: Positive | None = Field(None, description="a positive finite number [rad/s]")
-    angular_acceleration: Positive | None = Field(None, description="a positive finite number [rad/s²]")
+    curvature: Positive | None = Field(default=None, description="a positive finite number [1/m]")
+    torsion: Positive | None = Field(default=None, description="a positive finite number [1/m]")
+    speed: Positive | None = Field(default=None, description="a positive finite number [m/s]")
+    acceleration: Positive | None = Field(default=None, description="a positive finite number [m/s²]")
+    lateral_acceleration: Positive | None = Field(default=None, description="a positive finite number [m/s²]")
+    longitudinal_acceleration: Positive | None = Field(default=None, description="a positive finite number [m/s²]")
+    slope: Positive | None = Field(default=None, description="a positive finite number [-], rise over run")
+    angular_rate: Positive | None = Field(default=None, description="a positive finite number [rad/s]")
+    angular_acceleration: Positive | None = Field(default=None, description="a positive finite number [rad/s²]")
 
     def given(self) -> dict[str, float]:
         """The limits that are set, by name."""
@@ -95,35 +96,35 @@ class LimitsPart(Part):
 class TunePart(Part):
     """[tune]: what is asked of the tuned path."""
 
-    objective: Objective = Field("nearest", description=OBJECTIVE)
-    motion: Motion = Field("uniform", description=MOTION)
-    duration: Positive | None = Field(None, description="a positive finite number [s]")
-    turns: Wholes | None = Field(None, description="a whole number, 0 or more")
+    objective: Objective = Field(default="nearest", description=OBJECTIVE)
+    motion: Motion = Field(default="uniform", description=MOTION)
+    duration: Positive | None = Field(default=None, description="a positive finite number [s]")
+    turns: Wholes | None = Field(default=None, description="a whole number, 0 or more")
 
 
 class Scenario(Part):
     """A scenario: one path (a track, two boundary states, or a saved path), limits, and what tuning is to do."""
 
-    name: Text | None = Field(None, description="a text")
-    description: Text | None = Field(None, description="a text")
-    track: TrackPart | None = Field(None, description="a table [track]")
-    fit: FitPart | None = Field(None, description="a table [fit]")
-    start: StatePart | None = Field(None, description="a table [start]")
-    end: StatePart | None = Field(None, description="a table [end]")
-    path: Text | None = Field(None, description="the name of a saved path, relative to the scenario")
-    placement: PlacementPart | None = Field(None, description="a table [placement]")
-    duration: Positive | None = Field(None, description="a positive finite number [s]")
-    turns: Wholes | None = Field(None, description="a whole number, 0 or more")
-    limits: LimitsPart = Field(default_factory=LimitsPart, description="a table [limits]")
+    name: Text | None = Field(default=None, description="a text")
+    description: Text | None = Field(default=None, description="a text")
+    track: TrackPart | None = Field(default=None, description="a table [track]")
+    fit: FitPart | None = Field(default=None, description="a table [fit]")
+    start: StatePart | None = Field(default=None, description="a table [start]")
+    end: StatePart | None = Field(default=None, description="a table [end]")
+    path: Text | None = Field(default=None, description="the name of a saved path, relative to the scenario")
+    placement: PlacementPart | None = Field(default=None, description="a table [placement]")
+    duration: Positive | None = Field(default=None, description="a positive finite number [s]")
+    turns: Wholes | None = Field(default=None, description="a whole number, 0 or more")
+    limits: LimitsPart = Field(default=LimitsPart(), description="a table [limits]")
     purpose: dict[str, Text] = Field(default_factory=dict, description="a table [purpose] of texts, one for each limit")
-    tune: TunePart = Field(default_factory=TunePart, description="a table [tune]")
+    tune: TunePart = Field(default=TunePart(), description="a table [tune]")
 
     @model_validator(mode="after")
-    def _one_path(self) -> Self:
+    def _one_path(self) -> "Scenario":
         states = [name for name in ("start", "end") if getattr(self, name) is not None]
         sources = [name for name in ("track", *states, "path") if getattr(self, name) is not None]
         if not sources:
-            raise ValueError("there is no path: give [track], or [start] and [end], or path = \"a saved path\"")
+            raise ValueError('there is no path: give [track], or [start] and [end], or path = "a saved path"')
         if len(states) == 1 and len(sources) == 1:
             raise ValueError(f"[{states[0]}] stands alone: [{'end' if states == ['start'] else 'start'}] is missing")
         if len(sources) > 1 and sources != ["start", "end"]:
@@ -131,7 +132,7 @@ class Scenario(Part):
         return self
 
     @model_validator(mode="after")
-    def _belonging(self) -> Self:
+    def _belonging(self) -> "Scenario":
         if self.fit is not None and self.track is None:
             raise ValueError("[fit] belongs to a [track], and there is none")
         for name in ("placement", "duration", "turns"):
@@ -145,7 +146,7 @@ class Scenario(Part):
         return self
 
     @model_validator(mode="after")
-    def _purposes(self) -> Self:
+    def _purposes(self) -> "Scenario":
         if extra := sorted(set(self.purpose) - set(self.limits.given())):
             raise ValueError(f"purpose.{extra[0]}: [limits] has no {extra[0]!r} that could have a purpose")
         return self

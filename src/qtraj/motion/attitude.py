@@ -1,9 +1,11 @@
 """Attitude with its first two derivatives, and the programs that give it as a function of time."""
 
 import abc
+import os
 
 import equinox as eqx
 
+from qtraj.foundation import document
 from qtraj.foundation.types import Quat, Scalar, ScalarLike, Vec3
 
 
@@ -27,3 +29,10 @@ class AbstractProgram(eqx.Module):
     @abc.abstractmethod
     def __call__(self, t: ScalarLike) -> Attitude:
         """The program's attitude at one instant; its quaternion is continuous in t on [0, duration]."""
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Write the program to a TOML or JSON file, exactly; `qtraj.load` reads it.
+
+        **Raises:** ValueError for another suffix, or for a program that holds a function of the user's own.
+        """
+        document.save(self, file)

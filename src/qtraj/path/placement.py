@@ -31,8 +31,8 @@ class Placement(eqx.Module):
 
     def to_world(self, vector: Vec3) -> Vec3:
         """World components of a free vector given in the path's axes."""
-        return quaternion.rotate(self.orientation, vector)
+        return quaternion.rotate(self.orientation.astype(vector.dtype), vector)
 
     def to_local(self, vector: Vec3) -> Vec3:
         """Components in the path's axes of a free vector given in world axes."""
-        return quaternion.rotate(quaternion.conjugate(self.orientation), vector)
+        return quaternion.rotate(quaternion.conjugate(self.orientation).astype(vector.dtype), vector)

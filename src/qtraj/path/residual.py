@@ -1,5 +1,7 @@
 """How well a path follows a recorded track."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -95,7 +97,7 @@ def _measures(
     times: Float[Array, " n"],
     positions: Float[Array, "n 3"],
     velocities: Float[Array, "n 3"] | None,
-) -> dict[str, Scalar | None]:
+) -> dict[str, Any]:
     states = jax.vmap(lambda t: path.derivatives(t, 1))(times)
     offset = states[:, 0] - positions.astype(states.dtype)
     distances = jax.vmap(norm)(offset)

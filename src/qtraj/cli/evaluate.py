@@ -1,0 +1,35 @@
+"""`qtraj evaluate`: the path of a scenario, or a saved one, as a table."""
+
+import json
+from pathlib import Path
+
+import typer
+
+from qtraj.cli.terminal import guarded, stdout
+
+
+def evaluate(
+    scenario: Path = typer.Argument(..., metavar="SCENARIO", help="A scenario, or a saved path (TOML or JSON)."),
+    samples: int | None = typer.Option(
+        None, min=2, metavar="N", help="Number of instants, both ends included. [default: 25]"
+    ),
+    step: float | None = typer.Option(
+        None, metavar="SECONDS", help="Time between instants instead; the end is always included."
+    ),
+    out: Path | None = typer.Option(None, metavar="DIR", help="Folder for table.nc and table.csv."),
+    as_json: bool = typer.Option(False, "--json", help="Print the table as JSON instead."),
+) -> None:
+    """Tabulate a path: time, position, speed, curvature, torsion, attitude and rate.
+
+    Of a scenario it is the path before tuning. Attitude and rate are those of the natural trihedral; the quaternion is
+    scalar first, body to world.
+    """
+    from qtraj.cli.evaluation import run  # here, so that --help need not wait for pydantic and xarray
+    from qtraj.cli.tabulate import print_table
+
+    with guarded():
+        content = run(scenario, samples, step, out)
+    if as_json:
+        typer.echo(json.dumps(content, ensure_ascii=False, allow_nan=False))
+    else:
+        print_table(stdout(), content)

@@ -1,0 +1,151 @@
+"""From a scenario to what the commands work on: the path before tuning, and what tuning needs besides."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from qtraj.design.fit import fit
+from qtraj.design.given import given_path
+from qtraj.design.limits import Limits
+from qtraj.design.tune import Tuned
+from qtraj.foundation.document import load
+from qtraj.io.scenario import ScenarioFile
+from qtraj.io.scenario_model import Scenario
+from qtraj.io.track_file import read_track
+from qtraj.path.boundary import BoundaryState
+from qtraj.path.placement import Placement
+from qtraj.path.residual import Residual
+from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.track import Track
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What the command line may say in place of the scenario; None leaves it to the scenario."""
+
+    motion: str | None = None
+    objective: str | None = None
+
+
+@dataclass(frozen=True)
+class Job:
+    """The path before tuning, the boundary states given, and the arguments of `tune`."""
+
+    path: SpiralHelix
+    start: BoundaryState
+    end: BoundaryState
+    limits: Limits
+    objective: str
+    motion: str
+    duration: float | None
+    turns: int
+    track: Track | None = None
+    residual: Residual | None = None
+
+    def tuning(self) -> dict[str, Any]:
+        """The arguments of `tune`."""
+        return {
+            "start": self.start,
+            "end": self.end,
+            "limits": self.limits,
+            "objective": self.objective,
+            "motion": self.motion,
+            "duration": self.duration,
+            "turns": self.turns,
+            "placement": self.path.placement,
+        }
+
+
+def lay(given: ScenarioFile, choice: Choice = Choice()) -> Job:
+    """The job of a scenario.
+
+    **Raises:** OSError for a file that cannot be read; ValueError, naming the scenario, for data that make no path.
+    """
+    scenario = given.scenario
+    objective = choice.objective or scenario.tune.objective
+    motion = choice.motion or scenario.tune.motion
+    limits = Limits(**scenario.limits.given())
+    try:
+        if scenario.track is not None:
+            path, track = _fitted(given, scenario, motion)
+            return _along(path, scenario, limits, objective, motion, track)
+        if scenario.path is not None:
+            return _along(saved_path(given.beside(scenario.path)), scenario, limits, objective, motion)
+        return _between(scenario, limits, objective, motion)
+    except ValueError as error:
+        raise ValueError(f"{given.file}: {error}") from error
+
+
+def is_saved(file: Path) -> bool:
+    """Whether a file is a stored document (of a path, or of something else) and no scenario."""
+    if file.suffix == ".json":
+        return True
+    return any(line.split("=")[0].strip() == "format" for line in _top(file))
+
+
+def _top(file: Path) -> list[str]:
+    """The lines of a TOML file before its first table."""
+    lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
+    first = next((k for k, line in enumerate(lines) if line.lstrip().startswith("[")), len(lines))
+    return lines[:first]
+
+
+def saved_path(file: Path) -> SpiralHelix:
+    """The path in a saved document; of a tuned result, its path.
+
+    **Raises:** OSError, or ValueError naming the file where it holds no spiral-helix.
+    """
+    stored = load(file)
+    path = stored.path if isinstance(stored, Tuned) else stored
+    if not isinstance(path, SpiralHelix):
+        raise ValueError(f"{file}: a saved path was expected, but the file holds a {type(stored).__name__}")
+    return path
+
+
+def _fitted(given: ScenarioFile, scenario: Scenario, motion: str) -> tuple[SpiralHelix, Track]:
+    part = scenario.track
+    if part is None:
+        raise ValueError("there is no [track] to fit")
+    columns = None if part.columns is None else {name: chosen or None for name, chosen in part.columns.items()}
+    track = read_track(given.beside(part.file), columns)
+    if part.window is not None:
+        track = track.window(*part.window)
+    settings = {} if scenario.fit is None else scenario.fit.model_dump(exclude_none=True)
+    if bounds := settings.get("radius_bounds"):
+        settings["radius_bounds"] = tuple(map(float, bounds))
+    return fit(track, **{"motion": motion, **settings}), track
+
+
+def _along(
+    path: SpiralHelix, scenario: Scenario, limits: Limits, objective: str, motion: str, track: Track | None = None
+) -> Job:
+    """The job of a path that is there already: its ends are the boundary states, its turn is kept."""
+    holds = motion == "hermite" or objective == "smoothest"
+    duration = scenario.tune.duration or (float(path.duration) if holds else None)
+    # Without residual and mismatch it has the structure of a tuned path, and what is compiled for one serves both.
+    plain = SpiralHelix(path.radius, path.angle, path.height, path.duration, path.placement)
+    return Job(
+        path=plain,
+        start=plain.state(0.0),
+        end=plain.state(plain.duration),
+        limits=limits,
+        objective=objective,
+        motion=motion,
+        duration=duration,
+        turns=math.floor(abs(float(path.turn)) / (2 * math.pi)),
+        track=track,
+        residual=path.residual,
+    )
+
+
+def _between(scenario: Scenario, limits: Limits, objective: str, motion: str) -> Job:
+    """The job between two boundary states."""
+    if scenario.start is None or scenario.end is None:
+        raise ValueError("there are no [start] and [end]")
+    start, end = (BoundaryState(**s.model_dump(exclude_none=True)) for s in (scenario.start, scenario.end))
+    placement = None if scenario.placement is None else Placement(**scenario.placement.model_dump(exclude_none=True))
+    duration = scenario.tune.duration or scenario.duration
+    turns = scenario.tune.turns or scenario.turns or 0
+    path = given_path(start, end, objective, motion, duration, turns, placement)
+    return Job(path, start, end, limits, objective, motion, duration, turns)

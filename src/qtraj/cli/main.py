@@ -1,0 +1,24 @@
+"""The entry point of the command line: what must happen before anything else is imported."""
+
+import importlib.util
+import sys
+
+from qtraj.cli.session import prepare
+
+NEEDED = ("typer", "rich", "pydantic", "xarray", "h5netcdf", "matplotlib")
+"""What the command line needs beyond the core of qtraj."""
+
+
+def main() -> None:
+    """Run the command line; exit with 2, saying what to install, where a package is missing."""
+    missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
+    if missing:
+        sys.stderr.write(
+            f"error: the command line needs {', '.join(missing)}, which this environment lacks. "
+            "Install it with: pip install 'qtraj[all]'\n"
+        )
+        sys.exit(2)
+    prepare()
+    from qtraj.cli.app import app
+
+    app(prog_name="qtraj")

@@ -1,0 +1,69 @@
+"""Files that appear whole or not at all."""
+
+import os
+import shutil
+import signal
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+Writer = Callable[[Path], None]
+
+
+def check_folder(out: Path) -> None:
+    """Raise an OSError now where `write_all` could not write later."""
+    root = _existing(out)
+    if not root.is_dir():
+        raise NotADirectoryError(f"{root}: a folder to write into was expected, but this is a file")
+    if not os.access(root, os.W_OK | os.X_OK):
+        raise PermissionError(f"{root}: this folder may not be written to")
+
+
+def write_all(out: Path, writers: Mapping[str, Writer]) -> list[Path]:
+    """Write every file by name into the folder `out`: all of them, or, where one fails, none.
+
+    They are written into a hidden folder of the same file system and moved when all are complete, so that an
+    interrupt leaves nothing half-written. Files of other names in `out` stay as they are.
+
+    **Raises:** OSError where something cannot be written.
+    """
+    check_folder(out)
+    targets = [out / name for name in writers]
+    if blocked := [target for target in targets if target.is_dir()]:
+        raise IsADirectoryError(f"{blocked[0]}: a file is to be written here, but there is a folder of this name")
+    stage = Path(tempfile.mkdtemp(prefix=".qtraj-", dir=_existing(out)))
+    try:
+        for name, write in writers.items():
+            write(stage / name)
+        with _uninterrupted():
+            out.mkdir(parents=True, exist_ok=True)
+            for name in writers:
+                os.replace(stage / name, out / name)
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+    return targets
+
+
+def _existing(folder: Path) -> Path:
+    """The folder itself, or the nearest one above it that exists."""
+    folder = folder.absolute()
+    return next(f for f in (folder, *folder.parents) if f.exists())
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Let Ctrl-C wait until the block is done."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    waiting: list[Any] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: waiting.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if waiting:
+        raise KeyboardInterrupt

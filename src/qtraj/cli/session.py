@@ -1,0 +1,49 @@
+"""What a run of the command line sets up once: precision, compilation cache, quiet libraries."""
+
+import logging
+import os
+import sys
+import warnings
+from pathlib import Path
+
+import jax
+
+NOISY = ("jax", "jaxlib", "xarray", "matplotlib", "mpl_toolkits", "h5netcdf", "pandas")
+"""Packages whose warnings and log messages say nothing to a user of the command line."""
+
+
+def prepare() -> None:
+    """Switch on float64 and the persistent compilation cache, and keep other packages' noise off the terminal."""
+    jax.config.update("jax_enable_x64", True)
+    if not os.environ.get("JAX_PLATFORMS"):
+        jax.config.update("jax_platforms", "cpu")  # one small problem: sequential, in float64
+    _keep_compilations()
+    for name in NOISY:
+        logging.getLogger(name).setLevel(logging.ERROR)
+        warnings.filterwarnings("ignore", module=rf"{name}(\.|$)")
+
+
+def cache_folder() -> Path:
+    """The user's cache folder for qtraj: XDG_CACHE_HOME or LOCALAPPDATA where set, else the platform's own."""
+    for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
+        folder = os.environ.get(name)
+        if folder and Path(folder).is_absolute():
+            return Path(folder) / "qtraj"
+    home = Path.home()
+    return (home / "Library" / "Caches" if sys.platform == "darwin" else home / ".cache") / "qtraj"
+
+
+def _keep_compilations() -> None:
+    """A second run need not compile again; where no folder can be made, each run compiles."""
+    if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        return
+    try:
+        folder = cache_folder() / "jax"
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError):  # Path.home() knows none
+        return
+    if not os.access(folder, os.W_OK | os.X_OK):
+        return
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

@@ -1,0 +1,73 @@
+"""The terminal: what goes where, progress, and how a command ends."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import typer
+from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+BAD_INPUT = 2
+INTERRUPTED = 130
+
+
+def stdout() -> Console:
+    """Where results go."""
+    return Console(highlight=False)
+
+
+def stderr() -> Console:
+    """Where progress and errors go."""
+    return Console(stderr=True, highlight=False)
+
+
+@contextmanager
+def guarded() -> Iterator[None]:
+    """Turn bad input into one message and exit code 2, and an interrupt into exit code 130."""
+    try:
+        yield
+    except BrokenPipeError:  # whoever read our output has gone
+        raise
+    except OSError as error:
+        _fail(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error))
+    except ValueError as error:
+        _fail(str(error))
+    except KeyboardInterrupt:
+        stderr().print("interrupted", markup=False)
+        raise typer.Exit(INTERRUPTED) from None
+
+
+def _fail(message: str) -> None:
+    stderr().print(f"error: {message}", markup=False, soft_wrap=True)
+    raise typer.Exit(BAD_INPUT) from None
+
+
+class Watch:
+    """Progress on a terminal; silent elsewhere."""
+
+    def __init__(self, progress: Progress | None):
+        self._progress = progress
+        self._task: Any = None if progress is None else progress.add_task("", total=None)
+
+    def say(self, text: str) -> None:
+        """What is being done now."""
+        if self._progress is not None:
+            self._progress.update(self._task, description=text)
+
+    def round(self, count: int, objective: float, violation: float) -> None:
+        """One round of a tuning is over."""
+        excess = "limits met" if violation == 0 else f"limits exceeded by {100 * violation:.2g} %"
+        self.say(f"tuning: round {count}, {excess}")
+
+
+@contextmanager
+def watching() -> Iterator[Watch]:
+    """A `Watch` on stderr, wiped when done; nothing of it where stderr is no terminal."""
+    console = stderr()
+    if not console.is_terminal:
+        yield Watch(None)
+        return
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        yield Watch(progress)

@@ -1,0 +1,56 @@
+"""`qtraj tune`: boundary velocities that meet the limits of a scenario."""
+
+import json
+from enum import StrEnum
+from pathlib import Path
+
+import typer
+
+from qtraj.cli.terminal import guarded, stdout
+
+NOT_MET = 1
+
+
+class Motion(StrEnum):
+    """The motions that tuning knows."""
+
+    uniform = "uniform"
+    hermite = "hermite"
+
+
+class Objective(StrEnum):
+    """The objectives that tuning knows."""
+
+    nearest = "nearest"
+    fastest = "fastest"
+    smoothest = "smoothest"
+
+
+def tune(
+    scenario: Path | None = typer.Argument(None, metavar="SCENARIO.toml", help="Without it: the embedded scenario."),
+    out: Path = typer.Option(Path("qtraj-out"), help="Folder for the results.", metavar="DIR"),
+    as_json: bool = typer.Option(False, "--json", help="Print the outcome as JSON instead."),
+    motion: Motion | None = typer.Option(
+        None, metavar="MOTION", help="In place of the scenario's: uniform or hermite."
+    ),
+    objective: Objective | None = typer.Option(
+        None, metavar="OBJECTIVE", help="In place of the scenario's: nearest, fastest or smoothest."
+    ),
+) -> None:
+    """Tune the boundary velocities of a path until its limits hold, and write both paths.
+
+    Writes a labelled dataset (paths.nc), the tuned path (path.toml), the whole outcome (tuning.toml) and a figure
+    (tuning.png, tuning.svg). Exit code 1 where the limits are not met.
+    """
+    from qtraj.cli.job import Choice  # here, so that --help need not wait for pydantic, xarray and matplotlib
+    from qtraj.cli.report import print_tuning
+    from qtraj.cli.tuning import run
+
+    choice = Choice(motion and motion.value, objective and objective.value)
+    with guarded():
+        content, met = run(scenario, out, choice)
+    if as_json:
+        typer.echo(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        print_tuning(stdout(), content)
+    raise typer.Exit(0 if met else NOT_MET)

@@ -1,0 +1,73 @@
+"""The work of `qtraj tune`: from a scenario to an outcome and its files."""
+
+from pathlib import Path
+from typing import Any
+
+from qtraj.cli.content import provenance, scenario_content, tune_content
+from qtraj.cli.job import Choice, Job, is_saved, lay
+from qtraj.cli.output import Writer, check_folder, write_all
+from qtraj.cli.terminal import Watch, watching
+from qtraj.design.certificate import Certificate, sampled_certificate
+from qtraj.design.tune import Tuned, tune
+from qtraj.io.dataset import path_dataset, write_netcdf
+from qtraj.io.scenario import DEFAULT, ScenarioFile, read_scenario
+from qtraj.viz.figures import save, tuning_figure
+
+
+def run(file: Path | None, out: Path, choice: Choice) -> tuple[dict[str, Any], bool]:
+    """Tune a scenario and write its results: what there is to say, and whether all limits were met.
+
+    **Raises:** OSError or ValueError for bad input, before anything is written.
+    """
+    with watching() as watch:
+        watch.say("reading")
+        check_folder(out)
+        if file is not None and is_saved(file):
+            raise ValueError(
+                f"{file}: a saved path has no limits: write a scenario with path = '{file.name}' and [limits]"
+            )
+        given = read_scenario(DEFAULT if file is None else file)
+        job, before, best = solve(given, choice, watch)
+        content = tune_content(given, job, before, best)
+        watch.say("writing")
+        content["files"] = [str(file) for file in write_all(out, _writers(given, job, best))]
+    return content, best.converged and best.certificate.met
+
+
+def solve(given: ScenarioFile, choice: Choice, watch: Watch) -> tuple[Job, Certificate, Tuned]:
+    """The job of a scenario, the findings on its path, and the outcome of its tuning.
+
+    **Raises:** OSError or ValueError, naming the scenario, for bad input.
+    """
+    if not given.scenario.limits.given():
+        raise ValueError(f"{given.file}: the table [limits] is missing or empty: there is nothing to tune for")
+    watch.say("fitting the recording" if given.scenario.track else "laying the path")
+    job = lay(given, choice)
+    watch.say("judging the path")
+    before = sampled_certificate(job.path, job.limits)
+    watch.say("tuning")
+    try:
+        best = tune(**job.tuning(), progress=watch.round)
+    except ValueError as error:
+        raise ValueError(f"{given.file}: {error}") from error
+    return job, before, best
+
+
+def _writers(given: ScenarioFile, job: Job, best: Tuned) -> dict[str, Writer]:
+    """The files to write, by name."""
+    attributes = provenance(given.file, scenario_content(given)) | {
+        "tuning_objective": job.objective,
+        "tuning_motion": job.motion,
+        "tuning_status": best.status,
+        "tuning_result": best.result,
+    }
+    paths = {"before": job.path, "after": best.path}
+    dataset = path_dataset(paths, job.limits, job.track, attributes=attributes)
+    figure = tuning_figure(dataset)
+    return {
+        "paths.nc": lambda file: write_netcdf(dataset, file),
+        "path.toml": best.path.save,
+        "tuning.toml": best.save,
+        "tuning.png": lambda file: save(figure, file),
+        "tuning.svg": lambda file: save(figure, file),
+    }

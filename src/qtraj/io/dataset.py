@@ -1,0 +1,133 @@
+"""Labelled datasets of paths: xarray, and netCDF files through h5netcdf.
+
+Paths of different durations stand side by side along the dimension `path`. Their samples share the dimension `sample`,
+whose coordinate `progress` runs from 0 to 1; the time of each sample is the two-dimensional coordinate
+`time(path, sample)`. So `dataset.sel(path="after")` is one path, and differences between paths are taken at equal
+progress.
+"""
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray
+from jaxtyping import Array, Float
+
+from qtraj._version import __version__
+from qtraj.batch.evaluate import evaluate
+from qtraj.batch.table import AXES, DESCRIPTIONS, LABELS
+from qtraj.design.limits import UNITS, Limits, magnitude
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.track import Track, known
+
+SAMPLES = 513
+"""Samples of each path unless told otherwise."""
+
+MAGNITUDES = {
+    "curvature": "curvature",
+    "torsion": "torsion_magnitude",
+    "speed": "speed",
+    "acceleration": "acceleration_magnitude",
+    "lateral_acceleration": "lateral_acceleration",
+    "longitudinal_acceleration": "longitudinal_acceleration",
+    "slope": "slope",
+    "angular_rate": "angular_rate",
+    "angular_acceleration": "angular_acceleration_magnitude",
+}
+"""The variable of each limited magnitude, by the name of its limit."""
+
+MEANINGS = {
+    "torsion": "magnitude of the torsion",
+    "acceleration": "magnitude of the acceleration",
+    "lateral_acceleration": "acceleration across the path, |r' × r''| / |r'|",
+    "longitudinal_acceleration": "magnitude of the acceleration along the path, |r' · r''| / |r'|",
+    "slope": "rise over run",
+    "angular_rate": "magnitude of the trihedral's angular rate",
+    "angular_acceleration": "magnitude of the trihedral's angular acceleration",
+}
+
+CONVENTIONS = {
+    "quaternion_convention": "scalar first, Hamilton product, body to world, unit norm, sign continuous in time",
+    "frame_convention": "natural trihedral, right-handed; body axes x = tangent (forward), y = normal, z = binormal",
+    "rate_convention": "rate and angular_acceleration are those of the trihedral, in body axes",
+    "layout": "time(path, sample) is each path's own time; progress(sample) = time / duration, from 0 to 1",
+}
+
+
+def path_dataset(
+    paths: Mapping[str, AbstractHodograph],
+    limits: Limits | None = None,
+    track: Track | None = None,
+    samples: int = SAMPLES,
+    attributes: Mapping[str, str] | None = None,
+) -> xarray.Dataset:
+    """The paths, by name, as one dataset with units, meanings and conventions in its attributes (extra `io`).
+
+    All outputs of `qtraj.evaluate` and the limited magnitudes, at `samples` instants of each path. A variable that a
+    limit bounds holds it as attribute `limit`. A recorded `track` is added as `recorded_position` over
+    `recorded_time`, from its first sample on.
+
+    **Raises:** ValueError for no path, or fewer than 2 samples.
+    """
+    if not paths or samples < 2:
+        raise ValueError(f"a dataset needs a path and at least 2 samples, but {len(paths)} and {samples} were given")
+    progress = np.linspace(0.0, 1.0, samples)
+    columns = [_columns(path, progress) for path in paths.values()]
+    variables: dict[str, Any] = {}
+    for name, (dims, _, notes) in columns[0].items():
+        stacked = np.stack([column[name][1] for column in columns])
+        variables[name] = (("path", *dims), stacked, notes)
+    for name, limit in ({} if limits is None else limits.given()).items():
+        variables[MAGNITUDES[name]][2]["limit"] = float(limit)
+    coordinates: dict[str, Any] = {
+        "path": ("path", list(paths), {"long_name": "path"}),
+        "progress": ("sample", progress, {"units": "1", "long_name": "time over duration"}),
+        "time": variables.pop("time"),
+        **{axis: (axis, labels) for axis, labels in LABELS.items()},
+    }
+    if track is not None:
+        coordinates["recorded_time"] = ("record", known(track.elapsed), _notes("s", "time from the first record"))
+        dims = ("record", "world")
+        variables["recorded_position"] = (dims, known(track.positions), _notes("m", "recorded position, world axes"))
+    notes = {"source": f"qtraj {__version__}", **CONVENTIONS, **(attributes or {})}
+    return xarray.Dataset(variables, coordinates, notes)
+
+
+def write_netcdf(dataset: xarray.Dataset, file: str | os.PathLike[str]) -> None:
+    """Write a dataset as netCDF-4, every float exactly; `xarray.open_dataset` reads it."""
+    exact = {name: {"_FillValue": None} for name in dataset.variables if dataset[name].dtype.kind == "f"}
+    dataset.to_netcdf(file, engine="h5netcdf", encoding=exact)
+
+
+def _columns(path: AbstractHodograph, progress: np.ndarray) -> dict[str, tuple[tuple[str, ...], np.ndarray, Any]]:
+    """Every variable of one path: dimensions, values and notes."""
+    times = path.duration * jnp.asarray(progress, path.duration.dtype)
+    table = evaluate(path, times, outputs=tuple(AXES), continuous=True)
+    columns: dict[str, Any] = {
+        "time": (("sample",), np.asarray(times), _notes("s", "time from the start of the path")),
+        "duration": ((), np.asarray(path.duration), _notes("s", "duration of the path")),
+    }
+    for name, axes in AXES.items():
+        columns[name] = (("sample", *axes), np.asarray(getattr(table, name)), _notes(*DESCRIPTIONS[name]))
+    for name, values in _magnitudes(path, times).items():
+        unit = _unit(UNITS[name])
+        columns.setdefault(MAGNITUDES[name], (("sample",), np.asarray(values), _notes(unit, MEANINGS.get(name, name))))
+    return columns
+
+
+@eqx.filter_jit
+def _magnitudes(path: AbstractHodograph, times: Float[Array, " n"]) -> dict[str, Float[Array, " n"]]:
+    return {name: jax.vmap(lambda t, name=name: magnitude(path, t, name))(times) for name in MAGNITUDES}
+
+
+def _notes(unit: str, meaning: str) -> dict[str, Any]:
+    return {"units": unit, "long_name": meaning}
+
+
+def _unit(symbol: str) -> str:
+    """A unit as netCDF writes it: "m/s²" is "m s-2"."""
+    return {"": "1", "1/m": "m-1", "m/s": "m s-1", "m/s²": "m s-2", "rad/s": "rad s-1", "rad/s²": "rad s-2"}[symbol]

@@ -1,0 +1,73 @@
+"""What acts on a body besides its command."""
+
+import abc
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.foundation.arrays import as_float, real_vector
+from qtraj.foundation.document import storable
+from qtraj.foundation.types import ArrayInput, Scalar, Vec3
+from qtraj.motion.dynamics import inertia_matrix
+
+Course = Callable[[Scalar], Vec3] | Vec3
+"""A vector as a function of time [s], or a constant one."""
+
+
+class AbstractDisturbance(eqx.Module):
+    """An angular acceleration that no law has commanded."""
+
+    @abc.abstractmethod
+    def acceleration(self, t: Scalar) -> Vec3:
+        """Angular acceleration (3,) [rad/s²] in body axes at the time `t` [s]."""
+
+
+@storable
+class DisturbanceAcceleration(AbstractDisturbance):
+    """An angular acceleration in body axes: a function t [s] → (3,) [rad/s²], or a constant (3,).
+
+    A constant one can be stored.
+    """
+
+    course: Course
+
+    def __init__(self, course: Callable[[Scalar], Vec3] | ArrayInput):
+        self.course = _course(course, "the disturbance acceleration")
+
+    def acceleration(self, t: Scalar) -> Vec3:
+        return _at(self.course, t)
+
+
+@storable
+class DisturbanceTorque(AbstractDisturbance):
+    """A torque on a body of given inertia, ε = J⁻¹M: a function t [s] → (3,) [N m] in body axes, or a constant (3,).
+
+    `inertia` [kg m²]: a scalar, (3,) principal moments or (3, 3). The gyroscopic torque ω×Jω is the commanded
+    torque's business: see `dynamics.torque`. A constant torque can be stored.
+
+    **Raises:** ValueError for an inertia that is not symmetric and positive.
+    """
+
+    course: Course
+    inertia: Float[Array, "3 3"]
+
+    def __init__(self, course: Callable[[Scalar], Vec3] | ArrayInput, inertia: ArrayInput):
+        self.course = _course(course, "the disturbance torque")
+        self.inertia = inertia_matrix(inertia)
+
+    def acceleration(self, t: Scalar) -> Vec3:
+        torque = _at(self.course, t)
+        return jnp.linalg.solve(self.inertia.astype(torque.dtype), torque)
+
+
+def _course(course: Callable[[Scalar], Vec3] | ArrayInput, name: str) -> Course:
+    if not callable(course):
+        return real_vector(course, name, 3)
+    return course if isinstance(course, eqx.Module) else jax.tree_util.Partial(course)
+
+
+def _at(course: Course, t: Scalar) -> Vec3:
+    return as_float(course(t)) if callable(course) else course

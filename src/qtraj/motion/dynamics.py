@@ -1,0 +1,132 @@
+"""Torques on a body, and the forces that a path demands of a vehicle (the conclusions of papers C and S).
+
+Inertias are a scalar J for a spherical body (paper C, remark 2), (3,) principal moments, or a (3, 3) tensor in body
+axes [kg m²]. Gravity is the vector g⃗ (3,) [m/s²] in world axes, or a number g for (0, 0, −g).
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from qtraj.algebra.vector import norm
+from qtraj.foundation.arrays import as_float, concrete, real_vector, require_finite, require_positive
+from qtraj.foundation.types import ArrayInput, Mat3, Scalar, ScalarLike, Vec3
+from qtraj.motion.attitude import Attitude
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.trihedral import AbstractFrame, Natural, Upright
+
+SYMMETRY = 1e-6
+"""An inertia may be asymmetric by this part of its largest entry: rounding of a file, no more."""
+
+
+def torque(attitude: Attitude, inertia: ArrayInput) -> Vec3:
+    """M = Jε + ω×Jω [N m] in body axes; for a spherical body M = Jε (paper C, remark 2).
+
+    **Raises:** ValueError for an inertia of another shape, or one that is not symmetric and positive.
+    """
+    J = inertia_matrix(inertia).astype(attitude.rate.dtype)
+    momentum = jnp.matmul(J, attitude.rate, precision="highest")
+    return jnp.matmul(J, attitude.acceleration, precision="highest") + jnp.cross(attitude.rate, momentum)
+
+
+def acceleration(torque: Vec3, rate: Vec3, inertia: ArrayInput) -> Vec3:
+    """ε = J⁻¹(M − ω×Jω) [rad/s²] in body axes: the way back from `torque`.
+
+    **Raises:** ValueError as `torque`.
+    """
+    J = inertia_matrix(inertia).astype(torque.dtype)
+    momentum = jnp.matmul(J, rate, precision="highest")
+    return jnp.linalg.solve(J, torque - jnp.cross(rate, momentum))
+
+
+def rotational_power(attitude: Attitude, inertia: ArrayInput) -> Scalar:
+    """M·ω [W]: the power of the torque, d/dt of ½ω·Jω.
+
+    **Raises:** ValueError as `torque`.
+    """
+    return torque(attitude, inertia) @ attitude.rate
+
+
+def inertia_matrix(inertia: ArrayInput) -> Mat3:
+    """An inertia as a (3, 3) tensor [kg m²]; ValueError where it is known to be none."""
+    J = as_float(inertia)
+    if J.shape not in ((), (3,), (3, 3)):
+        raise ValueError(f"an inertia must be a scalar, (3,) or (3, 3), but its shape is {J.shape}")
+    J = J if J.ndim == 2 else jnp.diag(jnp.broadcast_to(J, (3,)))
+    require_finite(J, "the inertia")
+    known = concrete(J)
+    if known is not None:
+        symmetric = np.abs(known - known.T).max() <= SYMMETRY * np.abs(known).max()
+        if not symmetric or not (np.linalg.eigvalsh(known) > 0).all():
+            raise ValueError(f"an inertia must be symmetric with positive principal moments, not {known.tolist()}")
+    return J
+
+
+def forces(
+    path: AbstractHodograph,
+    t: ScalarLike,
+    mass: ArrayInput,
+    gravity: ArrayInput,
+    frame: AbstractFrame | None = None,
+) -> Vec3:
+    """F = m r̈ − m g⃗ [N] on the axes of the trihedral: (F_τ, F_n, F_b), what driving, banking and lift must supply.
+
+    `mass` [kg]. `frame`: None for the natural trihedral, whose n points to the inside of the turn; `Upright()` for
+    the components forward, to the left and up.
+
+    **Raises:** ValueError for a mass that is not positive, or a gravity of another shape.
+    """
+    frame = Natural() if frame is None else frame
+    r = path.derivatives(t, 4)
+    alpha = frame.trihedral(r, path.duration).dcm()
+    return jnp.matmul(alpha, _world_force(r[2], mass, gravity), precision="highest")
+
+
+def power(path: AbstractHodograph, t: ScalarLike, mass: ArrayInput, gravity: ArrayInput) -> Scalar:
+    """F·ṙ [W]: the rate at which kinetic and potential energy grow, m(r̈ − g⃗)·ṙ.
+
+    **Raises:** ValueError as `forces`.
+    """
+    r = path.derivatives(t, 2)
+    return _world_force(r[2], mass, gravity) @ r[1]
+
+
+class FrictionDemand(eqx.Module):
+    """Horizontal over normal force at the road; infinite where the road would have to pull.
+
+    `side`: |F_side|/F_normal. `total`: √(F_τ² + F_side²)/F_normal, to be compared with the coefficient of friction.
+    """
+
+    side: Scalar
+    total: Scalar
+
+
+def friction_demand(
+    path: AbstractHodograph,
+    t: ScalarLike,
+    mass: ArrayInput,
+    gravity: ArrayInput,
+    frame: AbstractFrame | None = None,
+) -> FrictionDemand:
+    """What the contact with the road must hold, in the upright frame: forward, to the side, normal to the road.
+
+    `frame`: None for `Upright()`; a banked road is an `Upright` with its own up direction. The demand does not depend
+    on the mass.
+
+    **Raises:** ValueError as `forces`.
+    """
+    force = forces(path, t, mass, gravity, Upright() if frame is None else frame)
+    presses = force[2] > 0
+    normal = jnp.where(presses, force[2], 1.0)
+    side, total = jnp.abs(force[1]) / normal, norm(force[:2]) / normal
+    return FrictionDemand(jnp.where(presses, side, jnp.inf), jnp.where(presses, total, jnp.inf))
+
+
+def _world_force(acceleration: Vec3, mass: ArrayInput, gravity: ArrayInput) -> Vec3:
+    mass, gravity = as_float(mass), as_float(gravity)
+    require_positive(mass, "the mass", "kg")
+    require_finite(gravity, "gravity")
+    if gravity.ndim == 0:
+        gravity = jnp.zeros_like(gravity, shape=3).at[2].set(-gravity)
+    gravity = real_vector(gravity, "gravity, a number or a vector,", 3)
+    return mass.astype(acceleration.dtype) * (acceleration - gravity.astype(acceleration.dtype))

@@ -1,0 +1,91 @@
+"""The attitude program of a path's frame: natural, upright or rotation-minimizing (paper S's trihedron as λ⁰)."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.lax import stop_gradient
+from jaxtyping import Array, Float
+
+from qtraj.algebra import rotation
+from qtraj.foundation.arrays import as_float
+from qtraj.foundation.document import storable
+from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike
+from qtraj.motion import rotation_minimizing
+from qtraj.motion.attitude import AbstractProgram, Attitude
+from qtraj.motion.rotation_minimizing import RotationMinimizing
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.trihedral import AbstractFrame, Natural, Upright, trihedral
+
+NODES = 513
+"""Instants, equally spaced, between which the sign of the quaternion is followed (and a rotation-minimizing frame)."""
+
+ROUNDING = 16
+"""Anchors that only tell a sign are rounded to this part of one, which makes stored programs short."""
+
+for _frame in (Natural, Upright):
+    storable(_frame)
+
+
+@storable
+class FrameProgram(AbstractProgram):
+    """The frame of a path as a program: λ⁰ world-from-frame, ω⁰ and ε⁰ in closed form, in the frame's own axes.
+
+    The quaternion has scalar part ≥ 0 at t = 0 and is continuous in t, also as a function of one instant: its sign is
+    that of the nearest of the `anchors` (n, 4), quaternions at n equal steps from 0 to the duration, which are followed
+    once, when the program is made (and stored with it). A frame may turn by π between two anchors: 512π rad in all.
+    Where the frame itself is undefined (the natural one where the path is straight, the upright one along its up
+    direction, any where the path stops) there is no attitude: the natural frame flips by π across an inflection.
+
+    Make the program inside the function that is differentiated or vmapped over paths. Outside [0, duration] the path
+    goes on by its own rule, and so does the program.
+
+    **Raises:** ValueError for a rotation-minimizing frame whose `initial` does not fit the path, or anchors of another
+    shape.
+    """
+
+    path: AbstractHodograph
+    frame: AbstractFrame | RotationMinimizing
+    anchors: Float[Array, "n 4"]
+
+    def __init__(
+        self,
+        path: AbstractHodograph,
+        frame: AbstractFrame | RotationMinimizing | None = None,
+        anchors: ArrayInput | None = None,
+    ):
+        self.path = path
+        self.frame = Natural() if frame is None else frame
+        if isinstance(self.frame, RotationMinimizing):
+            rotation_minimizing.require_initial(path, self.frame.initial)
+        self.anchors = _anchors(path, self.frame) if anchors is None else as_float(anchors)
+        if self.anchors.ndim != 2 or self.anchors.shape[0] < 2 or self.anchors.shape[1] != 4:
+            raise ValueError(f"anchors must have shape (n, 4) with n ≥ 2, but {self.anchors.shape} was given")
+
+    @property
+    def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The duration of the path [s]."""
+        return self.path.duration
+
+    def __call__(self, t: ScalarLike) -> Attitude:
+        t = as_float(t).astype(self.path.duration.dtype)
+        node, anchor = self._nearest(t)
+        if isinstance(self.frame, RotationMinimizing):
+            return rotation_minimizing.attitude(self.path, t, node, anchor)
+        frame = trihedral(self.path, t, self.frame)
+        q = frame.quaternion()
+        return Attitude(jnp.where(q @ anchor < 0, -q, q), frame.rate, frame.acceleration)
+
+    def _nearest(self, t: Scalar) -> tuple[Scalar, Quat]:
+        """The time of the nearest anchor, and its quaternion."""
+        last = self.anchors.shape[0] - 1
+        place = stop_gradient(jnp.round(jnp.clip(t / self.duration, 0.0, 1.0) * last))
+        return self.duration * (place / last), self.anchors[place.astype(int)]
+
+
+@eqx.filter_jit
+def _anchors(path: AbstractHodograph, frame: AbstractFrame | RotationMinimizing) -> Float[Array, "n 4"]:
+    times = path.duration * jnp.linspace(0.0, 1.0, NODES, dtype=path.duration.dtype)
+    if isinstance(frame, RotationMinimizing):
+        return rotation_minimizing.nodes(path, frame.initial, times)
+    quaternions = jax.vmap(lambda t: trihedral(path, t, frame).quaternion())(times)
+    return stop_gradient(jnp.round(ROUNDING * rotation.continuous(quaternions)) / ROUNDING)

@@ -1,0 +1,149 @@
+"""Turn profiles: the angle Φ(t) of a turn about a fixed axis, and the laws that make one from limits or a duration.
+
+A profile is a chain of polynomial pieces, each in its own u = (t − start)/width ∈ [0, 1], so that no power of a time
+can overflow or vanish. At a switch the later piece counts. Before its start a turn waits, after its duration it holds.
+"""
+
+import abc
+import math
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.algebra import polynomial
+from qtraj.foundation.arrays import as_float, concrete, require_finite, require_positive
+from qtraj.foundation.document import storable
+from qtraj.foundation.types import ArrayInput, Flag, Scalar, ScalarLike
+
+TOLERANCE = 16
+"""A fixed duration may be this many machine epsilons (relatively) under the minimal one: that is round-off."""
+
+
+@storable
+class Profile(eqx.Module):
+    """The angle of a turn and its derivatives on [0, duration].
+
+    `total` [rad] is reached at `duration` [s]. Piece k runs from `starts[k]` for `widths[k]` seconds and has ascending
+    coefficients `pieces[k]` in its own u: of angle/total where the profile is `proportional` (it rests at both ends),
+    of the angle otherwise. `end_rate` [rad/s] is the rate at `duration` itself. `feasible` is false only inside a
+    trace, where nothing can be raised: the asked duration was impossible, and the nearest possible one was taken.
+    """
+
+    total: Scalar = eqx.field(converter=as_float)
+    duration: Scalar = eqx.field(converter=as_float)
+    starts: Float[Array, " n"] = eqx.field(converter=as_float)
+    widths: Float[Array, " n"] = eqx.field(converter=as_float)
+    pieces: Float[Array, "n m"] = eqx.field(converter=as_float)
+    end_rate: Scalar = eqx.field(converter=as_float)
+    feasible: Flag = eqx.field(converter=jnp.asarray)
+    proportional: bool = eqx.field(static=True, default=True)
+
+    def angle(self, t: ScalarLike) -> Scalar:
+        """Φ(t) [rad]: 0 before the start, `total` after the duration."""
+        return self.derivatives(t, 0)[0]
+
+    def rate(self, t: ScalarLike) -> Scalar:
+        """Φ̇(t) [rad/s]: `end_rate` at the duration itself, zero after it."""
+        return self.derivatives(t, 1)[1]
+
+    def acceleration(self, t: ScalarLike) -> Scalar:
+        """Φ̈(t) [rad/s²]: zero from the duration on."""
+        return self.derivatives(t, 2)[2]
+
+    def jerk(self, t: ScalarLike) -> Scalar:
+        """The third derivative of Φ [rad/s³] between the switches; impulses at a jump of Φ̈ do not show."""
+        return self.derivatives(t, 3)[3]
+
+    def derivatives(self, t: ScalarLike, order: int) -> Float[Array, " {order}+1"]:
+        """Φ and its time derivatives up to `order` at one instant, entry k in [rad s^-k]."""
+        return (self.total if self.proportional else 1.0) * self.shape(t, order)
+
+    def shape(self, t: ScalarLike, order: int) -> Float[Array, " {order}+1"]:
+        """`derivatives` over `total` where `proportional`, without a division; the same otherwise.
+
+        It is regular at total = 0, so a vector of length `total` times this is smooth in that vector.
+        """
+        t = as_float(t).astype(self.duration.dtype)
+        after = t >= self.duration
+        outside = after | (t < 0)
+        time = jnp.where(outside, 0.0, t)
+        piece = jnp.sum(time >= self.starts[1:])
+        start, width, coefficients = self.starts[piece], self.widths[piece], self.pieces[piece]
+        width = jnp.where(width > 0, width, 1.0)
+        scales = [math.factorial(k) / width**k for k in range(order + 1)]
+        inside = polynomial.taylor(coefficients, (time - start) / width, order) * jnp.stack(scales)
+        return jnp.where(outside, jnp.where(after, self._held(t, order), 0.0), inside)
+
+    def _held(self, t: Scalar, order: int) -> Float[Array, " {order}+1"]:
+        """The shape from the duration on."""
+        held = [jnp.ones_like(self.total) if self.proportional else self.total]
+        if order > 0:
+            held.append(jnp.where(t == self.duration, jnp.zeros_like(t) if self.proportional else self.end_rate, 0.0))
+        return jnp.stack(held + [jnp.zeros_like(t)] * (order - 1))
+
+
+class AbstractLaw(eqx.Module):
+    """How a turn proceeds in time: what makes the profile for any angle."""
+
+    @abc.abstractmethod
+    def profile(self, angle: ArrayInput) -> Profile:
+        """The profile of a turn by `angle` [rad], of either sign.
+
+        **Raises:** ValueError for an angle that is not finite, and for a fixed duration in which the angle cannot be
+        turned within the limits; inside a trace the profile's `feasible` tells.
+        """
+
+
+def size_of(total: Scalar) -> Scalar:
+    """|total|, but never so small that a quotient of limits by it overflows; at and near 0 its gradient is 0."""
+    return jnp.where(is_turn(total), jnp.abs(total), _smallest(total))
+
+
+def is_turn(total: Scalar) -> Flag:
+    """Whether the angle is large enough to need any time."""
+    return jnp.abs(total) > _smallest(total)
+
+
+def _smallest(total: Scalar) -> float:
+    return float(jnp.finfo(total.dtype).eps) ** 2
+
+
+def known_angle(angle: ArrayInput) -> Scalar:
+    """The angle of a turn as a finite scalar [rad] (ValueError otherwise)."""
+    total = as_float(angle)
+    if total.shape != ():
+        raise ValueError(f"one angle [rad] was expected, but shape {total.shape} was given. Use jax.vmap for many.")
+    require_finite(total, "the angle of a turn")
+    return total
+
+
+def limit(value: ArrayInput | None) -> Scalar | None:
+    """A limit or duration as a floating scalar; None and infinity are no limit."""
+    if value is None:
+        return None
+    number = as_float(value)
+    known = concrete(number)
+    return None if known is not None and known.shape == () and known == math.inf else number
+
+
+def require_limits(**limits: Scalar | None) -> None:
+    """Raise a ValueError unless every given limit is a positive finite number."""
+    units = {"max_rate": "rad/s", "max_acceleration": "rad/s²", "max_jerk": "rad/s³", "duration": "s"}
+    for name, value in limits.items():
+        if value is not None:
+            require_positive(value, name, units[name])
+
+
+def fixed_duration(asked: Scalar, minimal: Scalar, total: Scalar, law: str) -> tuple[Scalar, Flag]:
+    """The duration to use, and whether it is the one asked for: within the limits it is no less than `minimal`.
+
+    **Raises:** ValueError naming the minimal duration, where the values are known.
+    """
+    feasible = asked >= minimal * (1 - TOLERANCE * float(jnp.finfo(minimal.dtype).eps))
+    if concrete(feasible) is not None and not concrete(feasible):
+        raise ValueError(
+            f"a turn by {float(total):.9g} rad under this {law} law needs at least {float(minimal):.17g} s: "
+            f"in {float(asked):.9g} s it would break a limit. Allow more time, or raise the limits."
+        )
+    return jnp.where(feasible, asked, minimal), feasible

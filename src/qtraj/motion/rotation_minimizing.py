@@ -1,0 +1,161 @@
+"""The rotation-minimizing frame: it never turns about its own tangent, ω_ξ = c/v² with c = r' × r'', v = |r'|.
+
+Near any instant it is an upright frame, for the up direction that it has itself at a node close by, turned about the
+tangent τ by −∫ω·τ dt from that node. So it is regular wherever the path moves, straight or not, and needs no r''''.
+The nodes follow from each other by quaternion products, computed once.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.lax import stop_gradient
+from jaxtyping import Array, Float
+
+from qtraj.algebra import quaternion, rotation
+from qtraj.algebra.vector import norm, unit
+from qtraj.foundation.arrays import as_float, concrete, real_vector
+from qtraj.foundation.document import storable
+from qtraj.foundation.types import ArrayInput, Mat3, Quat, Scalar, Vec3
+from qtraj.motion.attitude import Attitude
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.trihedral import trihedral
+
+GAUSS = 6
+"""Quadrature nodes between two nodes of the frame: order 12."""
+
+TILT = 0.01
+"""The forward axis of a given first attitude may be so far from the path [rad]."""
+
+
+@storable
+class RotationMinimizing(eqx.Module):
+    """The frame that turns as little as a frame along the path can: ω·τ = 0.
+
+    `initial` chooses it among those that differ by a constant turn about τ: its attitude at the start (4,), whose
+    forward axis must be along the path within 0.01 rad and is aligned with it, or a direction (3,), world axes, whose
+    part across the path is its first normal. Without it, it starts as the natural frame, or upright where the path
+    starts straight.
+
+    **Raises:** ValueError for an `initial` that is zero, not finite or of another shape.
+    """
+
+    initial: Float[Array, " k"] | None
+
+    def __init__(self, initial: ArrayInput | None = None):
+        self.initial = None if initial is None else as_float(initial)
+        if self.initial is None:
+            return
+        if self.initial.shape not in ((3,), (4,)):
+            raise ValueError(
+                "the initial attitude of a rotation-minimizing frame is a quaternion (4,) or a normal (3,), "
+                f"but shape {self.initial.shape} was given"
+            )
+        real_vector(self.initial, "the initial attitude of a rotation-minimizing frame", self.initial.shape[0])
+        known = concrete(self.initial)
+        if known is not None and not known.any():
+            raise ValueError("the initial attitude of a rotation-minimizing frame must not be zero")
+
+
+def attitude(path: AbstractHodograph, t: Scalar, node: Scalar, at_node: Quat) -> Attitude:
+    """The frame at `t` [s] from its attitude at the time `node`; the sign of the quaternion is that of `at_node`."""
+    dcm = _transported(path, quaternion.rotate(at_node, _axis(at_node, 2)), node, t)
+    q = rotation.from_dcm(dcm)
+    r = path.derivatives(t, 3)
+    square = r[1] @ r[1]
+    square = jnp.where(square > 0, square, 1.0)
+    omega = jnp.cross(r[1], r[2]) / square
+    epsilon = jnp.cross(r[1], r[3]) / square - 2 * omega * ((r[1] @ r[2]) / square)
+    return Attitude(
+        quaternion=jnp.where(q @ at_node < 0, -q, q),
+        rate=_across(dcm, omega),
+        acceleration=_across(dcm, epsilon),
+    )
+
+
+def nodes(path: AbstractHodograph, initial: Float[Array, " k"] | None, times: Float[Array, " n"]) -> Float[Array, "n 4"]:
+    """The frame at these times [s], rising from 0, as quaternions with continuous signs."""
+    start = _start(path, initial)
+    steps = jax.vmap(lambda a, b: _step(path, a, b))(times[:-1], times[1:])
+    _, later = jax.lax.scan(lambda q, step: (quaternion.product(step, q),) * 2, start, steps)
+    return jax.vmap(quaternion.unit)(jnp.concatenate([start[None], later]))
+
+
+def require_initial(path: AbstractHodograph, initial: Float[Array, " k"] | None) -> None:
+    """Raise a ValueError where the given attitude does not fit the start of the path."""
+    if initial is None:
+        return
+    tangent = concrete(path.velocity(0.0))
+    given = concrete(_direction(initial, 0 if initial.shape == (4,) else 1))
+    if tangent is None or given is None:
+        return
+    sine = np.linalg.norm(np.cross(given, tangent)) / (np.linalg.norm(given) * np.linalg.norm(tangent))
+    if initial.shape == (4,) and (sine > TILT or given @ tangent < 0):
+        angle = float(np.arctan2(sine, given @ tangent / np.linalg.norm(given) / np.linalg.norm(tangent)))
+        raise ValueError(
+            f"the forward axis of the initial attitude is {angle:.6g} rad off the path, which starts along "
+            f"{tangent.tolist()}. Give an attitude whose x axis is along the path, or only a normal (3,)."
+        )
+    if initial.shape == (3,) and sine < 1e-6:
+        raise ValueError("the initial normal of a rotation-minimizing frame must not be along the path")
+
+
+def _start(path: AbstractHodograph, initial: Float[Array, " k"] | None) -> Quat:
+    natural = trihedral(path, 0.0)
+    if initial is None:
+        return natural.quaternion()
+    normal = _direction(initial.astype(natural.normal.dtype), 1)
+    across = normal - natural.tangent * (natural.tangent @ normal)
+    return rotation.from_dcm(_dcm(natural.tangent, unit(across, natural.normal)))
+
+
+def _direction(initial: Float[Array, " k"], axis: int) -> Vec3:
+    """A body axis of a given attitude, or the given vector itself."""
+    return initial if initial.shape == (3,) else quaternion.rotate(initial, _axis(initial, axis))
+
+
+def _step(path: AbstractHodograph, a: Scalar, b: Scalar) -> Quat:
+    """The turn, in world axes, of every rotation-minimizing frame from time `a` to time `b`."""
+    tangent = unit(path.velocity(a), _axis(path.velocity(a), 0))
+    smallest = stop_gradient(jnp.argmin(jnp.abs(tangent)))
+    side = jnp.where(jnp.arange(3) == smallest, 1.0, jnp.zeros_like(tangent))
+    before = _dcm(tangent, unit(jnp.cross(side, tangent), side))
+    after = _transported(path, before[2], a, b)
+    turn = quaternion.product(rotation.from_dcm(after), quaternion.conjugate(rotation.from_dcm(before)))
+    return jnp.where(turn[0] < 0, -turn, turn)
+
+
+def _transported(path: AbstractHodograph, up: Vec3, a: Scalar, b: Scalar) -> Mat3:
+    """Direction cosines at `b` of the rotation-minimizing frame whose binormal at `a` is `up`."""
+    points, weights = np.polynomial.legendre.leggauss(GAUSS)
+    span = b - a
+    times = a + span * jnp.asarray((points + 1) / 2, span.dtype)
+    twists = jax.vmap(lambda t: _twist(path, up, t))(times)
+    angle = -span * (jnp.asarray(weights / 2, span.dtype) @ twists)
+    velocity = path.velocity(b)
+    tangent = unit(velocity, _axis(velocity, 0))
+    level = unit(jnp.cross(up, tangent), _axis(velocity, 1))
+    normal = level * jnp.cos(angle) + jnp.cross(tangent, level) * jnp.sin(angle)
+    return _dcm(tangent, normal)
+
+
+def _twist(path: AbstractHodograph, up: Vec3, t: Scalar) -> Scalar:
+    """ω·τ of the upright frame for this up direction [rad/s]: [(u × r'')·B]/|u × r'|."""
+    r = path.derivatives(t, 2)
+    level = jnp.cross(up, r[1])
+    size = norm(r[1]) * (level @ level)
+    exists = size > 0
+    return jnp.where(exists, jnp.cross(up, r[2]) @ jnp.cross(r[1], level) / jnp.where(exists, size, 1.0), 0.0)
+
+
+def _dcm(tangent: Vec3, normal: Vec3) -> Mat3:
+    return jnp.stack([tangent, normal, jnp.cross(tangent, normal)])
+
+
+def _across(dcm: Mat3, vector: Vec3) -> Vec3:
+    """Body components of a vector that has none along the tangent: that one is zero, not round-off."""
+    return jnp.concatenate([jnp.zeros_like(vector, shape=1), dcm[1:] @ vector])
+
+
+def _axis(like: Float[Array, " k"], k: int) -> Vec3:
+    return jnp.zeros_like(like, shape=3).at[k].set(1.0)

@@ -1,0 +1,153 @@
+"""The C² rotation spline: rotation vectors that are cubics between attitudes, with continuous angular acceleration.
+
+Between two attitudes λ(t) = λ_i∘exp(θ(t)/2), θ a cubic with θ(0) = 0. Its rate is ω = M(θ)θ̇ in body axes with
+
+    M = E − c₂[θ×] + c₃[θ×]²,   M⁻¹ = E + ½[θ×] + (c₃ − 2c₄)/(2c₂) [θ×]²,   c_m = Σ_k (−x)^k/(2k+m)!,  x = |θ|².
+
+The rates at the inner attitudes follow from equal accelerations on both sides, by Newton's method with a block
+tridiagonal matrix. The rates at the two ends are the mean rates of the first and last interval (as in SciPy's
+RotationSpline, whose spline this is).
+"""
+
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.lax import stop_gradient
+from jaxtyping import Array, Float
+
+from qtraj.foundation.types import Mat3, Scalar, Vec3
+
+TERMS = 17
+"""Of the series c_m: exact to round-off up to |θ| = 2π, and there is no branch."""
+
+ITERATIONS = 50
+"""At most; a handful is usual."""
+
+EXACT_ORDERS = 2
+"""The rates' derivatives are exact up to this order."""
+
+Vectors = Float[Array, "_ 3"]
+Blocks = Float[Array, "_ 3 3"]
+Widths = Float[Array, " _"]
+_State = tuple[Array, tuple[Array, Array, Array], Array, Any]
+
+
+def rate(theta: Vec3, slope: Vec3) -> Vec3:
+    """ω = M(θ)θ̇ [rad/s], body axes, of λ∘exp(θ/2) with constant λ."""
+    two, three, _ = _stumpff(theta @ theta)
+    turned = jnp.cross(theta, slope)
+    return slope - two * turned + three * jnp.cross(theta, turned)
+
+
+def slope(theta: Vec3, omega: Vec3) -> Vec3:
+    """θ̇ = M(θ)⁻¹ω; singular only at |θ| = 2π."""
+    two, three, four = _stumpff(theta @ theta)
+    turned = jnp.cross(theta, omega)
+    return omega + turned / 2 + (three - 2 * four) / (2 * two) * jnp.cross(theta, turned)
+
+
+def cubic(turn: Vec3, width: Scalar, first: Vec3, last: Vec3) -> Float[Array, "4 3"]:
+    """Ascending coefficients in t of θ over an interval with the given whole turn and end rates."""
+    end = slope(turn, last)
+    mean = turn / width
+    return jnp.stack(
+        [jnp.zeros_like(turn), first, (3 * mean - 2 * first - end) / width, (first + end - 2 * mean) / width**2]
+    )
+
+
+def knot_rates(turns: Vectors, widths: Widths) -> tuple[Vectors, Scalar]:
+    """The rates at all attitudes (n+1, 3) [rad/s], and the largest jump of acceleration that was left [rad/s²].
+
+    `turns` (n, 3) are the rotation vectors from each attitude to the next, `widths` (n,) the times between them [s].
+    """
+    means = turns / widths[:, None]
+    if turns.shape[0] == 1:
+        return jnp.concatenate([means, means]), jnp.zeros_like(widths[0])
+    found, blocks = stop_gradient(_converged(stop_gradient(turns), stop_gradient(widths)))
+
+    # Nothing above is differentiated: each step with the constant matrix then makes one order of derivatives exact.
+    def correct(rates: Vectors, _: None) -> tuple[Vectors, Scalar]:
+        jumps = jax.vmap(_jump)(*_neighbours(rates, turns, widths))
+        inner = rates[1:-1] - _solve(*blocks, jumps)
+        return jnp.concatenate([means[:1], inner, means[-1:]]), jnp.max(jnp.abs(jumps))
+
+    rates, left = jax.lax.scan(correct, jnp.concatenate([means[:1], found, means[-1:]]), length=EXACT_ORDERS)
+    return rates, left[-1]
+
+
+def _converged(turns: Vectors, widths: Widths) -> tuple[Vectors, tuple[Blocks, Blocks, Blocks]]:
+    """The inner rates by Newton's method, as long as it gains, and the last matrix."""
+    means = turns / widths[:, None]
+
+    def improve(state: _State) -> _State:
+        rates, _, _, count = state
+        around = _neighbours(rates, turns, widths)
+        blocks = jax.vmap(jax.jacfwd(_jump, argnums=(0, 1, 2)))(*around)
+        change = _solve(*blocks, jax.vmap(_jump)(*around))
+        better = jnp.concatenate([rates[:1], rates[1:-1] - change, rates[-1:]])
+        return better, blocks, jnp.max(jnp.abs(change)), count + 1
+
+    def unfinished(state: _State) -> Array:
+        rates, _, change, count = state
+        tolerance = 64 * float(jnp.finfo(rates.dtype).eps)
+        return (count < ITERATIONS) & (change > tolerance * jnp.max(jnp.abs(rates)))
+
+    guess = jnp.concatenate([means[:1], (means[1:] + means[:-1]) / 2, means[-1:]])
+    empty = jnp.zeros_like(turns, shape=(turns.shape[0] - 1, 3, 3))
+    start = (guess, (empty, empty, empty), jnp.full_like(widths[0], jnp.inf), 0)
+    rates, blocks, _, _ = jax.lax.while_loop(unfinished, improve, start)
+    return rates[1:-1], blocks
+
+
+def _jump(a: Vec3, b: Vec3, c: Vec3, turns: Float[Array, "2 3"], widths: Float[Array, "2"]) -> Vec3:
+    """ε before less ε after an attitude, from the rates at three in a row."""
+    before = cubic(turns[0], widths[0], a, b)
+    after = cubic(turns[1], widths[1], b, c)
+    end = slope(turns[0], b)
+    bend = 2 * before[2] + 6 * before[3] * widths[0]
+    _, acceleration = jax.jvp(rate, (turns[0], end), (end, bend))
+    return acceleration - 2 * after[2]
+
+
+def _neighbours(rates: Vectors, turns: Vectors, widths: Widths) -> tuple[Array, Array, Array, Array, Array]:
+    pairs = jnp.stack([turns[:-1], turns[1:]], axis=1), jnp.stack([widths[:-1], widths[1:]], axis=1)
+    return rates[:-2], rates[1:-1], rates[2:], *pairs
+
+
+def _solve(lower: Blocks, middle: Blocks, upper: Blocks, right: Vectors) -> Vectors:
+    """Gauss's elimination for 3×3 blocks on three diagonals; the outer blocks of the first and last row are unused."""
+
+    def down(state: tuple[Mat3, Vec3], row: tuple[Mat3, Mat3, Mat3, Vec3]) -> tuple[tuple[Mat3, Vec3], tuple]:
+        left, known = state
+        below, diagonal, above, value = row
+        inverse = _inverse(diagonal - below @ left)
+        state = (inverse @ above, inverse @ (value - below @ known))
+        return state, state
+
+    def up(after: Vec3, row: tuple[Mat3, Vec3]) -> tuple[Vec3, Vec3]:
+        left, known = row
+        here = known - left @ after
+        return here, here
+
+    zero = jnp.zeros_like(right[0])
+    lower = lower.at[0].set(0.0)
+    upper = upper.at[-1].set(0.0)
+    _, rows = jax.lax.scan(down, (jnp.zeros_like(middle[0]), zero), (lower, middle, upper, right))
+    return jax.lax.scan(up, zero, rows, reverse=True)[1]
+
+
+def _inverse(m: Mat3) -> Mat3:
+    """By cross products: enough for these well-conditioned blocks, and cheap to compile."""
+    cofactors = jnp.stack([jnp.cross(m[1], m[2]), jnp.cross(m[2], m[0]), jnp.cross(m[0], m[1])])
+    return cofactors.T / (m[0] @ cofactors[0])
+
+
+def _stumpff(x: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+    """c₂, c₃ and c₄ at x; c₂ = ½ − x c₄."""
+    three, four = jnp.zeros_like(x), jnp.zeros_like(x)
+    for k in range(TERMS - 1, -1, -1):
+        three = 1 / math.factorial(2 * k + 3) - x * three
+        four = 1 / math.factorial(2 * k + 4) - x * four
+    return 0.5 - x * four, three, four

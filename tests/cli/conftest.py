@@ -1,0 +1,39 @@
+"""One run of the default scenario for the whole session: compiling the tuning takes most of the time."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import xarray
+from typer.testing import CliRunner
+
+from qtraj.cli.app import app
+
+
+@pytest.fixture(scope="session")
+def qtraj():
+    """Run the command line in this process."""
+    runner = CliRunner()
+    return lambda *args: runner.invoke(app, [str(arg) for arg in args], prog_name="qtraj")
+
+
+@dataclass
+class Run:
+    """A finished `qtraj tune`."""
+
+    result: Any
+    content: dict
+    out: Path
+
+    @property
+    def dataset(self):
+        return xarray.load_dataset(self.out / "paths.nc")
+
+
+@pytest.fixture(scope="session")
+def default_run(qtraj, tmp_path_factory):
+    out = tmp_path_factory.mktemp("default") / "new" / "results"
+    result = qtraj("tune", "--json", "--out", out)
+    return Run(result, json.loads(result.stdout), out)

@@ -1,0 +1,188 @@
+"""Bad input: one message, exit code 2, nothing written, no traceback."""
+
+import pytest
+
+STATES = """
+[start]
+position = [12.0, 0.0, 0.0]
+velocity = [0.0, 5.0, 0.0]
+[end]
+position = [0.0, 12.0, 1.5]
+velocity = [-4.5, 0.0, 0.2]
+[limits]
+curvature = 0.1
+"""
+TRACK = """
+[track]
+file = "track.csv"
+[limits]
+curvature = 0.1
+"""
+ROWS = "\n".join(f"{k},{k},{0.01 * k**2},0" for k in range(12))
+CSV = f"t,x,y,z\n{ROWS}\n"
+
+BAD = {
+    "an empty file": ("", ["there is no path", "[track]", "[start] and [end]"]),
+    "limits alone": ("[limits]\ncurvature = 1.0\n", ["there is no path"]),
+    "no limits": (STATES.split("[limits]")[0], ["[limits] is missing or empty"]),
+    "one end alone": ("[start]\nposition = [1, 0, 0]\nvelocity = [0, 1, 0]\n", ["[start] stands alone", "[end]"]),
+    "two paths": (STATES + TRACK.split("[limits]")[0], ["several paths (track, start, end)"]),
+    "a misspelt limit": (
+        STATES.replace("curvature", "curvatur"),
+        ["unknown key 'limits.curvatur'", "did you mean 'curvature'?"],
+    ),
+    "a misspelt table": (STATES.replace("[limits]", "[limit]"), ["unknown key 'limit'", "did you mean 'limits'?"]),
+    "a strange key": (STATES + "[tune]\nxyzzy = 1\n", ["unknown key 'tune.xyzzy'", "known here: objective, motion"]),
+    "a text for a number": (
+        STATES.replace("0.1", "'0.1'"),
+        ["the key 'limits.curvature' holds '0.1'", "expected a positive finite number [1/m]"],
+    ),
+    "a truth for a number": (STATES.replace("0.1", "true"), ["'limits.curvature' holds True"]),
+    "a negative limit": (STATES.replace("0.1", "-0.1"), ["'limits.curvature' holds -0.1", "positive"]),
+    "a zero limit": (STATES.replace("0.1", "0"), ["'limits.curvature' holds 0", "positive"]),
+    "an infinite limit": (STATES.replace("0.1", "inf"), ["'limits.curvature' holds inf", "finite"]),
+    "a limit that is not a number": (STATES.replace("0.1", "nan"), ["'limits.curvature' holds nan"]),
+    "a limit beyond floats": (STATES.replace("0.1", "1" + "0" * 400), ["'limits.curvature' holds 1000"]),
+    "two components": (
+        STATES.replace("[12.0, 0.0, 0.0]", "[12.0, 0.0]"),
+        ["'start.position' holds [12.0, 0.0]", "three finite numbers [x, y, z] [m]"],
+    ),
+    "a component that is a text": (
+        STATES.replace("[0.0, 5.0, 0.0]", "[0.0, '5', 0.0]"),
+        ["'start.velocity[1]' holds '5'", "three finite numbers"],
+    ),
+    "a missing velocity": (
+        STATES.replace("velocity = [0.0, 5.0, 0.0]", ""),
+        ["the key 'start.velocity' is missing", "[m/s]"],
+    ),
+    "an unknown motion": (
+        STATES + "[tune]\nmotion = 'circular'\n",
+        ["'tune.motion' holds 'circular'", "'uniform' or 'hermite'"],
+    ),
+    "a negative turn": (STATES + "[tune]\nturns = -1\n", ["'tune.turns' holds -1", "a whole number, 0 or more"]),
+    "turns twice": ("turns = 1\n" + STATES + "[tune]\nturns = 1\n", ["turns and tune.turns are the same thing"]),
+    "turns of a track": (TRACK + "[tune]\nturns = 1\n", ["tune.turns belongs to [start] and [end]"]),
+    "a fit of nothing": (STATES + "[fit]\nmotion = 'uniform'\n", ["[fit] belongs to a [track]"]),
+    "a purpose of nothing": (STATES + "[purpose]\nspeed = 'comfort'\n", ["purpose.speed", "[limits] has no 'speed'"]),
+    "a window backwards": (
+        TRACK.replace("[limits]", "window = [5, 1]\n[limits]"),
+        ["'track.window' holds [5.0, 1.0]", "t0 < t1"],
+    ),
+    "a window outside": (
+        TRACK.replace("[limits]", "window = [5, 50]\n[limits]"),
+        ["the window 5 to 50 s leaves the recording", "0 to 11 s"],
+    ),
+    "a straight window": (TRACK.replace("track.csv", "straight.csv"), ["the window is nearly straight"]),
+    "a missing recording": (TRACK.replace("track.csv", "gone.csv"), ["gone.csv: there is no such file"]),
+    "a broken recording": (TRACK.replace("track.csv", "broken.csv"), ["broken.csv, line 3", "column 'x'", "'?'"]),
+    "an unknown column": (
+        TRACK.replace("[limits]", "columns = {time = 'clock'}\n[limits]"),
+        ["there is no column 'clock'", "t, x, y, z"],
+    ),
+    "an unknown part": (
+        TRACK.replace("[limits]", "columns = {tyme = 't'}\n[limits]"),
+        ["track.columns.tyme", "'time', 'position', 'velocity' or 'attitude'"],
+    ),
+    "a missing path": ("path = 'gone.toml'\n[limits]\nspeed = 1\n", ["gone.toml", "No such file"]),
+    "a path that is none": ("path = 'track.csv'\n[limits]\nspeed = 1\n", ["track.csv", "must end in .toml or .json"]),
+    "a path of another format": ("path = 'scenario.toml'\n[limits]\nspeed = 1\n", ["no qtraj document"]),
+    "states on the axis": (STATES.replace("12.0, 0.0, 0.0", "0, 0, 0"), ["radius 0"]),
+    "equal azimuths": (STATES.replace("[0.0, 12.0, 1.5]", "[13.0, 0.0, 1.5]"), ["the same azimuth"]),
+    "a start without sense": (
+        STATES.replace("[0.0, 5.0, 0.0]", "[5.0, 0.0, 0.0]"),
+        ["the sense of rotation is unknown"],
+    ),
+    "opposite senses": (STATES.replace("[-4.5, 0.0, 0.2]", "[9.0, 0.0, 0.2]"), ["opposite senses"]),
+    "accelerations": (
+        STATES.replace("velocity", "acceleration = [0, 0, 0]\nvelocity") + "[tune]\nmotion = 'hermite'\nduration = 4\n",
+        ["cannot keep given accelerations", "leave them out"],
+    ),
+    "one acceleration": (
+        STATES.replace("[end]", "acceleration = [0, 0, 0]\n[end]") + "[tune]\nmotion = 'hermite'\nduration = 4\n",
+        ["give both or neither"],
+    ),
+    "a duration that is not free": (STATES + "[tune]\nduration = 4\n", ["a duration was given", "motion='hermite'"]),
+    "bad syntax": ("[start]\nposition = [1, 2\nvelocity = 3", ["not valid TOML", "line 3"]),
+    "an unclosed array": ("[limits]\ncurvature = [1,", ["not valid TOML", "line 2, column 16"]),
+    "a key twice": ("name = 'a'\nname = 'b'\n", ["not valid TOML", "line 2"]),
+    "no text": (b"\xff\xfe\x00", ["not a text file in UTF-8"]),
+    "deep nesting": ("a = " + "[" * 5000, ["not"]),
+}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "track.csv").write_text(CSV)
+    (tmp_path / "straight.csv").write_text("t,x,y,z\n" + "\n".join(f"{k},{k},0,0" for k in range(12)))
+    (tmp_path / "broken.csv").write_text(CSV.replace("1,1,0.01,0", "1,?,0.01,0"))
+    return tmp_path
+
+
+@pytest.mark.parametrize("content", BAD.values(), ids=BAD)
+def test_bad_scenarios(qtraj, folder, content):
+    text, fragments = content
+    file = folder / "scenario.toml"
+    file.write_bytes(text if isinstance(text, bytes) else text.encode())
+    before = sorted(folder.iterdir())
+    result = qtraj("tune", file, "--out", folder / "out")
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+    assert str(file) in result.stderr or "gone" in result.stderr
+    for fragment in fragments:
+        assert fragment in result.stderr
+    assert sorted(folder.iterdir()) == before
+
+
+@pytest.mark.parametrize("command", ["tune", "evaluate"])
+def test_files_that_cannot_be_read(qtraj, folder, command):
+    for name, fragment in (("nothing.toml", "No such file"), ("", "Is a directory")):
+        result = qtraj(command, folder / name, "--out", folder / "out")
+        assert result.exit_code == 2
+        assert str(folder / name) in result.stderr
+        assert fragment in result.stderr
+        assert not (folder / "out").exists()
+
+
+def test_an_out_that_is_a_file_is_refused_before_any_work(qtraj, folder):
+    (folder / "out").write_text("mine")
+    for out in (folder / "out", folder / "out" / "deeper"):
+        result = qtraj("tune", "--out", out)
+        assert result.exit_code == 2
+        assert "a folder to write into was expected" in result.stderr
+    assert (folder / "out").read_text() == "mine"
+
+
+def test_a_saved_path_has_nothing_to_tune_for(qtraj, folder):
+    file = folder / "path.toml"
+    file.write_text('format = "qtraj/1"\ntype = "SpiralHelix"\n')
+    result = qtraj("tune", file, "--out", folder / "out")
+    assert result.exit_code == 2
+    assert "a saved path has no limits" in result.stderr
+
+
+def test_a_stored_document_that_is_no_path(qtraj, folder):
+    (folder / "limits.toml").write_text('format = "qtraj/1"\ntype = "Limits"\nspeed = 3.0\n')
+    result = qtraj("evaluate", folder / "limits.toml")
+    assert result.exit_code == 2
+    assert "a saved path was expected, but the file holds a Limits" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["tune", "--motion", "circular"],
+        ["tune", "--nonsense"],
+        ["evaluate"],
+        ["evaluate", "x", "--samples", "1"],
+        ["sing"],
+    ],
+)
+def test_bad_arguments(qtraj, tmp_path, monkeypatch, arguments):
+    monkeypatch.chdir(tmp_path)
+    result = qtraj(*arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert "Usage" in result.stderr
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,126 @@
+"""`qtraj evaluate`: tables on the terminal, as JSON, netCDF and CSV."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+
+import qtraj as qt
+from qtraj.cli.evaluation import instants
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+R, RATE, CLIMB = 10.0, 0.39269908169872414, 0.25  # examples/helix.toml
+HELIX = EXAMPLES / "helix.toml"
+ROUND_OFF = 1e-12
+
+
+def test_the_helix_has_the_values_of_its_closed_form(qtraj):
+    result = qtraj("evaluate", HELIX, "--samples", 7, "--json")
+    assert result.exit_code == 0
+    content = json.loads(result.stdout)
+    columns = {name: np.array(values) for name, values in content["columns"].items()}
+    t = columns["time"]
+    assert t == pytest.approx(np.linspace(0, 24, 7))
+    square = (R * RATE) ** 2 + CLIMB**2
+    position = np.stack([100 + R * np.cos(RATE * t), 50 + R * np.sin(RATE * t), CLIMB * t], axis=1)
+    assert np.max(np.abs(columns["position"] - position)) < 1e-10
+    assert columns["speed"] == pytest.approx(np.full(7, np.sqrt(square)), rel=ROUND_OFF)
+    assert columns["curvature"] == pytest.approx(np.full(7, R * RATE**2 / square), rel=ROUND_OFF)
+    assert columns["torsion"] == pytest.approx(np.full(7, CLIMB * RATE / square), rel=ROUND_OFF)
+    assert np.linalg.norm(columns["rate"], axis=1) == pytest.approx(np.full(7, RATE), rel=ROUND_OFF)
+    assert np.all(np.sum(columns["quaternion"][1:] * columns["quaternion"][:-1], axis=1) >= 0)
+    assert content["path"]["length"] == pytest.approx(24 * np.sqrt(square))
+    assert content["units"]["curvature"] == "m-1"
+
+
+def test_the_terminal_shows_it_within_80_columns(qtraj):
+    result = qtraj("evaluate", HELIX, "--step", 4)
+    assert result.exit_code == 0
+    assert "24.0000 s" in result.stdout
+    assert "540.00°" in result.stdout
+    assert "0.099596" in result.stdout  # the curvature
+    wide = [line for line in result.stdout.splitlines() if len(line) > 80 and not line.startswith("Scenario:")]
+    assert wide == []
+    assert result.stdout.count("24.000 ") == 2  # the end is there, in both blocks
+
+
+def test_files_hold_the_table(qtraj, tmp_path):
+    out = tmp_path / "out"
+    result = qtraj("evaluate", HELIX, "--samples", 7, "--out", out, "--json")
+    content = json.loads(result.stdout)
+    assert content["files"] == [str(out / "table.nc"), str(out / "table.csv")]
+    dataset = xarray.load_dataset(out / "table.nc")
+    for name, values in content["columns"].items():
+        assert np.array_equal(dataset[name].values, values)
+        assert dataset[name].attrs["units"] == content["units"][name]
+    assert dataset.attrs["scenario_sha256"] == content["scenario"]["sha256"]
+    track = qt.read_track(out / "table.csv")
+    assert np.array_equal(track.times, content["columns"]["time"])
+    assert np.array_equal(track.positions, content["columns"]["position"])
+    assert np.array_equal(track.velocities, content["columns"]["velocity"])
+    assert np.array_equal(track.attitudes, content["columns"]["quaternion"])
+
+
+def test_a_scenario_is_evaluated_before_tuning(qtraj):
+    result = qtraj("evaluate", EXAMPLES / "ramp_from_states.toml", "--samples", 7, "--json")
+    columns = json.loads(result.stdout)["columns"]
+    ends = [columns["position"][0], columns["position"][-1]]
+    assert ends == [pytest.approx([12, 0, 0]), pytest.approx([0, 12, 1.5], abs=1e-12)]
+    assert columns["velocity"][0] == pytest.approx([0, 4.75, 0], abs=1e-12)
+
+
+def test_accelerations_are_met_by_a_polynomial_angle(qtraj, tmp_path):
+    state = "position = [{}]\nvelocity = [{}]\nacceleration = [{}]\n"
+    start = state.format("12.0, 0.0, 0.0", "0.5, 5.0, 0.0", "0.1, 0.2, 0.3")
+    end = state.format("0.0, 12.0, 1.5", "-4.5, 0.0, 0.2", "0.0, -1.0, 0.0")
+    text = f"duration = 4.0\nturns = 1\n[start]\n{start}[end]\n{end}[tune]\nmotion = 'hermite'\n"
+    (tmp_path / "s.toml").write_text(text)
+    content = json.loads(qtraj("evaluate", tmp_path / "s.toml", "--samples", 2, "--json").stdout)
+    columns = content["columns"]
+    assert columns["acceleration"] == [pytest.approx([0.1, 0.2, 0.3]), pytest.approx([0, -1, 0], abs=1e-9)]
+    assert content["path"]["turn"] == pytest.approx(2.5 * np.pi)
+
+
+def test_where_there_is_no_trihedral_a_dash_stands(qtraj, tmp_path):
+    straight = qt.SpiralHelix([1.0, 2.0, 0.0, 0.0], [0.3, 0.0], [0.0, 0.5, 0.0, 0.0], 3.0, qt.Placement())
+    straight.save(tmp_path / "straight.json")
+    result = qtraj("evaluate", tmp_path / "straight.json", "--samples", 7)
+    assert result.exit_code == 0
+    assert "the natural trihedral does not exist (no motion or no bend) at 7 instants" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("duration", "samples", "step", "expected"),
+    [
+        (2.0, 3, None, [0, 1, 2]),
+        (2.0, None, 1.0, [0, 1, 2]),
+        (2.5, None, 1.0, [0, 1, 2, 2.5]),
+        (0.3, None, 0.1, [0, 0.1, 0.2, 0.3]),
+        (2.0, None, 5.0, [0, 2]),
+    ],
+)
+def test_instants(duration, samples, step, expected):
+    assert instants(duration, samples, step) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("step", ["0", "-1", "nan", "1e-9"])
+def test_a_step_that_makes_no_sense(qtraj, step):
+    result = qtraj("evaluate", HELIX, "--step", step)
+    assert result.exit_code == 2
+    assert "--step" in result.stderr
+    assert result.stdout == ""
+
+
+def test_too_many_samples(qtraj):
+    result = qtraj("evaluate", HELIX, "--samples", 10**9)
+    assert result.exit_code == 2
+    assert "expected at most 1000000" in result.stderr
+
+
+def test_samples_and_step_exclude_each_other(qtraj):
+    result = qtraj("evaluate", HELIX, "--step", 1, "--samples", 5)
+    assert result.exit_code == 2
+    assert "give one of them" in result.stderr

@@ -1,0 +1,179 @@
+"""How the command line behaves: whole files, quiet streams, help, missing packages, a process of its own."""
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+import qtraj as qt
+from qtraj.cli import evaluation, output, session, terminal
+from qtraj.cli.content import finite
+from qtraj.cli.report import column_table
+
+SOURCE = Path(__file__).parents[2] / "src"
+HELIX = Path(__file__).parents[2] / "examples" / "helix.toml"
+
+
+def writes(text):
+    return lambda file: file.write_text(text)
+
+
+def test_all_files_appear_and_others_stay(tmp_path):
+    (tmp_path / "mine").write_text("old")
+    (tmp_path / "a").write_text("old")
+    written = output.write_all(tmp_path, {"a": writes("new"), "b": writes("new")})
+    assert written == [tmp_path / "a", tmp_path / "b"]
+    assert {file.name: file.read_text() for file in tmp_path.iterdir()} == {"mine": "old", "a": "new", "b": "new"}
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError, ValueError])
+def test_a_failure_leaves_nothing(tmp_path, error):
+    def fail(file):
+        file.write_text("half")
+        raise error
+
+    (tmp_path / "a").write_text("old")
+    for out in (tmp_path, tmp_path / "new" / "deep"):
+        with pytest.raises(error):
+            output.write_all(out, {"a": writes("new"), "b": fail})
+    assert [file.name for file in tmp_path.iterdir()] == ["a"]
+    assert (tmp_path / "a").read_text() == "old"
+
+
+def test_an_interrupt_between_two_moves_waits(tmp_path, monkeypatch):
+    replace = os.replace
+
+    def interrupted(source, target):
+        signal.raise_signal(signal.SIGINT)
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        output.write_all(tmp_path / "out", {"a": writes("1"), "b": writes("2")})
+    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == ["a", "b"]
+    assert [file.name for file in tmp_path.iterdir()] == ["out"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_folder_in_the_way_is_told_before_anything_moves(tmp_path):
+    (tmp_path / "b").mkdir()
+    with pytest.raises(IsADirectoryError, match="there is a folder of this name"):
+        output.write_all(tmp_path, {"a": writes("1"), "b": writes("2")})
+    assert [file.name for file in tmp_path.iterdir()] == ["b"]
+
+
+def test_ctrl_c_ends_with_130_and_writes_nothing(qtraj, tmp_path, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(evaluation, "write_csv", interrupted)
+    result = qtraj("evaluate", HELIX, "--samples", 7, "--out", tmp_path / "out")
+    assert result.exit_code == 130
+    assert result.stderr == "interrupted\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_progress_is_shown_on_a_terminal(monkeypatch):
+    screen = Console(file=io.StringIO(), force_terminal=True, width=80)
+    monkeypatch.setattr(terminal, "stderr", lambda: screen)
+    with terminal.watching() as watch:
+        watch.say("fitting")
+        watch.round(3, 0.5, 0.02)
+    assert "tuning: round 3, limits exceeded by 2 %" in screen.file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fragments"),
+    [
+        ([], ["tune", "evaluate", "Example"]),
+        (["tune"], ["--out", "--json", "--motion", "--objective", "Example"]),
+        (["evaluate"], ["--samples", "--step", "--out", "--json", "Example"]),
+    ],
+)
+def test_help_has_an_example_within_80_columns(qtraj, monkeypatch, arguments, fragments):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("NO_COLOR", "1")
+    result = qtraj(*arguments, "--help")
+    assert result.exit_code == 0
+    for fragment in fragments:
+        assert fragment in result.stdout
+    assert max(map(len, result.stdout.splitlines())) <= 80
+    assert "\x1b" not in result.stdout
+
+
+def test_a_narrow_terminal_folds_numbers_and_cuts_none():
+    narrow = Console(file=io.StringIO(), width=20)
+    table = column_table("value", "limit")
+    table.add_row("0.0501612", "0.0444444")
+    narrow.print(table)
+    digits = [line.split() for line in narrow.file.getvalue().splitlines() if any(map(str.isdigit, line))]
+    assert ["".join(cells) for cells in zip(*digits, strict=True)] == ["0.0501612", "0.0444444"]
+
+
+def test_json_has_null_where_a_number_is_not_finite():
+    assert finite({"a": [1.0, float("nan")], "b": {"c": float("inf")}, "d": "x"}) == {
+        "a": [1.0, None],
+        "b": {"c": None},
+        "d": "x",
+    }
+
+
+def test_version(qtraj):
+    result = qtraj("--version")
+    assert (result.exit_code, result.stdout) == (0, f"qtraj {qt.__version__}\n")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [("XDG_CACHE_HOME", "/somewhere", "/somewhere/qtraj"), ("LOCALAPPDATA", "/windows", "/windows/qtraj")],
+)
+def test_the_cache_stands_in_the_users_own_folder(monkeypatch, name, value, expected):
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setenv(name, value)
+    assert session.cache_folder() == Path(expected)
+
+
+def process(arguments, **environment):
+    """A true process, away from the settings of this test session."""
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("JAX_", "XDG_", "PYTHON"))}
+    return subprocess.run(
+        [sys.executable, *arguments],
+        env=kept | {"PYTHONPATH": str(SOURCE)} | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+
+def test_a_process_computes_in_float64_and_keeps_its_compilations(tmp_path):
+    done = process(["-m", "qtraj", "evaluate", str(HELIX), "--samples", "2", "--json"], XDG_CACHE_HOME=str(tmp_path))
+    assert (done.returncode, done.stderr) == (0, "")
+    curvature = json.loads(done.stdout)["columns"]["curvature"][0]
+    rate = 0.39269908169872414
+    assert curvature == pytest.approx(10 * rate**2 / (100 * rate**2 + 0.25**2), rel=1e-14)
+    assert any((tmp_path / "qtraj" / "jax").iterdir())
+
+
+def test_a_cache_that_cannot_be_made_is_no_error(tmp_path):
+    (tmp_path / "file").write_text("")
+    done = process(["-m", "qtraj", "--version"], XDG_CACHE_HOME=str(tmp_path / "file"))
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_missing_packages_are_named():
+    code = (
+        "import sys; sys.modules['typer'] = sys.modules['matplotlib'] = None; from qtraj.cli.main import main; main()"
+    )
+    done = process(["-c", code])
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert "typer, matplotlib" in done.stderr
+    assert "pip install 'qtraj[all]'" in done.stderr
+    assert "Traceback" not in done.stderr

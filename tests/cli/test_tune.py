@@ -1,0 +1,244 @@
+"""`qtraj tune`: the default run against the library and against independent arithmetic."""
+
+import csv
+import io
+import json
+import re
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from rich.console import Console
+from scipy.interpolate import CubicSpline
+
+import qtraj as qt
+from qtraj.cli.job import Choice, lay
+from qtraj.cli.report import print_tuning
+from qtraj.design.certificate import sampled_certificate
+from qtraj.io.scenario import DEFAULT, read_scenario
+
+ROOT = Path(__file__).parents[2]
+DATA, EXAMPLES = ROOT / "src" / "qtraj" / "io" / "data", ROOT / "examples"
+
+FILES = {"paths.nc", "path.toml", "tuning.toml", "tuning.png", "tuning.svg"}
+LIMITS = {"curvature": 1 / 22.5, "lateral_acceleration": 1.5}
+SPLINE = 1e-7  # [m], [m/s] what a cubic spline through 513 samples leaves
+ROUND_OFF = 1e-9  # UTM coordinates carry about 1e-9 m
+
+INFEASIBLE = """
+[start]
+position = [12.0, 0.0, 0.0]
+velocity = [0.0, 5.0, 0.0]
+[end]
+position = [0.0, 12.0, 1.5]
+velocity = [-4.5, 0.0, 0.2]
+[placement]
+origin = [0.0, 0.0, 0.0]
+[limits]
+curvature = 0.01
+lateral_acceleration = 1.8
+"""
+
+
+def test_the_default_succeeds_and_writes_its_files(default_run):
+    assert default_run.result.exit_code == 0
+    assert {file.name for file in default_run.out.iterdir()} == FILES
+    assert [str(default_run.out / name) for name in ("paths.nc", "path.toml")] == default_run.content["files"][:2]
+    assert all((default_run.out / name).stat().st_size > 500 for name in FILES)
+
+
+def test_no_progress_where_stderr_is_no_terminal(default_run):
+    assert default_run.result.stderr == ""
+    assert "\x1b" not in default_run.result.stdout
+
+
+def test_both_limits_are_broken_before_and_met_after(default_run):
+    limits = default_run.content["limits"]
+    assert limits.keys() == LIMITS.keys()
+    for name, limit in LIMITS.items():
+        before, after = limits[name]["before"], limits[name]["after"]
+        assert limits[name]["limit"] == limit
+        assert before["status"] == "broken"
+        assert before["value"] > limit
+        assert after["status"] in ("sampled", "proved")
+        assert after["binding"]
+        assert after["value"] <= limit
+        assert after["margin"] == limit - after["value"]
+    assert limits["curvature"]["before"]["value"] == pytest.approx(0.0502, abs=5e-5)
+    assert limits["lateral_acceleration"]["before"]["value"] == pytest.approx(2.94, abs=5e-3)
+
+
+def test_the_limits_have_their_purposes(default_run):
+    limits = default_run.content["limits"]
+    assert "city bus with a wheelbase L of 6 m" in limits["curvature"]["purpose"]
+    assert "standing passengers" in limits["lateral_acceleration"]["purpose"]
+    assert pytest.approx(0.8) == 6.0**2 / (2 * 22.5)  # the off-tracking that the purpose states
+
+
+def test_the_json_is_what_the_library_says(default_run):
+    tuned = qt.load(default_run.out / "tuning.toml")
+    tuning = default_run.content["tuning"]
+    assert tuned.converged
+    assert tuning == {
+        "objective": "nearest",
+        "motion": "uniform",
+        "value": tuned.objective,
+        "status": tuned.status,
+        "iterations": tuned.iterations,
+        "result": tuned.result,
+    }
+    assert default_run.content["boundary"]["after"]["duration"] == float(tuned.path.duration)
+    again = sampled_certificate(tuned.path, qt.Limits(**LIMITS))
+    for name, (time, value, _) in again.worst.items():
+        after = default_run.content["limits"][name]["after"]
+        assert (time, value) == (after["time"], after["value"])
+
+
+def test_the_saved_path_is_the_tuned_one(default_run):
+    path = qt.load(default_run.out / "path.toml")
+    tuned = qt.load(default_run.out / "tuning.toml").path
+    for a, b in zip(jax.tree.leaves(path), jax.tree.leaves(tuned), strict=True):
+        assert np.array_equal(a, b)
+    after = default_run.dataset.sel(path="after")
+    positions = jax.vmap(path.position)(jnp.asarray(after["time"].values))
+    assert np.max(np.abs(positions - after["position"].values)) < ROUND_OFF
+
+
+def recording(t0, t1):
+    with (DATA / "boreas_right_angle.csv").open() as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    names = ("time", "easting", "northing", "altitude", "vel_east", "vel_north", "vel_up")
+    table = np.array([[float(row[name]) for name in names] for row in rows])
+    return table[(table[:, 0] >= t0) & (table[:, 0] <= t1)]
+
+
+def test_the_fit_figures_follow_from_the_recording(default_run):
+    """From the rows of the CSV file and the samples of the dataset, without the library."""
+    rows = recording(1093.5, 1099.5)
+    before = default_run.dataset.sel(path="before")
+    fit = default_run.content["fit"]
+    times = rows[:, 0] - rows[0, 0]
+    offset = CubicSpline(before["time"], before["position"])(times) - rows[:, 1:4]
+    tangent = CubicSpline(before["time"], before["velocity"])(times)
+    recorded = rows[:, 4:]
+    lengths = np.linalg.norm(tangent, axis=1) * np.linalg.norm(recorded, axis=1)
+    cosine = np.sum(tangent * recorded, axis=1) / lengths
+    assert fit["samples"] == len(rows)
+    assert fit["horizontal_rms"] == pytest.approx(np.sqrt(np.mean(offset[:, 0] ** 2 + offset[:, 1] ** 2)), abs=SPLINE)
+    assert fit["vertical_rms"] == pytest.approx(np.sqrt(np.mean(offset[:, 2] ** 2)), abs=SPLINE)
+    assert fit["direction_rms"] == pytest.approx(np.sqrt(np.mean(np.arccos(cosine) ** 2)), abs=SPLINE)
+    radius = np.hypot(*(CubicSpline(before["time"], before["position"])(times)[:, :2] - fit["axis"]).T)
+    assert (fit["radius_min"], fit["radius_max"]) == pytest.approx((radius.min(), radius.max()), abs=SPLINE)
+    assert np.array_equal(default_run.dataset["recorded_position"].values, rows[:, 1:4])
+
+
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_the_boundary_velocities_follow_from_the_dataset(default_run, when):
+    path = default_run.dataset.sel(path=when)
+    told = default_run.content["boundary"][when]
+    angles = []
+    for end, k in (("start", 0), ("end", -1)):
+        x, y = path["position"].values[k, :2] - default_run.content["fit"]["axis"]
+        vx, vy, vz = path["velocity"].values[k]
+        r = np.hypot(x, y)
+        angles.append(np.arctan2(y, x))
+        told_here = [told[end][name] for name in ("V_rho", "V_phi", "V_h")]
+        assert told_here == pytest.approx([(x * vx + y * vy) / r, (x * vy - y * vx) / r, vz], abs=1e-8)
+    assert told["duration"] == path["time"].values[-1]
+    assert told["mean_rate"] == pytest.approx(np.mod(angles[1] - angles[0], 2 * np.pi) / told["duration"], abs=1e-8)
+
+
+def test_the_terminal_shows_it_all_within_80_columns(default_run):
+    console = Console(file=io.StringIO(), width=80, highlight=False)
+    print_tuning(console, default_run.content | {"files": ["out/paths.nc"]})
+    text = console.file.getvalue()
+    numbers = default_run.content["fit"]
+    for fragment in (
+        "Right-angle turn for a city bus",
+        "Source: Boreas dataset (Burnett et al.",
+        "CC BY 4.0",
+        f"{numbers['horizontal_rms']:.3f} m RMS",
+        f"{numbers['vertical_rms']:.3f} m RMS",
+        f"{np.degrees(numbers['direction_rms']):.2f}° RMS",
+        f"{numbers['radius_min']:.2f} to {numbers['radius_max']:.2f} m",
+        "V_φ at B",
+        "mean rate",
+        "standing passengers",
+        "out/paths.nc",
+    ):
+        assert fragment in text
+    assert len(re.findall(r"broken", text)) == 2
+    assert len(re.findall(r"binds ", text)) >= 2
+    wide = [line for line in text.splitlines() if len(line) > 80 and not line.startswith("Scenario:")]
+    assert wide == []
+
+
+def test_what_cannot_be_met_is_written_and_explained(qtraj, tmp_path):
+    (tmp_path / "tight.toml").write_text(INFEASIBLE)
+    out = tmp_path / "out"
+    result = qtraj("tune", tmp_path / "tight.toml", "--out", out, "--json")
+    content = json.loads(result.stdout)
+    assert result.exit_code == 1
+    assert content["tuning"]["status"] == "infeasible"
+    assert "What would help" in content["tuning"]["result"]
+    assert content["limits"]["curvature"]["after"]["status"] == "broken"
+    assert content["fit"] is None
+    assert {file.name for file in out.iterdir()} == FILES
+
+
+def test_boundary_states_that_disagree_are_tuned_from_the_nearest_rate(qtraj, tmp_path):
+    result = qtraj("tune", EXAMPLES / "ramp_from_states.toml", "--out", tmp_path / "out", "--json")
+    boundary = json.loads(result.stdout)["boundary"]
+    assert result.exit_code == 0
+    given = boundary["given"]
+    assert (given["start"]["V_phi"], given["end"]["V_phi"]) == pytest.approx((5.0, 4.5))
+    # Both radii are 12 m: the rate that changes V_φ least is the mean one.
+    assert boundary["before"]["mean_rate"] == pytest.approx(4.75 / 12)
+    assert boundary["before"]["start"]["V_phi"] == pytest.approx(4.75)
+
+
+@pytest.mark.parametrize("name", ["turn_from_recording", "helix_slower"])
+def test_the_examples_run(qtraj, tmp_path, name):
+    result = qtraj("tune", EXAMPLES / f"{name}.toml", "--out", tmp_path / "out")
+    assert result.exit_code == 0
+    assert "binds" in result.stdout
+    assert result.stderr == ""
+
+
+def test_no_example_is_left_out():
+    scenarios = {"turn_from_recording", "helix_slower", "ramp_from_states"}
+    assert {file.stem for file in EXAMPLES.glob("*.toml")} == scenarios | {"helix"}
+
+
+def test_the_command_line_may_choose_motion_and_objective():
+    ramp = read_scenario(EXAMPLES / "ramp_from_states.toml")
+    job = lay(ramp, Choice("hermite", "smoothest"))
+    assert (job.motion, job.objective, job.duration) == ("hermite", "smoothest", None)
+    # A polynomial angle meets both V_φ from the start.
+    speeds = [float(jnp.linalg.norm(job.path.velocity(t))) for t in (0.0, float(job.path.duration))]
+    assert speeds == pytest.approx([5.0, np.hypot(4.5, 0.2)])
+    assert lay(ramp).motion == "uniform"
+
+
+def test_a_path_keeps_its_turns_and_its_duration():
+    job = lay(read_scenario(EXAMPLES / "helix_slower.toml"), Choice("hermite"))
+    assert job.turns == 1
+    assert job.duration == 24.0
+
+
+def test_an_objective_that_the_limits_do_not_bound_is_bad_input(qtraj, tmp_path):
+    (tmp_path / "s.toml").write_text(INFEASIBLE.replace("lateral_acceleration = 1.8", ""))
+    result = qtraj("tune", tmp_path / "s.toml", "--objective", "fastest", "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert "nothing bounds the fastest path" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_dataset_says_where_it_comes_from(default_run):
+    notes = default_run.dataset.attrs
+    assert notes["source"] == f"qtraj {qt.__version__}"
+    assert notes["scenario_sha256"] == read_scenario(DEFAULT).hash == default_run.content["scenario"]["sha256"]
+    assert "CC BY 4.0" in notes["recording"]
+    assert notes["tuning_status"] == "converged"

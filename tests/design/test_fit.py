@@ -1,0 +1,273 @@
+"""The fit of a spiral-helix: a real turn, known turns found again, and windows that are refused."""
+
+import importlib.resources
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from qtraj.design.fit import fit
+from qtraj.foundation import document
+from qtraj.io.track_file import read_track
+from qtraj.path.placement import Placement
+from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.track import Track
+
+SAMPLES = 58
+"""As many as the real window holds, so that all fits share their compilations."""
+
+RECOVERED = 1e-5
+"""[m] Largest distance from a known noise-free path, about 20 m in size at coordinates of 5e6 m."""
+
+SINGLE = 2e-4
+"""[m] float32 resolves 150 m to 1.5e-5 m; polynomials and squares cost some of it."""
+
+NOISE = 0.02
+"""[m] Standard deviation of synthetic noise per coordinate."""
+
+EAST, NORTH = 623_350.0, 4_848_810.0
+
+
+@pytest.fixture(scope="module")
+def turn():
+    with importlib.resources.as_file(importlib.resources.files("qtraj.io") / "data" / "boreas_right_angle.csv") as file:
+        return read_track(file).window(1093.5, 1099.5)
+
+
+@pytest.fixture(scope="module")
+def fitted(turn):
+    return {motion: fit(turn, motion) for motion in ("uniform", "hermite")}
+
+
+def known_path(motion, sense=1.0, origin=(EAST, NORTH, 0.0)):
+    """A turn of about 100°, outwards and upwards, in 4 s."""
+    angle = [0.4, 0.45 * sense] if motion == "uniform" else [0.4, 0.5 * sense, -0.06 * sense, 0.012 * sense]
+    return SpiralHelix([18.0, 0.9, -0.3, 0.05], angle, [152.0, 0.2, 0.1, -0.02], 4.0, placement=Placement(origin))
+
+
+def recorded(path, clock=1000.0, velocities=True):
+    times = np.linspace(0.0, 4.0, SAMPLES)
+    states = np.asarray(_states(path, jnp.asarray(times)))
+    return Track(clock + times, states[:, 0], states[:, 1] if velocities else None)
+
+
+@eqx.filter_jit
+def _states(path, times):
+    return jax.vmap(lambda t: path.derivatives(t, 2))(times)
+
+
+def distance(path, other):
+    """The largest distance between two paths of the same duration [m]."""
+    times = jnp.linspace(0.0, 4.0, SAMPLES)
+    gap = np.asarray(_states(path, times) - _states(other, times))[:, 0]
+    return np.max(np.linalg.norm(gap, axis=1))
+
+
+def test_a_real_turn_uniform(fitted):
+    path, residual = fitted["uniform"], fitted["uniform"].residual
+    assert bool(residual.converged)
+    assert residual.message == ""
+    assert int(residual.samples) == SAMPLES
+    assert float(residual.horizontal_rms) <= 0.20
+    np.testing.assert_allclose(residual.vertical_rms, 0.034, atol=0.001)
+    np.testing.assert_allclose(np.degrees(residual.turn), 87.7, atol=0.1)
+    assert float(residual.direction_rms) < np.radians(6)
+    states = np.asarray(_states(path, jnp.linspace(0.0, float(path.duration), 200)))
+    speed = np.linalg.norm(states[:, 1], axis=1)
+    curvature = np.linalg.norm(np.cross(states[:, 1], states[:, 2]), axis=1) / speed**3
+    np.testing.assert_allclose(curvature.max(), 0.050, atol=0.001)
+    np.testing.assert_allclose((curvature * speed**2).max(), 2.9, atol=0.05)
+
+
+def test_a_real_turn_hermite(fitted):
+    residual = fitted["hermite"].residual
+    assert bool(residual.converged)
+    assert residual.message == ""
+    assert float(residual.horizontal_rms) <= 0.05
+    np.testing.assert_allclose(residual.vertical_rms, 0.034, atol=0.001)
+
+
+@pytest.mark.parametrize("motion", ["uniform", "hermite"])
+def test_the_axis_of_a_real_turn_stays_inside_the_bend(fitted, turn, motion):
+    path = fitted[motion]
+    assert float(path.residual.radius_min) > 5.0
+    assert float(path.residual.radius_max) < 25.0
+    assert float(path.turn) > 0.0
+    np.testing.assert_allclose(path.duration, turn.duration)
+
+
+def test_the_fit_is_a_minimum(fitted, turn):
+    """No small change of axis, ρ or φ comes nearer to the recording, in the fit's own measure."""
+    path = fitted["uniform"]
+
+    def cost(p):
+        states = np.asarray(_states(p, turn.elapsed))
+        off = np.sum((states[:, 0] - np.asarray(turn.positions)) ** 2) / 0.005**2
+        return off + np.sum((states[:, 1] - np.asarray(turn.velocities)) ** 2) / 0.08**2
+
+    best = cost(path)
+    for where, steps in (
+        (lambda p: p.radius, [1e-2, 2e-3, 5e-4, 1e-4]),
+        (lambda p: p.angle, [1e-3, 2e-4]),
+        (lambda p: p.height, [1e-2, 2e-3, 5e-4, 1e-4]),
+        (lambda p: p.placement.origin, [1e-2, 1e-2]),
+    ):
+        for k, step in enumerate(steps):
+            for sign in (1.0, -1.0):
+                assert cost(eqx.tree_at(where, path, where(path).at[k].add(sign * step))) > best
+
+
+def test_the_uniform_fit_follows_from_its_boundary_states(fitted):
+    path = fitted["uniform"]
+    start, end = path.state(0.0), path.state(path.duration)
+    again = SpiralHelix.from_boundary(start, end, placement=path.placement)
+    np.testing.assert_allclose(again.duration, path.duration, rtol=1e-9)
+    for name in ("radius", "angle", "height"):
+        np.testing.assert_allclose(getattr(again, name), getattr(path, name), rtol=1e-6, atol=1e-7)
+
+
+def test_the_hermite_fit_follows_from_its_boundary_states(fitted):
+    path = fitted["hermite"]
+    start, end = path.state(0.0), path.state(path.duration)
+    again = SpiralHelix.hermite(start, end, path.duration, placement=path.placement)
+    for name in ("radius", "angle", "height"):
+        np.testing.assert_allclose(getattr(again, name), getattr(path, name), rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize("motion", ["uniform", "hermite"])
+@pytest.mark.parametrize("sense", [1.0, -1.0], ids=["left", "right"])
+@pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (EAST, NORTH, 0.0)], ids=["near", "far"])
+def test_a_known_path_is_found_again(motion, sense, origin):
+    path = known_path(motion, sense, origin)
+    found = fit(recorded(path), motion)
+    assert bool(found.residual.converged)
+    assert distance(found, path) < RECOVERED
+    np.testing.assert_allclose(found.placement.origin, path.placement.origin, atol=100 * RECOVERED)
+    np.testing.assert_allclose(found.radius[0], 18.0, atol=100 * RECOVERED)
+    np.testing.assert_allclose(found.turn, path.turn, rtol=1e-4)
+
+
+@pytest.mark.parametrize("motion", ["uniform", "hermite"])
+def test_a_known_path_is_found_again_from_positions_alone(motion):
+    path = known_path(motion)
+    found = fit(recorded(path, velocities=False), motion)
+    assert distance(found, path) < RECOVERED
+    assert found.residual.velocity_rms is None
+    assert found.residual.direction_rms is None
+
+
+@pytest.mark.parametrize("whole_turns", [1.2, -3.4])
+def test_more_than_a_whole_turn(whole_turns):
+    rate = 2 * np.pi * whole_turns / 4.0
+    path = SpiralHelix([9.0, 0.3], [-1.0, rate], [0.0, 2.0], 4.0, placement=Placement([40.0, -70.0, 0.0]))
+    found = fit(recorded(path, velocities=False), "uniform")
+    assert distance(found, path) < RECOVERED
+    np.testing.assert_allclose(found.turn, path.turn, rtol=1e-8)
+
+
+def noisy_errors(motion, noise, seeds):
+    path = known_path(motion)
+    clean = recorded(path, velocities=False)
+    errors = []
+    for seed in seeds:
+        shift = noise * np.random.default_rng(seed).normal(size=(SAMPLES, 3))
+        found = fit(Track(clean.times, clean.positions + shift), motion)
+        times = clean.elapsed
+        gap = np.asarray(_states(found, times) - _states(path, times))[:, 0]
+        errors.append((np.mean(np.sum(gap[:, :2] ** 2, axis=1)), float(found.residual.horizontal_rms) ** 2))
+    return np.mean(errors, axis=0)
+
+
+@pytest.mark.parametrize(("motion", "unknowns"), [("uniform", 8), ("hermite", 10)])
+def test_noise_averages_out_as_least_squares_says(motion, unknowns):
+    """Of 2n noisy coordinates p unknowns take up p σ²: the path errs by that much, and the rest stays as residual.
+
+    Each mean over 12 windows is within four standard errors, sqrt(2/(12 p)) and sqrt(2/(12 (2n − p))) relatively.
+    """
+    error, remaining = noisy_errors(motion, NOISE, range(12))
+    np.testing.assert_allclose(error, unknowns * NOISE**2 / SAMPLES, rtol=4 * np.sqrt(2 / (12 * unknowns)))
+    expected = (2 * SAMPLES - unknowns) * NOISE**2 / SAMPLES
+    np.testing.assert_allclose(remaining, expected, rtol=4 * np.sqrt(2 / (12 * (2 * SAMPLES - unknowns))))
+
+
+def test_velocities_count_by_their_sigma(turn, fitted):
+    """Trusting the velocities more lessens their misfit at the positions' cost."""
+    trusting = fit(turn, velocity_sigma=0.005).residual
+    assert float(trusting.velocity_rms) < float(fitted["uniform"].residual.velocity_rms) - 0.01
+    assert float(trusting.horizontal_rms) > float(fitted["uniform"].residual.horizontal_rms) + 0.01
+
+
+def straight(bend=0.0, wobble=0.0):
+    times = np.linspace(0.0, 4.0, SAMPLES)
+    x = 10.0 * times
+    y = 0.5 * bend / 40.0 * x**2 + wobble * np.sin(3.0 * times)
+    return Track(times, np.stack([EAST + x, NORTH + y, 0 * x], axis=1))
+
+
+@pytest.mark.parametrize(("bend", "words"), [(0.0, r"0\.00°"), (np.radians(6.0), r"6\.0\d°"), (-0.1, r"-5\.\d\d°")])
+def test_a_nearly_straight_window_is_refused_with_its_turn(bend, words):
+    with pytest.raises(ValueError, match=rf"nearly straight: over 40.* turns by {words}.*at least 10°.*window"):
+        fit(straight(bend))
+
+
+def test_a_standing_vehicle_is_refused():
+    with pytest.raises(ValueError, match="nearly straight"):
+        fit(Track(np.arange(10.0), np.ones((10, 3)), np.zeros((10, 3))))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"motion": "quintic"}, r"motion='quintic' is unknown: choose one of 'uniform', 'hermite'"),
+        ({"position_sigma": 0}, r"position_sigma must be positive, but 0"),
+        ({"velocity_sigma": float("nan")}, r"velocity_sigma must be positive, but nan"),
+        ({"radius_bounds": (20.0, 10.0)}, r"radius_bounds must be .* 0 < low < high"),
+        ({"max_steps": 0}, r"max_steps must be positive"),
+    ],
+)
+def test_arguments_that_are_refused(turn, arguments, words):
+    with pytest.raises(ValueError, match=words):
+        fit(turn, **arguments)
+
+
+def test_too_few_samples_are_refused(turn):
+    with pytest.raises(ValueError, match="at least 8 samples, but the window holds 5"):
+        fit(turn.window(1094.0, 1094.5))
+
+
+def test_a_search_that_does_not_end_says_so(turn):
+    residual = fit(turn, max_steps=2).residual
+    assert not bool(residual.converged)
+    assert "did not end within 2 steps" in residual.message
+    assert "max_steps" in residual.message
+    assert np.isfinite(float(residual.horizontal_rms))
+
+
+def test_a_radius_held_by_its_bounds_says_so(turn):
+    path = fit(turn, radius_bounds=(18.0, 22.0))
+    assert "held by its bounds, 18 to 22 m" in path.residual.message
+    assert float(path.residual.radius_min) > 17.5
+    assert float(path.residual.radius_max) < 22.5
+
+
+@pytest.mark.parametrize("suffix", [".toml", ".json"])
+def test_a_fitted_path_is_stored_with_its_residual(tmp_path, fitted, suffix):
+    fitted["hermite"].save(tmp_path / f"path{suffix}")
+    assert eqx.tree_equal(document.load(tmp_path / f"path{suffix}"), fitted["hermite"])
+
+
+def single(track):
+    return Track(*(np.asarray(x, np.float32) for x in (track.times, track.positions, track.velocities)))
+
+
+@pytest.mark.parametrize("x64", [True, False])
+def test_float32_near_the_origin(x64):
+    """A float32 recording is fitted to what float32 resolves, in either session; the path is float32."""
+    track = recorded(known_path("uniform", origin=(0.0, 0.0, 0.0)), clock=0.0)
+    with jax.enable_x64(x64):
+        found = fit(single(track))
+        assert found.radius.dtype == jnp.float32
+        assert bool(found.residual.converged)
+        assert float(found.residual.distance_rms) < SINGLE

@@ -1,0 +1,147 @@
+"""Limited magnitudes against their definitions, margins, peaks and their gradients."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+import qtraj as qt
+from qtraj.design.limits import UNITS, magnitude
+
+ALL = dict.fromkeys(UNITS, 1.0)
+PLACEMENTS = [None, qt.Placement([5.0, 6.0, 7.0]), qt.Placement([0.0, 0.0, 0.0], [1.0, 0.2, -0.1, 0.3])]
+
+
+def helix(placement=None) -> qt.SpiralHelix:
+    return qt.SpiralHelix([20.0, 1.0, 0.3, -0.05], [0.2, 0.35, 0.02], [1.0, 0.4, 0.05, -0.01], 4.5, placement)
+
+
+@pytest.mark.parametrize("placement", PLACEMENTS, ids=["axis z", "moved", "tilted"])
+def test_magnitudes_are_what_their_names_say(placement):
+    path, t = helix(placement), 1.3
+    r = np.asarray(path.derivatives(t, 3))
+    v, a = r[1], r[2]
+    speed = np.linalg.norm(v)
+    at = qt.trihedral(path, t)
+    expected = {
+        "curvature": np.linalg.norm(np.cross(v, a)) / speed**3,
+        "torsion": abs(np.cross(v, a) @ r[3]) / np.linalg.norm(np.cross(v, a)) ** 2,
+        "speed": speed,
+        "acceleration": np.linalg.norm(a),
+        "lateral_acceleration": np.linalg.norm(a - (a @ v) * v / speed**2),
+        "longitudinal_acceleration": abs(a @ v) / speed,
+        "slope": abs(v[2]) / np.hypot(v[0], v[1]),
+        "angular_rate": np.linalg.norm(at.rate),
+        "angular_acceleration": np.linalg.norm(at.acceleration),
+    }
+    values = jax.jit(lambda path, t: qt.Limits(**ALL).values(path, t))(path, t)
+    assert set(values) == set(UNITS)
+    for name, value in expected.items():
+        np.testing.assert_allclose(values[name], value, rtol=1e-11)
+
+
+def test_margins_are_limit_less_value_for_the_given_limits_only():
+    limits = qt.Limits(speed=9.0, slope=0.01)
+    margins = limits.margins(helix(), 1.0)
+    assert set(margins) == {"speed", "slope"}
+    assert float(margins["speed"]) == pytest.approx(9.0 - float(magnitude(helix(), 1.0, "speed")))
+    assert float(margins["slope"]) < 0
+
+
+def test_what_divides_by_a_vanishing_speed_is_infinite_or_zero_never_nan():
+    stop = qt.SpiralHelix([2.0, 0.0, 1.0], [0.3], [1.0], 2.0)
+    climb = qt.SpiralHelix([2.0], [0.3], [0.0, 1.0], 2.0)
+    assert np.isinf(magnitude(climb, 1.0, "slope"))
+    for name in UNITS:
+        value, slope = jax.value_and_grad(lambda t: magnitude(stop, t, name))(0.0)  # noqa: B023
+        assert not np.isnan(value), name
+        assert not np.isnan(slope), name
+
+
+@pytest.mark.parametrize("name", ["curvature", "torsion", "longitudinal_acceleration", "angular_acceleration"])
+def test_peaks_are_those_of_a_bounded_search(name):
+    path = helix()
+    time, value = jax.jit(lambda path: qt.peak(path, name))(path)
+    f = jax.jit(lambda t: -magnitude(path, t, name))
+    grid = np.linspace(0, 4.5, 2001)
+    coarse = grid[np.argmin([float(f(t)) for t in grid])]
+    bounds = (max(0.0, coarse - 0.01), min(4.5, coarse + 0.01))
+    fine = minimize_scalar(lambda t: float(f(t)), bounds=bounds, method="bounded", options={"xatol": 1e-12})
+    np.testing.assert_allclose(value, max(-fine.fun, -float(f(coarse))), rtol=1e-12)
+    np.testing.assert_allclose(time, fine.x, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("make", "fragment"),
+    [
+        (lambda: qt.Limits(curvature=0.0), "limit curvature must be positive"),
+        (lambda: qt.Limits(speed=-1.0), "limit speed must be positive"),
+        (lambda: qt.Limits(torsion=float("nan")), "limit torsion must be positive"),
+        (lambda: qt.Limits(slope=[0.1, 0.2]), "limit slope must be one number"),
+        (lambda: qt.Limits(acceleration=["x"]), "limit acceleration must be a number"),
+        (lambda: qt.peak(helix(), "colour"), "unknown magnitude 'colour'"),
+    ],
+)
+def test_bad_limits_are_refused_with_a_reason(make, fragment):
+    with pytest.raises(ValueError) as caught:
+        make()
+    assert fragment in str(caught.value)
+
+
+# Gradients with respect to every boundary number, against central differences.
+
+GRADIENT = 1e-7  # relative to the largest component
+STATES = np.array([[20.0, 1.0, 0.5], [-0.4, 7.0, 0.3], [-2.0, 24.0, 1.5], [-8.9, 0.6, 0.8]])
+# Uniform rotation takes V_φ/ρ from the start; inside a trace the disagreement of the end's is a number, no error.
+
+
+def built(x, motion):
+    start, end = qt.BoundaryState(x[0], x[1]), qt.BoundaryState(x[2], x[3])
+    if motion == "uniform":
+        return qt.SpiralHelix.from_boundary(start, end)
+    return qt.SpiralHelix.hermite(start, end, 4.0)
+
+
+def largest_curvature(x, motion):
+    return qt.peak(built(x, motion), "curvature")[1][None]
+
+
+def quaternion(x, motion):
+    return qt.trihedral(built(x, motion), 1.7).quaternion()
+
+
+def rate(x, motion):
+    return qt.trihedral(built(x, motion), 1.7).rate
+
+
+def central(f, x, step):
+    """Fourth-order central differences, for steps in proportion to the size of each number."""
+    columns = []
+    for k in range(x.size):
+        h = step * max(1.0, abs(x.flat[k]))
+        d = np.zeros_like(x)
+        d.flat[k] = h
+        columns.append((8 * (f(x + d) - f(x - d)) - (f(x + 2 * d) - f(x - 2 * d))) / (12 * h))
+    return np.stack(columns, axis=-1).reshape(*columns[0].shape, *x.shape)
+
+
+@pytest.mark.parametrize("motion", ["uniform", "hermite"])
+@pytest.mark.parametrize("quantity", [largest_curvature, quaternion, rate])
+def test_gradients_in_every_boundary_number(quantity, motion):
+    f = partial(quantity, motion=motion)
+    forward, reverse = jax.jit(lambda x: (jax.jacfwd(f)(x), jax.jacrev(f)(x)))(STATES)
+    compiled = jax.jit(f)
+    differences = central(lambda x: np.asarray(compiled(x)), STATES, 1e-3)
+    scale = np.abs(differences).max()
+    assert scale > 1e-3
+    np.testing.assert_allclose(forward, differences, rtol=0, atol=GRADIENT * scale)
+    np.testing.assert_allclose(reverse, forward, rtol=0, atol=1e-12 * scale)
+
+
+def test_float32_keeps_its_dtype():
+    path = jax.tree.map(lambda x: x.astype(jnp.float32), helix())
+    values = qt.Limits(**{name: jnp.asarray(1.0, jnp.float32) for name in UNITS}).values(path, 1.0)
+    assert {v.dtype for v in values.values()} == {jnp.dtype(jnp.float32)}

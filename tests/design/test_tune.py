@@ -1,0 +1,210 @@
+"""Tuning: limits met, objectives at their least, infeasible problems explained, bad ones refused."""
+
+import math
+from functools import lru_cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import NonlinearConstraint, minimize
+
+import qtraj as qt
+from qtraj.design.limits import magnitude
+from qtraj.design.problem import pose
+
+RATE = 0.35
+START = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, RATE * 20, 0.3])
+END = qt.BoundaryState([0.0, 28.0, 1.5], [-RATE * 28, -1.0, 0.1])
+LIMITS = qt.Limits(curvature=0.048, lateral_acceleration=2.2)
+
+AGREES = 1e-6  # relative difference of objectives
+
+
+def best_of_slsqp(objective, motion, limits=LIMITS, duration=None, starts=3):
+    """The least objective that SciPy's SLSQP finds from several starts, with the limits at 300 fixed instants."""
+    problem = pose(START, END, limits, objective, motion, duration, 0, None)
+    given = limits.given()
+
+    def both(z):
+        path = problem.path(z)
+        times = jnp.linspace(0.0, 1.0, 300) * path.duration
+        rows = [1.0 - jax.vmap(lambda t, n=name: magnitude(path, t, n))(times) / given[name] for name in given]
+        return problem.cost(z), jnp.concatenate(rows)
+
+    compiled = jax.jit(lambda z: (both(z), jax.jacfwd(both)(z)))  # values and derivatives in one compilation
+
+    @lru_cache(maxsize=1)
+    def at(z):
+        (cost, excess), (slope, jacobian) = jax.device_get(compiled(np.asarray(z)))
+        return float(cost), excess, slope, jacobian
+
+    rng, best = np.random.default_rng(0), math.inf
+    for k in range(starts):
+        found = minimize(
+            lambda z: at(tuple(z))[0],
+            0.1 * k * rng.normal(size=problem.size),
+            jac=lambda z: at(tuple(z))[2],
+            constraints=NonlinearConstraint(lambda z: at(tuple(z))[1], 0.0, np.inf, jac=lambda z: at(tuple(z))[3]),
+            method="SLSQP",
+            options={"ftol": 1e-13, "maxiter": 300},
+        )
+        if np.min(at(tuple(found.x))[1]) > -1e-7:
+            best = min(best, float(found.fun))
+    return best * float(problem.scale)
+
+
+CASES = [
+    ("nearest", "uniform", None),
+    ("fastest", "uniform", None),
+    ("smoothest", "uniform", 6.5),
+    ("nearest", "hermite", None),
+    ("smoothest", "hermite", 4.0),
+]
+
+
+@pytest.mark.parametrize(("objective", "motion", "duration"), CASES)
+def test_limits_are_met_at_the_least_objective(objective, motion, duration):
+    best = qt.tune(START, END, LIMITS, objective=objective, motion=motion, duration=duration)
+    assert best.status == "converged", best.result
+    assert best.certificate.met
+    assert all(best.certificate.margin(name) >= 0 for name in LIMITS.given())
+    reference = best_of_slsqp(objective, motion, duration=duration)
+    assert best.objective <= reference * (1 + AGREES), "no worse than SciPy's SLSQP"
+    for state, given, t in ((best.start, START, 0.0), (best.end, END, best.path.duration)):
+        np.testing.assert_array_equal(state.position, given.position)
+        np.testing.assert_allclose(best.path.position(t), given.position, atol=1e-12)
+        np.testing.assert_allclose(best.path.velocity(t), state.velocity, atol=1e-12)
+    if duration is not None:
+        assert float(best.path.duration) == pytest.approx(duration, rel=1e-14)
+
+
+def test_the_objective_is_the_one_defined():
+    """Squares of the changes of the cylindrical components, plus those of the duration for hermite motion."""
+    for motion in ("uniform", "hermite"):
+        best = qt.tune(START, END, LIMITS, motion=motion)
+        given = np.array([[1.0, 7.0, 0.3], [-1.0, RATE * 28, 0.1]])  # V_ρ, V_φ, V_h at A and at B
+        ends = [best.path.rotating_derivatives(t, 1)[1] for t in (0.0, best.path.duration)]
+        expected = np.sum((np.asarray(ends) - given) ** 2)
+        if motion == "hermite":
+            own = math.pi / 2 / RATE
+            speed2 = (START.velocity @ START.velocity + END.velocity @ END.velocity) / 2
+            expected += float(((best.path.duration - own) / own) ** 2 * speed2)
+        assert best.objective == pytest.approx(expected, rel=1e-10)
+
+
+def test_a_callable_objective_is_minimised():
+    def climb_rate(path):
+        return (path.rotating_derivatives(0.5 * path.duration, 1)[1, 2] - 0.5) ** 2 + 1e-3 * path.duration
+
+    best = qt.tune(START, END, LIMITS, objective=climb_rate)
+    assert best.status == "converged", best.result
+    nearest = qt.tune(START, END, LIMITS)
+    assert best.objective < float(climb_rate(nearest.path))
+
+
+def test_wide_limits_leave_the_given_states_alone():
+    best = qt.tune(START, END, qt.Limits(curvature=1.0, speed=50.0))
+    assert best.status == "converged"
+    assert best.objective == pytest.approx(0.0, abs=1e-15)
+    assert "No limit binds" in best.result
+    np.testing.assert_allclose(best.start.velocity, START.velocity, atol=1e-9)
+
+
+def test_disagreeing_rates_are_no_obstacle():
+    end = qt.BoundaryState(END.position, 1.5 * END.velocity)
+    with pytest.raises(ValueError, match="disagree"):
+        qt.SpiralHelix.from_boundary(START, end)
+    best = qt.tune(START, end, LIMITS)
+    assert best.status == "converged", best.result
+    assert float(best.path.angle[1]) > 0, "ω keeps its sign"
+
+
+@pytest.mark.parametrize(("sense", "turns"), [(-1.0, 0), (1.0, 1)])
+def test_sense_and_whole_turns(sense, turns):
+    """Mirrored in the plane y = 0 the problem and its solution are mirrored; whole turns are kept."""
+    mirror = np.array([1.0, sense, 1.0])
+    start = qt.BoundaryState(START.position * mirror, START.velocity * mirror)
+    end = qt.BoundaryState(END.position * mirror, END.velocity * mirror)
+    limits = LIMITS if turns == 0 else qt.Limits(lateral_acceleration=2.2, curvature=0.06)
+    best = qt.tune(start, end, limits, turns=turns)
+    assert best.status == "converged", best.result
+    assert float(best.path.turn) == pytest.approx(sense * (math.pi / 2 + 2 * math.pi * turns))
+    if turns == 0:
+        assert best.objective == pytest.approx(qt.tune(START, END, LIMITS).objective, rel=1e-9)
+
+
+def test_a_placement_changes_nothing_but_the_place():
+    placement = qt.Placement([623000.0, 4848000.0, 150.0])
+    start = qt.BoundaryState(START.position + placement.origin, START.velocity)
+    end = qt.BoundaryState(END.position + placement.origin, END.velocity)
+    best = qt.tune(start, end, LIMITS, placement=placement)
+    assert best.objective == pytest.approx(qt.tune(START, END, LIMITS).objective, rel=1e-6)
+
+
+def test_progress_is_told_after_every_round():
+    rounds = []
+    qt.tune(START, END, LIMITS, progress=lambda *told: rounds.append(told))
+    assert [count for count, _, _ in rounds] == list(range(1, len(rounds) + 1))
+    assert rounds[-1][2] < 1e-8
+
+
+def test_an_impossible_limit_is_explained():
+    best = qt.tune(START, END, qt.Limits(curvature=0.02, lateral_acceleration=2.2))
+    assert best.status == "infeasible"
+    assert not best.converged
+    assert not best.certificate.met
+    assert "curvature cannot be met between these positions" in best.result
+    assert "What would help: raise curvature to" in best.result
+    # The remedy it names does help.
+    needed = float(best.result.split("raise curvature to ")[1].split(" ")[0])
+    again = qt.tune(START, END, qt.Limits(curvature=needed, lateral_acceleration=2.2))
+    assert again.certificate.met, again.result
+
+
+def test_limits_that_quarrel_are_told_apart_from_impossible_ones():
+    """With the time held, curvature alone could be met, and lateral acceleration could not."""
+    best = qt.tune(START, END, LIMITS, objective="smoothest", duration=math.pi / 2 / RATE)
+    assert best.status == "infeasible"
+    assert "curvature can be met alone, but not with the others" in best.result
+    assert "lateral_acceleration cannot be met" in best.result
+    assert "longer duration" in best.result
+
+
+def test_too_few_rounds_are_said():
+    best = qt.tune(START, END, LIMITS, max_rounds=1)
+    assert best.status in ("not converged", "infeasible")
+    assert "max_rounds" in best.result
+
+
+@pytest.mark.parametrize(
+    ("change", "fragment"),
+    [
+        ({"motion": "circular"}, "'uniform' or 'hermite'"),
+        ({"objective": "cheapest"}, "'nearest', 'fastest', 'smoothest'"),
+        ({"limits": qt.Limits()}, "no limit was given"),
+        ({"objective": "fastest", "limits": qt.Limits(curvature=0.05)}, "nothing bounds the fastest path"),
+        ({"duration": 5.0}, "uniform motion lasts as long as its rate says"),
+        ({"duration": -5.0, "motion": "hermite"}, "must be positive"),
+        ({"turns": -1}, "turns must be 0 or more"),
+        ({"end": START}, "same azimuth"),
+        ({"start": qt.BoundaryState([20.0, 0, 0], [1.0, 0.0, 0.3])}, "sense of rotation is unknown"),
+        ({"start": qt.BoundaryState([0.0, 0, 0], [1.0, 7.0, 0.3])}, "axis"),
+        ({"end": qt.BoundaryState(END.position, -END.velocity)}, "opposite senses"),
+        ({"start": qt.BoundaryState(START.position, START.velocity, [0.0, 0, 0])}, "accelerations"),
+        ({"objective": lambda path: path.duration * jnp.nan}, "must be finite there"),
+    ],
+)
+def test_what_makes_no_problem_is_refused_with_a_reason(change, fragment):
+    arguments = {"start": START, "end": END, "limits": LIMITS} | change
+    with pytest.raises(ValueError) as caught:
+        qt.tune(**arguments)
+    assert fragment in str(caught.value)
+
+
+def test_the_outcome_is_stored_exactly(tmp_path):
+    best = qt.tune(START, END, LIMITS)
+    best.save(tmp_path / "best.json")
+    again = qt.load(tmp_path / "best.json")
+    for a, b in zip(jax.tree.leaves(again), jax.tree.leaves(best), strict=True):
+        assert np.all(np.asarray(a) == np.asarray(b))

@@ -1,0 +1,97 @@
+"""Scenario files: the embedded one, what is optional, and what messages name."""
+
+import hashlib
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from qtraj.io.scenario import DEFAULT, read_scenario
+from qtraj.io.scenario_model import LimitsPart, Scenario, TunePart
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+STATES = """
+[start]
+position = [12, 0.0, 0.0]
+velocity = [0.0, 5.0, 0.0]
+[end]
+position = [0.0, 12.0, 1.5]
+velocity = [-4.5, 0.0, 0.2]
+"""
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(text):
+        (tmp_path / "s.toml").write_text(text, encoding="utf-8")
+        return read_scenario(tmp_path / "s.toml")
+
+    return read
+
+
+def test_the_embedded_scenario():
+    given = read_scenario(DEFAULT)
+    scenario = given.scenario
+    assert scenario.limits.given() == {"curvature": 1 / 22.5, "lateral_acceleration": 1.5}
+    assert scenario.purpose.keys() == scenario.limits.given().keys()
+    assert (scenario.tune.objective, scenario.tune.motion) == ("nearest", "uniform")
+    assert scenario.track.window == [1093.5, 1099.5]
+    assert given.beside(scenario.track.file).is_file()
+    assert "CC BY 4.0" in scenario.track.source
+
+
+def test_the_source_is_that_of_the_recording_itself():
+    """The attribution in the scenario has the words of the comment in the recording."""
+    given = read_scenario(DEFAULT)
+    comment = given.beside(given.scenario.track.file).read_text().splitlines()
+    [attribution] = [line for line in comment if line.startswith("# Source: ")]
+    words = attribution.removeprefix("# Source: ").rstrip(".")
+    assert words in given.scenario.track.source
+
+
+@pytest.mark.parametrize("file", [DEFAULT, *sorted(EXAMPLES.glob("*.toml"))], ids=lambda file: file.stem)
+def test_the_hash_is_that_of_the_bytes(file):
+    if "format" in tomllib.loads(file.read_text(encoding="utf-8")):
+        return  # a saved path, not a scenario
+    assert read_scenario(file).hash == hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+
+
+def test_what_is_left_out_has_defaults(read):
+    scenario = read(STATES).scenario
+    assert scenario.tune == TunePart(objective="nearest", motion="uniform")
+    assert scenario.limits == LimitsPart()
+    assert scenario.start.acceleration is None
+    assert scenario.start.position == [12.0, 0.0, 0.0]  # whole numbers are numbers
+
+
+def test_files_stand_beside_the_scenario(read, tmp_path):
+    given = read('path = "saved/path.toml"')
+    assert given.beside(given.scenario.path) == tmp_path / "saved" / "path.toml"
+
+
+def test_a_byte_order_mark_is_no_error(read):
+    assert read("\ufeff" + STATES).scenario.end is not None
+
+
+def test_every_key_says_what_it_expects():
+    def descend(model):
+        for name, field in model.model_fields.items():
+            yield model.__name__, name, field.description
+            for part in [field.annotation, *getattr(field.annotation, "__args__", ())]:
+                if isinstance(part, type) and hasattr(part, "model_fields"):
+                    yield from descend(part)
+
+    assert [entry for entry in descend(Scenario) if not entry[2] and entry[1] != "tune"] == []
+
+
+def test_several_faults_are_counted_and_the_misspelt_key_comes_first(read):
+    with pytest.raises(
+        ValueError, match=r"s\.toml: unknown key 'start\.positon'; did you mean 'position'\? \(and 2 more\)"
+    ):
+        read(STATES.replace("position = [12", "positon = [12") + "[limits]\nspeed = -1\n")
+
+
+def test_a_long_value_is_cut(read):
+    with pytest.raises(ValueError, match="…, but expected three finite") as error:
+        read(STATES.replace("[12, 0.0, 0.0]", str(list(range(100)))))
+    assert len(str(error.value)) < 300
