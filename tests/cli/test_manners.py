@@ -161,10 +161,12 @@ def test_a_process_computes_in_float64_and_keeps_its_compilations(tmp_path):
     assert any((tmp_path / "qtraj" / "jax").iterdir())
 
 
-def test_a_cache_that_cannot_be_made_is_no_error(tmp_path):
+def test_neither_a_cache_that_cannot_be_made_nor_a_terminal_without_greek_is_an_error(tmp_path):
     (tmp_path / "file").write_text("")
-    done = process(["-m", "qtraj", "--version"], XDG_CACHE_HOME=str(tmp_path / "file"))
+    arguments = ["-m", "qtraj", "evaluate", str(HELIX), "--samples", "2"]
+    done = process(arguments, XDG_CACHE_HOME=str(tmp_path / "file"), PYTHONIOENCODING="ascii")
     assert (done.returncode, done.stderr) == (0, "")
+    assert "540.00? about the axis" in done.stdout
 
 
 def test_missing_packages_are_named():

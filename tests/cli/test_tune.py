@@ -14,7 +14,7 @@ from rich.console import Console
 from scipy.interpolate import CubicSpline
 
 import qtraj as qt
-from qtraj.cli.job import Choice, lay
+from qtraj.cli.job import Choice, lay, saved_path
 from qtraj.cli.report import print_tuning
 from qtraj.design.certificate import sampled_certificate
 from qtraj.io.scenario import DEFAULT, read_scenario
@@ -101,6 +101,7 @@ def test_the_saved_path_is_the_tuned_one(default_run):
     tuned = qt.load(default_run.out / "tuning.toml").path
     for a, b in zip(jax.tree.leaves(path), jax.tree.leaves(tuned), strict=True):
         assert np.array_equal(a, b)
+    assert np.array_equal(saved_path(default_run.out / "tuning.toml").radius, path.radius)
     after = default_run.dataset.sel(path="after")
     positions = jax.vmap(path.position)(jnp.asarray(after["time"].values))
     assert np.max(np.abs(positions - after["position"].values)) < ROUND_OFF

@@ -20,6 +20,7 @@ FLOORS = {
     "io": 6,
     "viz": 6,
     "cli": 6,
+    "__main__": 6,
 }
 ROOF = 7  # the root package itself, which names everything below it
 

@@ -1,5 +1,6 @@
 """Turn profiles: limits, minimal times, derivatives and gradients, at regime boundaries and at Φ = 0 too."""
 
+import functools
 import math
 
 import jax
@@ -15,6 +16,11 @@ from qtraj.motion.time_optimal import TimeOptimal
 ROUND_OFF = 1e-11  # relative, of a chain of pieces
 FINITE_DIFFERENCE = 2e-6  # of central differences with a step of 1e-6
 DEGREE = math.pi / 180
+
+# These graphs are compiled for one small run each: unoptimised code is there five times as fast.
+jit = functools.partial(
+    jax.jit, compiler_options={"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
+)
 
 FROM_LIMITS = {
     "time-optimal": lambda v, a, j: TimeOptimal(v, a),
@@ -35,12 +41,24 @@ def motion(profile, t):
     return profile.derivatives(t, 3)
 
 
-@jax.jit
-@jax.vmap
 def sample(profile):
-    """Φ … Φ⃛ and their t-derivatives at instants over each profile of a batch."""
+    """Φ … Φ⃛ and their t-derivatives at instants over the profile, with the profile."""
     times = profile.duration * jnp.linspace(0.0, 1.0, 401)
-    return jax.vmap(lambda t: jax.jvp(lambda t: motion(profile, t), (t,), (jnp.ones_like(t),)))(times)
+    return profile, *jax.vmap(lambda t: jax.jvp(lambda t: motion(profile, t), (t,), (jnp.ones_like(t),)))(times)
+
+
+def sampled(make, *arguments):
+    """`sample` of the profile that `make` gives for each row of the arguments, as NumPy arrays."""
+    return jax.tree.map(np.asarray, jit(jax.vmap(lambda *x: sample(make(*x))))(*arguments))
+
+
+def check_consistency(profiles, values, slopes, acceleration):
+    """Each row is the derivative of the one before, and the angle is the integral of the rate, without a jump."""
+    np.testing.assert_allclose(slopes[:, :-1, :3], values[:, :-1, 1:], rtol=ROUND_OFF, atol=1e-9)
+    step = profiles.duration[:, None] / 400
+    trapezoids = step * (values[:, 1:, 1] + values[:, :-1, 1]) / 2
+    bound = step**2 / 4 * acceleration[:, None] + 1e-14  # the trapezoid's error under this limit
+    assert np.all(np.abs(np.diff(values[:, :, 0], axis=1) - trapezoids) <= bound)
 
 
 def cases(count=60, seed=3):
@@ -53,15 +71,11 @@ def cases(count=60, seed=3):
 @pytest.mark.parametrize("name", FROM_LIMITS)
 def test_minimal_profiles_touch_their_limits_and_keep_them(name):
     angle, v, a, j = cases()
-    profiles = jax.vmap(lambda angle, v, a, j: FROM_LIMITS[name](v, a, j).profile(angle))(angle, v, a, j)
-    values, slopes = (np.asarray(x) for x in sample(profiles))
-    # Each row is the derivative of the one before, and the turn goes from 0 to Φ at rest.
-    np.testing.assert_allclose(slopes[:, :-1, :3], values[:, :-1, 1:], rtol=ROUND_OFF, atol=1e-9)
+    profiles, values, slopes = sampled(lambda angle, *limits: FROM_LIMITS[name](*limits).profile(angle), angle, v, a, j)
+    check_consistency(profiles, values, slopes, a)
     np.testing.assert_allclose(values[:, 0, :2], 0, atol=1e-15)
     np.testing.assert_allclose(values[:, -1, 0], angle, rtol=1e-15)
     np.testing.assert_array_equal(values[:, -1, 1:], 0)
-    middle = (values[:, 1:, 0] - values[:, :-1, 0]) * 400 / np.asarray(profiles.duration)[:, None]
-    assert np.all(middle <= values[:, :, 1].max(axis=1)[:, None] * (1 + ROUND_OFF))  # no jump of the angle
     limits = np.stack([v, a, j], axis=1)
     used = np.abs(values[:, :, 1:]).max(axis=1) / limits
     counted = {"time-optimal": [0, 1], "bang-bang": [1], "cubic": [0, 1]}.get(name, [0, 1, 2])
@@ -105,56 +119,60 @@ def test_end_rates_are_met_in_the_least_time():
     def fastest(v0, v1, v, a, angle):
         return TimeOptimal(v, a, v0, v1).profile(angle)
 
-    free = jax.vmap(lambda *x: fastest(x[0], x[1], None, *x[2:]))(v0, v1, a, angle)
-    duration, change = np.asarray(free.duration), v1 - v0
-    # In time T exactly the angles mT ± (AT²/4 − Δ²/4A) and between can be turned: the least T is at one end of it.
-    spread = np.abs(angle - (v0 + v1) / 2 * duration)
-    np.testing.assert_allclose(spread, a * duration**2 / 4 - change**2 / (4 * a), rtol=1e-9, atol=1e-12)
+    # A rate limit of 100 is out of reach.
+    both = [np.concatenate([x, y]) for x, y in ((v0, v1), (v1, v0), (100 + 0 * a, 1 + 0 * a), (a, a), (angle, angle))]
+    profiles, values, slopes = sampled(fastest, *both)
+    check_consistency(profiles, values, slopes, both[3])
+    np.testing.assert_allclose(values[:, 0, 1], both[0], atol=1e-14)
+    np.testing.assert_array_equal(values[:, -1, :3], np.stack([both[4], both[1], 0 * both[1]], axis=1))
+    assert np.all(np.abs(values[:, :, 2]) <= both[3][:, None] * (1 + ROUND_OFF))
+    assert np.abs(values[60:, :, 1]).max() <= 1 + ROUND_OFF
 
-    clipped = jax.vmap(lambda *x: fastest(x[0], x[1], 1.0, *x[2:]))(v0, v1, a, angle)
-    assert np.all(clipped.duration >= duration * (1 - ROUND_OFF))
-    reverse = jax.vmap(lambda *x: fastest(x[0], x[1], 1.0, *x[2:]))(v1, v0, a, angle)
-    np.testing.assert_allclose(reverse.duration, clipped.duration, rtol=1e-12)
-    for profiles in (free, clipped):
-        values, slopes = (np.asarray(x) for x in sample(profiles))
-        np.testing.assert_allclose(slopes[:, :-1, :2], values[:, :-1, 1:3], atol=1e-11)
-        np.testing.assert_allclose(values[:, 0, 1], v0, atol=1e-14)
-        np.testing.assert_array_equal(values[:, -1, :3], np.stack([angle, v1, 0 * v1], axis=1))
-        assert np.all(np.abs(values[:, :, 2]) <= a[:, None] * (1 + ROUND_OFF))
-        steps = np.abs(np.diff(values[:, :, 0], axis=1)) * 400 / np.asarray(profiles.duration)[:, None]
-        assert np.all(steps <= np.abs(values[:, :, 1]).max(axis=1)[:, None] * (1 + ROUND_OFF))
-    assert np.abs(values[:, :, 1]).max() <= 1 + ROUND_OFF
-    after = TimeOptimal(1.0, 1.0, 0.5, 0.5).profile(1.0)
-    assert motion(after, after.duration * 1.001).tolist() == [1, 0, 0, 0]
+    free, limited = profiles.duration[:60], profiles.duration[60:]
+    # In time T exactly the angles mT ± (AT²/4 − Δ²/4A) and between can be turned: the least T is at one end of it.
+    spread = np.abs(angle - (v0 + v1) / 2 * free)
+    np.testing.assert_allclose(spread, a * free**2 / 4 - (v1 - v0) ** 2 / (4 * a), rtol=1e-9, atol=1e-12)
+    # Backwards in time the turn is the same: the second half swaps the end rates, and has a limit.
+    unlimited = values[:60, :, 1].max(axis=1) < 1
+    unlimited &= values[:60, :, 1].min(axis=1) > -1
+    assert 10 < unlimited.sum() < 50
+    np.testing.assert_allclose(limited[unlimited], free[unlimited], rtol=1e-12)
+    assert np.all(limited[~unlimited] > free[~unlimited])
 
 
 @pytest.mark.parametrize("name", IN_TIME)
-@pytest.mark.parametrize("factor", [1.0, 1.02, 1.7, 12.0])
-def test_fixed_durations_keep_the_limits(name, factor):
-    angle, v, a, j = cases(seed=8)
-    least = jax.vmap(lambda angle, v, a, j: FROM_LIMITS[name](v, a, j).profile(angle))(angle, v, a, j)
-    asked = np.asarray(least.duration) * factor
-    profiles = jax.vmap(lambda angle, *limits: IN_TIME[name](*limits).profile(angle))(angle, v, a, j, asked)
+def test_fixed_durations_keep_the_limits(name):
+    def make(angle, v, a, j, factor):
+        least = FROM_LIMITS[name](v, a, j).profile(angle).duration
+        return IN_TIME[name](v, a, j, factor * least).profile(angle)
+
+    angle, v, a, j = (np.tile(x, 4) for x in cases(seed=8))
+    factor = np.repeat([1.0, 1.02, 1.7, 12.0], 60)
+    profiles, values, slopes = sampled(make, angle, v, a, j, factor)
     assert np.all(profiles.feasible)
-    np.testing.assert_allclose(profiles.duration, asked, rtol=1e-15)
-    values, slopes = (np.asarray(x) for x in sample(profiles))
-    np.testing.assert_allclose(slopes[:, :-1, :3], values[:, :-1, 1:], rtol=ROUND_OFF, atol=1e-9)
-    # The last piece must arrive: its end, by its own polynomial, is the whole turn.
-    np.testing.assert_allclose(np.asarray(profiles.pieces).sum(axis=2)[:, -1], 1, rtol=1e-12)
+    check_consistency(profiles, values, slopes, a)
+    # The last piece arrives by its own polynomial.
+    np.testing.assert_allclose(profiles.pieces.sum(axis=2)[:, -1], 1, rtol=1e-12)
     used = np.abs(values[:, :, 1:]).max(axis=1) / np.stack([v, a, j], axis=1)
     assert np.all(used[:, : 2 if name == "time-optimal" else 3] <= 1 + ROUND_OFF)
-    if factor == 1.0:
-        np.testing.assert_allclose(values, np.asarray(sample(least)[0]), rtol=1e-6, atol=1e-6)
+    least, fastest, _ = sampled(
+        lambda angle, *x: FROM_LIMITS[name](*x).profile(angle), *(x[:60] for x in (angle, v, a, j))
+    )
+    np.testing.assert_allclose(profiles.duration, factor * np.tile(least.duration, 4), rtol=1e-15)
+    np.testing.assert_allclose(values[:60, :, :2], fastest[:, :, :2], rtol=1e-6, atol=1e-6)
 
 
 def test_a_fixed_duration_meets_end_rates():
-    law = TimeOptimal(1.0, 1.0, start_rate=0.5, end_rate=-0.25, duration=9.0)
-    profile = law.profile(1.0)
-    values, slopes = sample(jax.tree.map(lambda x: x[None], profile))
-    np.testing.assert_allclose(slopes[0, :-1, :2], values[0, :-1, 1:3], atol=1e-12)
-    np.testing.assert_allclose(values[0, [0, -1], 1], [0.5, -0.25], atol=1e-14)
-    np.testing.assert_allclose(np.sum(profile.pieces[-1]), 1.0, rtol=1e-12)
-    assert np.abs(values[0, :, 2]).max() <= 1 + ROUND_OFF
+    def make(duration):
+        return TimeOptimal(1.0, 1.0, start_rate=0.5, end_rate=-0.25, duration=duration).profile(1.0)
+
+    profiles, values, slopes = sampled(make, np.array([9.0, 20.0]))
+    check_consistency(profiles, values, slopes, np.ones(2))
+    np.testing.assert_allclose(values[:, [0, -1], 1], [[0.5, -0.25]] * 2, atol=1e-14)
+    np.testing.assert_allclose(profiles.pieces[:, -1].sum(axis=1), 1.0, rtol=1e-12)
+    assert np.abs(values[:, :, 2]).max() <= 1 + ROUND_OFF
+    after = TimeOptimal(1.0, 1.0, 0.5, 0.5).profile(1.0)
+    assert motion(after, after.duration * 1.001).tolist() == [1, 0, 0, 0]
 
 
 @pytest.mark.parametrize("name", IN_TIME)
@@ -162,7 +180,7 @@ def test_a_duration_too_short_is_refused_with_the_least_one(name):
     least = float(FROM_LIMITS[name](1.0, 0.7, 2.0).profile(2.0).duration)
     with pytest.raises(ValueError, match=f"needs at least {least:.16g}"[:28]):
         IN_TIME[name](1.0, 0.7, 2.0, 0.999 * least).profile(2.0)
-    traced = jax.jit(lambda T: IN_TIME[name](1.0, 0.7, 2.0, T).profile(2.0))
+    traced = jit(lambda T: IN_TIME[name](1.0, 0.7, 2.0, T).profile(2.0))
     assert not traced(0.5 * least).feasible
     np.testing.assert_allclose(traced(0.5 * least).duration, least, rtol=1e-15)
 
@@ -194,14 +212,14 @@ def test_gradients(name, points):
     def f(x):
         return outputs(name, x)
 
-    @jax.jit
+    @jit
     @jax.vmap
     def both(x):
         return jax.jacfwd(f)(x), jax.jacrev(f)(x)
 
     h, points = 1e-6, np.array(points)
     steps = h * np.eye(points.shape[1])
-    values = jax.jit(jax.vmap(jax.vmap(jax.vmap(f))))(points[:, None, None] + np.stack([steps, -steps])[None])
+    values = jit(jax.vmap(jax.vmap(jax.vmap(f))))(points[:, None, None] + np.stack([steps, -steps])[None])
     forward, reverse = both(points)
     difference = np.swapaxes(values[:, 0] - values[:, 1], 1, 2) / (2 * h)
     np.testing.assert_allclose(forward, difference, rtol=FINITE_DIFFERENCE, atol=FINITE_DIFFERENCE)
@@ -220,7 +238,7 @@ def test_gradients_agree_on_both_sides_of_a_regime_boundary(name, points):
     h = 1e-7
     around = points + h * np.concatenate([np.zeros((1, 4)), np.eye(4), -np.eye(4)])
     duration = jax.value_and_grad(lambda x: outputs(name, x)[0])
-    values, gradients = (np.asarray(x) for x in jax.jit(jax.vmap(jax.vmap(duration)))(around))
+    values, gradients = (np.asarray(x) for x in jit(jax.vmap(jax.vmap(duration)))(around))
     assert np.isfinite(gradients).all()
     np.testing.assert_allclose(gradients, np.broadcast_to(gradients[:, :1], gradients.shape), atol=1e-5)
     np.testing.assert_allclose(values[:, 1:5] - values[:, :1], h * gradients[:, 0], atol=1e-12)
@@ -247,8 +265,8 @@ def test_no_angle(name):
         return jnp.concatenate([profile.duration[None], profile.derivatives(0.7, 2)])
 
     h = 1e-10  # the profiles are smooth in Φ at a fixed instant, but their switches move as √Φ or ∛Φ
-    values = jax.jit(jax.vmap(f))(np.array([0.0, h, -h]))
-    forward, reverse = jax.jit(lambda x: (jax.jacfwd(f)(x), jax.jacrev(f)(x)))(0.0)
+    values = jit(jax.vmap(f))(np.array([0.0, h, -h]))
+    forward, reverse = jit(lambda x: (jax.jacfwd(f)(x), jax.jacrev(f)(x)))(0.0)
     np.testing.assert_array_equal(values[0], [0.0 if law.duration is None else 2.0, 0, 0, 0])
     np.testing.assert_array_equal(forward, reverse)
     # Without a fixed duration the turn is over at once: Φ(t) = Φ.

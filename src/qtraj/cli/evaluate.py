@@ -24,12 +24,12 @@ def evaluate(
     Of a scenario it is the path before tuning. Attitude and rate are those of the natural trihedral; the quaternion is
     scalar first, body to world.
     """
-    from qtraj.cli.evaluation import run  # here, so that --help need not wait for pydantic and xarray
-    from qtraj.cli.tabulate import print_table
+    with guarded():  # imports here, so that --help need not wait for pydantic and xarray
+        from qtraj.cli.evaluation import run
+        from qtraj.cli.tabulate import print_table
 
-    with guarded():
         content = run(scenario, samples, step, out)
     if as_json:
-        typer.echo(json.dumps(content, ensure_ascii=False, allow_nan=False))
+        typer.echo(json.dumps(content, allow_nan=False))
     else:
         print_table(stdout(), content)

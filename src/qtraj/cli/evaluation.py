@@ -27,7 +27,6 @@ def run(file: Path, samples: int | None, step: float | None, out: Path | None) -
     """
     with watching() as watch:
         watch.say("reading the path")
-
         if out is not None:
             check_folder(out)
         path, about, fit = _path(file)

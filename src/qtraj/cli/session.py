@@ -1,5 +1,6 @@
 """What a run of the command line sets up once: precision, compilation cache, quiet libraries."""
 
+import io
 import logging
 import os
 import sys
@@ -18,6 +19,9 @@ def prepare() -> None:
     if not os.environ.get("JAX_PLATFORMS"):
         jax.config.update("jax_platforms", "cpu")  # one small problem: sequential, in float64
     _keep_compilations()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal without Greek shows question marks
     for name in NOISY:
         logging.getLogger(name).setLevel(logging.ERROR)
         warnings.filterwarnings("ignore", module=rf"{name}(\.|$)")

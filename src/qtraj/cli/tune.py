@@ -42,15 +42,15 @@ def tune(
     Writes a labelled dataset (paths.nc), the tuned path (path.toml), the whole outcome (tuning.toml) and a figure
     (tuning.png, tuning.svg). Exit code 1 where the limits are not met.
     """
-    from qtraj.cli.job import Choice  # here, so that --help need not wait for pydantic, xarray and matplotlib
-    from qtraj.cli.report import print_tuning
-    from qtraj.cli.tuning import run
+    with guarded():  # imports here, so that --help need not wait for pydantic, xarray and matplotlib
+        from qtraj.cli.job import Choice
+        from qtraj.cli.report import print_tuning
+        from qtraj.cli.tuning import run
 
-    choice = Choice(motion and motion.value, objective and objective.value)
-    with guarded():
+        choice = Choice(motion and motion.value, objective and objective.value)
         content, met = run(scenario, out, choice)
     if as_json:
-        typer.echo(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False))
+        typer.echo(json.dumps(content, indent=2, allow_nan=False))
     else:
         print_tuning(stdout(), content)
     raise typer.Exit(0 if met else NOT_MET)

@@ -2,6 +2,7 @@
 
 import abc
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -63,10 +64,10 @@ class DisturbanceTorque(AbstractDisturbance):
         return jnp.linalg.solve(self.inertia.astype(torque.dtype), torque)
 
 
-def _course(course: Callable[[Scalar], Vec3] | ArrayInput, name: str) -> Course:
+def _course(course: Callable[[Scalar], Vec3] | ArrayInput, name: str) -> Any:
     if not callable(course):
         return real_vector(course, name, 3)
-    return course if isinstance(course, eqx.Module) else jax.tree_util.Partial(course)
+    return course if isinstance(course, eqx.Module | jax.tree_util.Partial) else jax.tree_util.Partial(course)
 
 
 def _at(course: Course, t: Scalar) -> Vec3:

@@ -6,12 +6,14 @@ virtual: with it the on-board computer steers |λ|, which no body notices.
 """
 
 import abc
+import os
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.algebra.quaternion import derivative, inverse, product
+from qtraj.foundation import document
 from qtraj.foundation.arrays import as_float, require_finite
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Quat
@@ -39,6 +41,13 @@ class AbstractLaw(eqx.Module):
     @abc.abstractmethod
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
         """The error quaternion (4,) that the law acts on."""
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Write the law to a TOML or JSON file, exactly; `qtraj.load` reads it.
+
+        **Raises:** ValueError for another suffix.
+        """
+        document.save(self, file)
 
 
 @storable

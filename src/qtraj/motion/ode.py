@@ -161,7 +161,7 @@ def _solve(
         max_steps=method.max_steps,
         throw=False,
     )
-    end = solution.ys[0]
+    end = jnp.asarray(solution.ys)[0]
     succeeded = jnp.asarray(solution.result == diffrax.RESULTS.successful) & jnp.all(jnp.isfinite(end))
     exhausted = jnp.asarray(solution.result == diffrax.RESULTS.max_steps_reached)
     code = jnp.where(succeeded, FINISHED, jnp.where(exhausted, OUT_OF_STEPS, STALLED))
@@ -169,5 +169,5 @@ def _solve(
     return jnp.where(succeeded, end, state), code, accepted
 
 
-def _evaluate(u: Scalar, state: State, leg: _Leg) -> State:
+def _evaluate(u: Any, state: Any, leg: Any) -> Any:
     return leg(u, state)

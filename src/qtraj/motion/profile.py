@@ -68,7 +68,9 @@ class Profile(eqx.Module):
         after = t >= self.duration
         outside = after | (t < 0)
         time = jnp.where(outside, 0.0, t)
-        piece = jnp.sum(time >= self.starts[1:])
+        # A piece without width ends where it starts, whatever the round-off of the next start says.
+        ends = jnp.where(self.widths[:-1] > 0, self.starts[1:], self.starts[:-1])
+        piece = jnp.sum(time >= ends)
         start, width, coefficients = self.starts[piece], self.widths[piece], self.pieces[piece]
         width = jnp.where(width > 0, width, 1.0)
         scales = [math.factorial(k) / width**k for k in range(order + 1)]

@@ -6,15 +6,14 @@ to round-off and smooth across critical damping.
 """
 
 import math
-from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 from jax.scipy.linalg import expm
 from jaxtyping import Array, Float
 
-from qtraj.foundation.arrays import as_float
-from qtraj.foundation.types import Mat4, Quat, ScalarLike
+from qtraj.foundation.arrays import as_float, real_vector
+from qtraj.foundation.types import ArrayInput, Mat4, Quat, ScalarLike
 from qtraj.motion.errors import target
 from qtraj.motion.laws import AccelerationLaw, RateLaw
 
@@ -24,13 +23,22 @@ _NEAR_CRITICAL = 0.5  # (k1²/4 − k2)t² below which the series hold to round-
 
 
 def error_response(
-    law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None, t: ScalarLike | Float[Array, " n"]
+    law: AccelerationLaw | RateLaw, mu0: ArrayInput, mu_rate0: ArrayInput | None, t: ArrayInput
 ) -> Float[Array, "... 4"]:
     """The error quaternion `t` [s] after it was `mu0` with the rate `mu_rate0` [1/s]: (4,), or (n, 4) for n instants.
 
     It is the error of the law's own kind: μ, μ* or Δ. A rate law needs no `mu_rate0` (None).
+
+    **Raises:** ValueError for other shapes, or an acceleration law without `mu_rate0`.
     """
-    return _over_time(lambda t: error_state(law, mu0, mu_rate0, t)[0], t)
+    mu0 = real_vector(mu0, "the error", 4)
+    mu_rate0 = None if mu_rate0 is None else real_vector(mu_rate0, "the rate of the error", 4)
+    t = as_float(t)
+
+    def response(t: Array) -> Quat:
+        return error_state(law, mu0, mu_rate0, t)[0]
+
+    return jax.vmap(response)(t) if t.ndim else response(t)
 
 
 def error_state(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None, t: ScalarLike) -> tuple[Quat, Quat]:
@@ -104,8 +112,3 @@ def _series(coefficients: list[float], z: Quat) -> Quat:
     for coefficient in coefficients[-2::-1]:
         total = total * z + coefficient
     return total
-
-
-def _over_time(f: Callable[[Array], Quat], t: ScalarLike | Float[Array, " n"]) -> Float[Array, "... 4"]:
-    t = as_float(t)
-    return jax.vmap(f)(t) if t.ndim else f(t)

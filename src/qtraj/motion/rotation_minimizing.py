@@ -73,11 +73,18 @@ def attitude(path: AbstractHodograph, t: Scalar, node: Scalar, at_node: Quat) ->
     )
 
 
-def nodes(path: AbstractHodograph, initial: Float[Array, " k"] | None, times: Float[Array, " n"]) -> Float[Array, "n 4"]:
+def nodes(
+    path: AbstractHodograph, initial: Float[Array, " k"] | None, times: Float[Array, " n"]
+) -> Float[Array, "n 4"]:
     """The frame at these times [s], rising from 0, as quaternions with continuous signs."""
     start = _start(path, initial)
     steps = jax.vmap(lambda a, b: _step(path, a, b))(times[:-1], times[1:])
-    _, later = jax.lax.scan(lambda q, step: (quaternion.product(step, q),) * 2, start, steps)
+
+    def turn(before: Quat, step: Quat) -> tuple[Quat, Quat]:
+        after = quaternion.product(step, before)
+        return after, after
+
+    _, later = jax.lax.scan(turn, start, steps)
     return jax.vmap(quaternion.unit)(jnp.concatenate([start[None], later]))
 
 

@@ -65,12 +65,12 @@ def knot_rates(turns: Vectors, widths: Widths) -> tuple[Vectors, Scalar]:
     means = turns / widths[:, None]
     if turns.shape[0] == 1:
         return jnp.concatenate([means, means]), jnp.zeros_like(widths[0])
-    found, blocks = stop_gradient(_converged(stop_gradient(turns), stop_gradient(widths)))
+    found, (lower, middle, upper) = stop_gradient(_converged(stop_gradient(turns), stop_gradient(widths)))
 
     # Nothing above is differentiated: each step with the constant matrix then makes one order of derivatives exact.
     def correct(rates: Vectors, _: None) -> tuple[Vectors, Scalar]:
         jumps = jax.vmap(_jump)(*_neighbours(rates, turns, widths))
-        inner = rates[1:-1] - _solve(*blocks, jumps)
+        inner = rates[1:-1] - _solve(lower, middle, upper, jumps)
         return jnp.concatenate([means[:1], inner, means[-1:]]), jnp.max(jnp.abs(jumps))
 
     rates, left = jax.lax.scan(correct, jnp.concatenate([means[:1], found, means[-1:]]), length=EXACT_ORDERS)
@@ -85,7 +85,7 @@ def _converged(turns: Vectors, widths: Widths) -> tuple[Vectors, tuple[Blocks, B
         rates, _, _, count = state
         around = _neighbours(rates, turns, widths)
         blocks = jax.vmap(jax.jacfwd(_jump, argnums=(0, 1, 2)))(*around)
-        change = _solve(*blocks, jax.vmap(_jump)(*around))
+        change = _solve(blocks[0], blocks[1], blocks[2], jax.vmap(_jump)(*around))
         better = jnp.concatenate([rates[:1], rates[1:-1] - change, rates[-1:]])
         return better, blocks, jnp.max(jnp.abs(change)), count + 1
 

@@ -100,7 +100,7 @@ class Gyros(AbstractSensor):
     **Raises:** ValueError for noise without a key, or negative noise.
     """
 
-    sampling: Sampling
+    sampling: Sampling | None
     bias: Vec3
     noise: Scalar
     attitude_error: Vec3

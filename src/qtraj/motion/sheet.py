@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from qtraj.algebra.quaternion import norm_squared
 from qtraj.algebra.vector import norm
-from qtraj.foundation.types import Quat, Scalar
+from qtraj.foundation.types import Quat, Scalar, ScalarLike
 from qtraj.motion.attitude import Attitude
 from qtraj.motion.errors import error_quaternion, error_rate, pure
 from qtraj.motion.laws import AccelerationLaw, RateLaw
@@ -39,7 +39,7 @@ def least_norm(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None 
     k = jnp.argmin(jax.vmap(size)(times))
     low, high = times[jnp.maximum(k - 1, 0)], times[jnp.minimum(k + 1, _SAMPLES - 1)]
 
-    def narrow(_: int, bounds: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+    def narrow(_: ScalarLike, bounds: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
         low, high = bounds
         a, b = low + (high - low) / 3, high - (high - low) / 3
         left = size(a) <= size(b)

@@ -45,7 +45,7 @@ def simulate(
     max_steps: int = MAX_STEPS,
     throw: bool = False,
 ) -> Solution:
-    """The motion of a body that `law` makes follow `program`, from `quaternion` (4,) and the body rate `rate` (4,) [rad/s].
+    """The motion of a body that `law` makes follow `program`, from `quaternion` (4,) and body `rate` (4,) [rad/s].
 
     `times` (n,) [s]: instants of the program's own time, increasing; the first is that of the initial state.
     `disturbance`: a `DisturbanceTorque`, a `DisturbanceAcceleration`, or a function t → (3,) [rad/s²] in body axes.

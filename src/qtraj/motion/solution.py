@@ -1,10 +1,13 @@
 """What an integration or a simulation gives back: the motion, and in words how it ended and what to do."""
 
+import os
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from qtraj.foundation import document
 from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput
@@ -82,7 +85,7 @@ class Solution(eqx.Module):
         code = concrete(self.code)
         if code is None:
             raise ValueError("the text of a result is known outside jit, vmap and grad only: use successful or code")
-        reached = np.isfinite(np.asarray(self.quaternion)).all(axis=-1)
+        reached = np.asarray(np.isfinite(np.asarray(self.quaternion)).all(axis=-1))
         times = np.broadcast_to(np.asarray(self.times), reached.shape)
         texts = [_text(int(c), t, r) for c, t, r in zip(code.ravel(), _rows(times), _rows(reached), strict=True)]
         return texts if code.ndim else texts[0]
@@ -96,6 +99,13 @@ class Solution(eqx.Module):
             texts = self.result
             first = texts if isinstance(texts, str) else texts[int(np.argmin(successful.ravel()))]
             raise RuntimeError(first)
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Write the solution to a TOML file, exactly (JSON where every instant was reached); `qtraj.load` reads it.
+
+        **Raises:** ValueError for another suffix.
+        """
+        document.save(self, file)
 
     @property
     def norm(self) -> Float[Array, "*lanes n"]:
