@@ -18,6 +18,8 @@ def prepare() -> None:
     jax.config.update("jax_enable_x64", True)
     if not os.environ.get("JAX_PLATFORMS"):
         jax.config.update("jax_platforms", "cpu")  # one small problem: sequential, in float64
+    # Compiling takes far longer here than what is compiled: leave out LLVM's optimisation, unless told otherwise.
+    os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
     _keep_compilations()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

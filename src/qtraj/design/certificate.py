@@ -14,7 +14,7 @@ from qtraj.design.peaks import largest
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import Scalar
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.invariants import Existence, existence
+from qtraj.path.invariants import existence
 
 GAP = 1e-9
 """A relative speed or bend below this counts as zero: the quantities that divide by it do not exist there."""
@@ -22,8 +22,11 @@ GAP = 1e-9
 BINDING = 1e-6
 """A limit whose relative margin is smaller than this binds."""
 
-NEEDS_BEND = ("torsion", "angular_rate", "angular_acceleration")
-NEEDS_MOTION = ("curvature", "lateral_acceleration", "longitudinal_acceleration", "slope")
+NEEDS = {
+    "motion": ("curvature", "lateral_acceleration", "longitudinal_acceleration", "slope"),
+    "bend": ("torsion", "angular_rate", "angular_acceleration"),
+}
+"""What each quantity divides by; a path that stops has no bend either."""
 
 
 @storable
@@ -81,14 +84,14 @@ def sampled_certificate(path: AbstractHodograph, limits: Limits) -> Certificate:
     """
     require_float64(path)
     worst = {name: (float(t), float(value)) for name, (t, value) in _peaks(path, limits).items()}
-    stops, straights = [(float(t), float(measure)) for t, measure in _gaps(path)]
+    gaps = {name: _gap(path, name) for name in ("motion", "bend") if set(NEEDS[name]) & set(worst)}
     status, records = {}, {}
     for name, limit in limits.given().items():
         time, value = worst[name]
         status[name] = "sampled" if value <= float(limit) else "broken"
-        for gap, quantities in ((straights, NEEDS_BEND), (stops, NEEDS_BEND + NEEDS_MOTION)):
-            if name in quantities and gap[1] < GAP**2:
-                status[name], time, value = "undefined", gap[0], math.nan
+        for measure, (at, size) in gaps.items():
+            if name in NEEDS[measure] and size < GAP**2:
+                status[name], time, value = "undefined", at, math.nan
         records[name] = (time, value, float(limit))
     return Certificate(status, records)
 
@@ -107,17 +110,17 @@ def _peaks(path: AbstractHodograph, limits: Limits) -> dict[str, tuple[Scalar, S
     return {name: peak(path, name) for name in limits.given()}
 
 
+def _gap(path: AbstractHodograph, measure: str) -> tuple[float, float]:
+    """Time and size where one measure of `existence` is least: where the path is nearest to a stop, or to straight."""
+    time, least = _least(path, measure)
+    return float(time), float(least)
+
+
 @eqx.filter_jit
-def _gaps(path: AbstractHodograph) -> tuple[tuple[Scalar, Scalar], tuple[Scalar, Scalar]]:
-    """Time and relative measure where the path comes nearest to a stop, and where it comes nearest to straightness."""
+def _least(path: AbstractHodograph, measure: str) -> tuple[Scalar, Scalar]:
+    def negative(path: AbstractHodograph, t: Scalar) -> Scalar:
+        r, _ = moving_derivatives(path, t, 3)
+        return -getattr(existence(r[1], r[2], r[3], path.duration), measure)
 
-    (stop, slowest), (straight, flattest) = (
-        largest(f, path, CELLS)
-        for f in (lambda path, t: -_existence(path, t).motion, lambda path, t: -_existence(path, t).bend)
-    )
-    return (stop, -slowest), (straight, -flattest)
-
-
-def _existence(path: AbstractHodograph, t: Scalar) -> Existence:
-    r, _ = moving_derivatives(path, t, 3)
-    return existence(r[1], r[2], r[3], path.duration)
+    time, value = largest(negative, path, CELLS)
+    return time, -value

@@ -116,11 +116,11 @@ class TurnChain(AbstractProgram):
         return jnp.concatenate([jnp.zeros_like(durations, shape=1), jnp.cumsum(durations)])
 
     @property
-    def angles(self) -> Float[Array, " n-1"]:
+    def angles(self) -> Float[Array, " _"]:
         """The angle of each turn, in [0, π] [rad]."""
         return jax.vmap(norm)(self._turns()[1])
 
-    def _turns(self) -> tuple[Float[Array, "n-1 4"], Float[Array, "n-1 3"]]:
+    def _turns(self) -> tuple[Float[Array, "m 4"], Float[Array, "m 3"]]:
         """The start of each turn, with the chain's own sign, and its rotation vector."""
         attitudes = rotation.continuous(jax.vmap(quaternion.unit)(self.attitudes))
         return attitudes[:-1], jax.vmap(_shorter_turn)(attitudes[:-1], attitudes[1:])

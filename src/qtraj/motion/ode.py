@@ -22,6 +22,10 @@ FINISHED, OUT_OF_STEPS, STALLED = 0, 1, 2
 MAX_STEPS = 16**3  # a power of 16, the base of the loop that differentiates in reverse
 FIRST_STEP = 0.01
 """Of the whole span: the first step tried, where the next instant is no closer."""
+GROWTH = 2.0
+"""The first step in an interval, in mean steps of the one before."""
+ALMOST = 0.75
+"""A first step of this part of an interval takes all of it: a remainder could be as small as round-off."""
 SMALLEST_STEP = 16
 """In units of round-off of an interval: a step that must be smaller is a failure."""
 SIDE = 4
@@ -105,7 +109,7 @@ def _march(inputs: Any, *, method: Method) -> Any:
             _Leg(field, memory, grid.start, before, interval, nudge), state, step, tolerances, method
         )
         code = jnp.where(running, ending, code)
-        step = jnp.where(interval > 0, interval / accepted, step)
+        step = jnp.where(interval > 0, GROWTH * interval / accepted, step)
         memory = jax.lax.cond(renews, lambda: renew(index, grid.start + now, state, memory), lambda: memory)
         seen = jnp.where(code == FINISHED, state, jnp.nan)
         return (now, state, memory, jax.lax.stop_gradient(step), code), (seen, memory)
@@ -141,7 +145,8 @@ def _solve(
     import diffrax
 
     dtype = state.dtype
-    first = jnp.where(leg.interval > step, step / jnp.where(leg.interval > 0, leg.interval, 1.0), 1.0)
+    short = step < ALMOST * leg.interval
+    first = jnp.where(short, step / jnp.where(short, leg.interval, 1.0), 1.0)
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(_evaluate),
         diffrax.Dopri8() if method.solver is None else method.solver,

@@ -1,5 +1,6 @@
 """What a propagation is given, checked and in one dtype; the rate at the nodes of its steps; the steps multiplied."""
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -52,7 +53,7 @@ def checked(
     """The problem in one dtype, defaults filled in (ValueError for bad input)."""
     require_axes(axes)
     times, q0 = output_times(times), initial_quaternion(q0)
-    dtype = jnp.promote_types(times.dtype, q0.dtype)
+    dtype = common_dtype(times, q0)
     if tolerance is None:
         tolerance = TOLERANCE if dtype == jnp.float64 else TOLERANCE_FLOAT32
     tolerance = as_float(tolerance).astype(dtype)
@@ -83,6 +84,11 @@ def initial_quaternion(q0: ArrayInput) -> Quat:
     if known is not None and not known.any():
         raise ValueError("the initial quaternion must not be zero: it would have no attitude")
     return q0
+
+
+def common_dtype(*arrays: Array) -> np.dtype:
+    """The widest float among them (JAX's own rule refuses to mix under strict promotion)."""
+    return functools.reduce(np.promote_types, (x.dtype for x in arrays))
 
 
 def solve(problem: Problem, mesh: Mesh) -> Float[Array, "n 4"]:

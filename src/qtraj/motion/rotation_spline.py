@@ -19,8 +19,8 @@ from jaxtyping import Array, Float
 
 from qtraj.foundation.types import Mat3, Scalar, Vec3
 
-TERMS = 17
-"""Of the series c_m: exact to round-off up to |θ| = 2π, and there is no branch."""
+TERMS = 16
+"""Of the series c_m, a power of two: exact to round-off up to |θ| = 2π, and there is no branch."""
 
 ITERATIONS = 50
 """At most; a handful is usual."""
@@ -146,8 +146,10 @@ def _inverse(m: Mat3) -> Mat3:
 
 def _stumpff(x: Scalar) -> tuple[Scalar, Scalar, Scalar]:
     """c₂, c₃ and c₄ at x; c₂ = ½ − x c₄."""
-    three, four = jnp.zeros_like(x), jnp.zeros_like(x)
-    for k in range(TERMS - 1, -1, -1):
-        three = 1 / math.factorial(2 * k + 3) - x * three
-        four = 1 / math.factorial(2 * k + 4) - x * four
+    powers = jnp.stack([jnp.ones_like(x), x])
+    while powers.shape[0] < TERMS:
+        powers = jnp.concatenate([powers, powers * (powers[-1] * x)])
+    three, four = (
+        powers @ jnp.asarray([(-1) ** k / math.factorial(2 * k + m) for k in range(TERMS)], x.dtype) for m in (3, 4)
+    )
     return 0.5 - x * four, three, four

@@ -4,8 +4,6 @@ Every interval has its own polynomial, through the samples around it, at whateve
 coning algorithms correct the sum of increments for what turned between them; here the polynomial does, to a high order.
 """
 
-import functools
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -13,16 +11,18 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import as_float, concrete
-from qtraj.foundation.types import ArrayInput, Quat, Scalar
+from qtraj.foundation.types import ArrayInput, Quat
 from qtraj.motion.gauss_legendre import GaussLegendre
 from qtraj.motion.increment import AbstractIncrement, accumulate, from_body, increments, require_axes, to_body
-from qtraj.motion.propagation_problem import initial_quaternion, output_times
+from qtraj.motion.lagrange import lagrange
+from qtraj.motion.propagation_problem import common_dtype, initial_quaternion, output_times
 
 KINDS = ("instantaneous", "mean", "increment")
 
-DEGREE = 7
-DEGREE_OF_MEANS = 8
-"""Of the local polynomial of the rate. Odd for instants and even for means: then as many samples stand on either side."""
+DEGREE = 5
+DEGREE_OF_MEANS = 6
+"""Of the local polynomial of the rate. Odd for instants and even for means: then as many samples stand on either side.
+Higher degrees gain in smooth motion, and lose where noisy samples have nearly the same time."""
 
 
 def propagate_samples(
@@ -45,7 +45,7 @@ def propagate_samples(
     - "increment": the integral of ω over it, θ_k [rad], as integrating gyros give it.
 
     For "mean" and "increment" the first row precedes the propagation and is not used. `degree` of the local polynomial
-    of the rate, 7 (or 8 for means and increments) unless given; short recordings take what they can. `method` integrates
+    of the rate, 5 (6 for means and increments) unless given; short recordings take what they can. `method` integrates
     it: `GaussLegendre(stages=4)` unless given. Times may be uneven; an interval longer than `max_gap` times the median
     is taken for a gap (None: no such check).
 
@@ -64,7 +64,7 @@ def propagate_samples(
         degree = DEGREE if kind == "instantaneous" else DEGREE_OF_MEANS
     if degree < 0:
         raise ValueError(f"the degree of the local polynomial must not be negative, but {degree!r} was given")
-    dtype = functools.reduce(jnp.promote_types, (times.dtype, rates.dtype, q0.dtype))
+    dtype = common_dtype(times, rates, q0)
     method = GaussLegendre(stages=4) if method is None else method
     return _integrate(method, kind, axes, degree, times.astype(dtype), rates.astype(dtype), q0.astype(dtype))
 
@@ -120,7 +120,7 @@ def _through_instants(nodes: np.ndarray, degree: int, times: Array, rates: Array
     x = jnp.asarray(nodes, times.dtype)
 
     def one(knots, values):
-        return jax.vmap(lambda at: _lagrange(at, knots) @ values)(x)
+        return jax.vmap(lambda at: lagrange(at, knots) @ values)(x)
 
     return jax.vmap(one)(knots, rates[window])
 
@@ -133,7 +133,7 @@ def _through_increments(nodes: np.ndarray, degree: int, times: Array, increments
     x = jnp.asarray(nodes, times.dtype)
 
     def slope(at, knots, values):
-        return jax.jvp(lambda at: _lagrange(at, knots) @ values, (at,), (jnp.ones_like(at),))[1]
+        return jax.jvp(lambda at: lagrange(at, knots) @ values, (at,), (jnp.ones_like(at),))[1]
 
     slopes = jax.vmap(lambda knots, values: jax.vmap(lambda at: slope(at, knots, values))(x))(knots, sums)
     return slopes / jnp.diff(times)[:, None, None]
@@ -149,12 +149,3 @@ def _windows(count: int, size: int) -> np.ndarray:
 def _local(times: Float[Array, " n"], window: np.ndarray) -> Float[Array, "m w"]:
     """The times of a window on the scale where its interval is [0, 1]."""
     return (times[window] - times[:-1, None]) / jnp.diff(times)[:, None]
-
-
-def _lagrange(x: Scalar, knots: Float[Array, " w"]) -> Float[Array, " w"]:
-    """The Lagrange polynomials of the knots at x, as products, which differentiate without a singular point."""
-    size = knots.shape[0]
-    other = ~np.eye(size, dtype=bool)
-    above = jnp.where(other, jnp.broadcast_to(x - knots, (size, size)), 1.0)
-    below = jnp.where(other, knots[:, None] - knots[None, :], 1.0)
-    return jnp.prod(above / below, axis=1)

@@ -1,0 +1,80 @@
+"""Programs and laws that the tests of motion share."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import qtraj as qt
+from qtraj.foundation.types import Scalar
+from qtraj.motion.attitude import AbstractProgram, Attitude
+from qtraj.motion.laws import AbstractLaw
+
+
+def turn(axis, angle):
+    """The quaternion of a turn about a coordinate axis."""
+    parts = [jnp.cos(angle / 2)] + 3 * [jnp.zeros_like(angle)]
+    parts[1 + axis] = jnp.sin(angle / 2)
+    return jnp.stack(parts)
+
+
+class ThreeAxis(AbstractProgram):
+    """Yaw, pitch and roll that all move, some by more than a turn a minute; rates by differentiation."""
+
+    duration: Scalar
+
+    def __init__(self, duration=6.0):
+        self.duration = jnp.asarray(duration)
+
+    def attitude(self, t):
+        yaw, pitch, roll = 0.8 * jnp.sin(0.9 * t), 0.6 * jnp.sin(0.7 * t + 0.2), 0.7 * t
+        return qt.quaternion.product(qt.quaternion.product(turn(2, yaw), turn(1, pitch)), turn(0, roll))
+
+    def rate(self, t):
+        q, velocity = jax.jvp(self.attitude, (t,), (jnp.ones_like(t),))
+        return 2 * qt.quaternion.product(qt.quaternion.conjugate(q), velocity)[1:]
+
+    def __call__(self, t):
+        t = jnp.asarray(t, self.duration.dtype)
+        rate, acceleration = jax.jvp(self.rate, (t,), (jnp.ones_like(t),))
+        return Attitude(self.attitude(t), rate, acceleration)
+
+
+class Rest(AbstractProgram):
+    """The identity, for ever."""
+
+    duration: Scalar
+
+    def __init__(self, dtype=None):
+        self.duration = jnp.ones((), dtype)
+
+    def __call__(self, t):
+        nothing = jnp.zeros((3,), self.duration.dtype)
+        return Attitude(jnp.zeros((4,), nothing.dtype).at[0].set(1.0), nothing, nothing)
+
+
+class Choice(AbstractLaw):
+    """One of several laws by number, so that one compilation serves them all."""
+
+    laws: tuple[AbstractLaw, ...]
+    index: jax.Array
+
+    def __call__(self, reference, quaternion, rate):
+        return jnp.stack([law(reference, quaternion, rate) for law in self.laws])[self.index]
+
+    def deviation(self, reference, quaternion):
+        return jnp.stack([law.deviation(reference, quaternion) for law in self.laws])[self.index]
+
+
+def stacked(modules):
+    """Modules of one structure as one Module with lanes."""
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *modules, is_leaf=eqx.is_array)
+
+
+def random_gains(rng):
+    """Gains (K1, K2) of every kind, stable, near critical damping: scalar, diagonal, full."""
+    k = 1.3
+    diagonal = np.array([1.0, 1.4, 0.9, 1.2])
+    full1 = 2 * k * np.eye(4) + 0.2 * rng.normal(size=(4, 4))
+    full2 = k * k * np.eye(4) + 0.2 * rng.normal(size=(4, 4))
+    return [(2 * k, k * k), (2 * diagonal, diagonal**2), (full1, full2)]
