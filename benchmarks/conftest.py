@@ -1,4 +1,7 @@
-"""Benchmarks: run with `pytest benchmarks`. Each compares with what a user would use instead, in one session."""
+"""Benchmarks: run with `pytest benchmarks -n 0` (in one process, since two would disturb each other).
+
+Each compares with what a user would use instead, on the same work, in one session.
+"""
 
 import jax
 

@@ -1,6 +1,5 @@
 """Programs and laws that the tests of motion share."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,20 +18,30 @@ def turn(axis, angle):
 
 
 class ThreeAxis(AbstractProgram):
-    """Yaw, pitch and roll that all move, some by more than a turn a minute; rates by differentiation."""
+    """Yaw, pitch and roll that all move; rates by the textbook's Euler kinematics, accelerations by differentiation."""
 
     duration: Scalar
 
     def __init__(self, duration=6.0):
         self.duration = jnp.asarray(duration)
 
+    def angles(self, t):
+        return 0.8 * jnp.sin(0.9 * t), 0.6 * jnp.sin(0.7 * t + 0.2), 0.7 * t
+
     def attitude(self, t):
-        yaw, pitch, roll = 0.8 * jnp.sin(0.9 * t), 0.6 * jnp.sin(0.7 * t + 0.2), 0.7 * t
+        yaw, pitch, roll = self.angles(t)
         return qt.quaternion.product(qt.quaternion.product(turn(2, yaw), turn(1, pitch)), turn(0, roll))
 
     def rate(self, t):
-        q, velocity = jax.jvp(self.attitude, (t,), (jnp.ones_like(t),))
-        return 2 * qt.quaternion.product(qt.quaternion.conjugate(q), velocity)[1:]
+        _, pitch, roll = self.angles(t)
+        yawing, pitching, rolling = 0.72 * jnp.cos(0.9 * t), 0.42 * jnp.cos(0.7 * t + 0.2), 0.7
+        return jnp.stack(
+            [
+                rolling - yawing * jnp.sin(pitch),
+                pitching * jnp.cos(roll) + yawing * jnp.cos(pitch) * jnp.sin(roll),
+                -pitching * jnp.sin(roll) + yawing * jnp.cos(pitch) * jnp.cos(roll),
+            ]
+        )
 
     def __call__(self, t):
         t = jnp.asarray(t, self.duration.dtype)
@@ -64,11 +73,6 @@ class Choice(AbstractLaw):
 
     def deviation(self, reference, quaternion):
         return jnp.stack([law.deviation(reference, quaternion) for law in self.laws])[self.index]
-
-
-def stacked(modules):
-    """Modules of one structure as one Module with lanes."""
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *modules, is_leaf=eqx.is_array)
 
 
 def random_gains(rng):

@@ -82,10 +82,25 @@ class FrameProgram(AbstractProgram):
         return self.duration * (place / last), self.anchors[place.astype(int)]
 
 
-@eqx.filter_jit
 def _anchors(path: AbstractHodograph, frame: AbstractFrame | RotationMinimizing) -> Float[Array, "n 4"]:
-    times = path.duration * jnp.linspace(0.0, 1.0, NODES, dtype=path.duration.dtype)
     if isinstance(frame, RotationMinimizing):
-        return rotation_minimizing.nodes(path, frame.initial, times)
-    quaternions = jax.vmap(lambda t: trihedral(path, t, frame).quaternion())(times)
+        return _minimizing_anchors(path, _minimizing_start(path, frame.initial))
+    return _sign_anchors(path, frame)
+
+
+_minimizing_start = eqx.filter_jit(rotation_minimizing.start)
+
+
+@eqx.filter_jit
+def _minimizing_anchors(path: AbstractHodograph, start: Quat) -> Float[Array, "n 4"]:
+    return rotation_minimizing.nodes(path, start, _times(path))
+
+
+@eqx.filter_jit
+def _sign_anchors(path: AbstractHodograph, frame: AbstractFrame) -> Float[Array, "n 4"]:
+    quaternions = jax.vmap(lambda t: trihedral(path, t, frame).quaternion())(_times(path))
     return stop_gradient(jnp.round(ROUNDING * rotation.continuous(quaternions)) / ROUNDING)
+
+
+def _times(path: AbstractHodograph) -> Float[Array, " n"]:
+    return path.duration * jnp.linspace(0.0, 1.0, NODES, dtype=path.duration.dtype)

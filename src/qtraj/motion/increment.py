@@ -23,6 +23,9 @@ exact_product = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHES
 BLOCK = 1024
 """Steps computed at a time: enough for the processor's vector units, few enough for its caches."""
 
+SEQUENTIAL = 64
+"""So few turns are multiplied one after the other: that is faster than in parallel, to run and much more to compile."""
+
 
 class AbstractIncrement(eqx.Module):
     """A rule that turns the rates at the nodes of one step into the quaternion of its turn."""
@@ -49,17 +52,33 @@ def increments(
     method: AbstractIncrement, rates: Float[Array, "n s k"], h: Float[Array, " n"]
 ) -> tuple[Float[Array, "n 4"], Float[Array, " n"]]:
     """Unit turns (n, 4) and growths ½∫ω0 (n,) of n steps of `h` [s]; `rates` of three or four components."""
-    one = lambda step: method.turn(*step)  # noqa: E731
-    steps = (rates[:, :, -3:], h)
+
+    def one(step):
+        return method.turn(*step)
+
+    steps = rates[:, :, -3:], h
     turns = jax.vmap(one)(steps) if h.shape[0] <= BLOCK else jax.lax.map(one, steps, batch_size=BLOCK)
     if rates.shape[2] == 3:
         return turns, jnp.zeros_like(h)
     return turns, 0.5 * h * exact_product(rates[:, :, 0], jnp.asarray(method.weights, h.dtype))
 
 
+def products(turns: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
+    """E_1∘…∘E_k for every k, in parallel where there are many."""
+    if turns.shape[0] > SEQUENTIAL:
+        return jax.lax.associative_scan(jax.vmap(quaternion.product), turns)
+
+    def onwards(total, turn):
+        total = quaternion.product(total, turn)
+        return total, total
+
+    identity = jnp.zeros_like(turns, shape=4).at[0].set(1.0)
+    return jax.lax.scan(onwards, identity, turns)[1]
+
+
 def accumulate(q0: Quat, turns: Float[Array, "n 4"], growths: Float[Array, " n"]) -> Float[Array, "n 4"]:
-    """q0 after each of the turns, by a parallel scan; the length is |q0|·exp(Σ growths) to round-off."""
-    totals = jax.lax.associative_scan(jax.vmap(quaternion.product), turns)
+    """q0 after each of the turns; the length is |q0|·exp(Σ growths) to round-off."""
+    totals = products(turns)
     totals = totals / jnp.sqrt(jnp.sum(totals * totals, axis=1, keepdims=True))  # only round-off is divided away
     return jax.vmap(quaternion.product, (None, 0))(q0, totals) * jnp.exp(jnp.cumsum(growths))[:, None]
 

@@ -18,8 +18,8 @@ from qtraj.motion.increment import AbstractIncrement, exact_product, increments
 FEWEST_STEPS = 8
 """A propagation starts from at least so many steps, so that a short event between few nodes is not overlooked."""
 
-ROUND_OFF = 16
-"""[eps·(1 rad + turn)] An estimate below this is round-off; splitting the step would not lower it."""
+ROUND_OFF = 8
+"""Roundings: an estimate below so many is round-off, and splitting the step would not lower it."""
 
 MOST_HALVINGS = 3
 """A step is split into at most 2³ at a time."""
@@ -93,49 +93,58 @@ def estimate_nodes(method: AbstractIncrement) -> np.ndarray:
 class Errors(eqx.Module):
     """How wrong the steps of a mesh are [rad].
 
-    `step` (n,): truncation error of each; `floor` (n,): the part of it that may be round-off; `truncation`: a bound for
-    the whole, since turns compose and their errors at most add up, NaN for a rate that is not finite; `rounding`: the
-    like for round-off.
+    `step` (n,): error of each; `floor` (n,): where it may be round-off. For the whole, since turns compose and their
+    errors at most add up: `truncation`, the sum of what is no round-off, NaN for a rate that is not finite; `bound`,
+    the sum of all, with the round-off of the result.
     """
 
     step: Float[Array, " n"]
     floor: Float[Array, " n"]
     truncation: Scalar
-    rounding: Scalar
+    bound: Scalar
 
 
 def estimate(
-    method: AbstractIncrement, rates: Float[Array, "n m k"], h: Float[Array, " n"], used: Bool[Array, " n"]
+    method: AbstractIncrement, rates: Float[Array, "n m k"], mesh: Mesh, times: Float[Array, " i"]
 ) -> Errors:
-    """The errors of steps of `h` [s] from `rates` at `estimate_nodes`.
+    """The errors of the steps of a mesh from `rates` at `estimate_nodes`.
 
     The larger of two differences counts: the step against its two halves, and the integrals of the rate by Gauss's and
     Lobatto's rules. An error in the growth ½∫ω0 is added like an angle.
     """
-    rates, h = stop_gradient(rates), stop_gradient(h)
+    rates, (start, h) = stop_gradient(rates), stop_gradient(spans(mesh, times))
     n, s = h.shape[0], len(method.nodes)
     parts = rates[:, : 3 * s].reshape(3 * n, s, rates.shape[2])  # whole, first half, second half of each step
     widths = jnp.outer(h, jnp.asarray([1.0, 0.5, 0.5], h.dtype)).reshape(3 * n)
     turns, growths = increments(method, parts, widths)
     turns, growths = turns.reshape(n, 3, 4), growths.reshape(n, 3)
     halves = jax.vmap(quaternion.product)(turns[:, 1], turns[:, 2])
-    angle = 2 * jnp.sqrt(jnp.sum((turns[:, 0] - halves) ** 2, axis=1))
+    between = jax.vmap(quaternion.product)(jax.vmap(quaternion.conjugate)(turns[:, 0]), halves)
+    angle = 2 * jnp.sqrt(jnp.sum(between[:, 1:] ** 2, axis=1))  # round-off here is that of the turn, not of 1
     growth = jnp.abs(growths[:, 0] - growths[:, 1] - growths[:, 2])
     weights = np.concatenate([method.weights, -lobatto(s + 1)[1]])
     sampled = jnp.concatenate([rates[:, :s], rates[:, 3 * s :]], axis=1)
     integral = h[:, None] * exact_product(jnp.asarray(weights, h.dtype), sampled)
     angle = jnp.maximum(angle, jnp.sqrt(jnp.sum(integral[:, -3:] ** 2, axis=1)))
     growth = jnp.maximum(growth, 0.5 * jnp.sum(jnp.abs(integral[:, :-3]), axis=1))
-    rounding = jnp.where(used, float(jnp.finfo(h.dtype).eps) * (1 + h * jnp.max(jnp.abs(rates), axis=(1, 2))), 0.0)
-    step, floor = angle + growth, ROUND_OFF * rounding
+    step, noise = angle + growth, _noise(rates, start, h)
+    floor = ROUND_OFF * noise
     truncation = jnp.sum(jnp.where(step <= floor, 0.0, step))
-    return Errors(step, floor, truncation, jnp.sum(rounding))
+    products = float(jnp.finfo(h.dtype).eps) * jnp.sqrt(mesh.count.astype(h.dtype))  # their roundings are independent
+    return Errors(step, floor, truncation, jnp.sum(step) + 4 * (products + jnp.sum(noise)))
+
+
+def _noise(rates: Float[Array, "n m k"], start: Float[Array, " n"], h: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Round-off of the turn in each step: of the arithmetic, and of the one rounding of each time [rad]."""
+    turn = h * jnp.max(jnp.abs(rates), axis=(1, 2))
+    change = jnp.max(jnp.max(rates, axis=1) - jnp.min(rates, axis=1), axis=1)
+    return float(jnp.finfo(h.dtype).eps) * (turn + jnp.abs(start) * change / ROUND_OFF)
 
 
 def padded(errors: Errors, slots: int) -> Errors:
     """The errors of the same steps with more empty slots."""
     more = (0, slots - errors.step.shape[0])
-    return Errors(jnp.pad(errors.step, more), jnp.pad(errors.floor, more), errors.truncation, errors.rounding)
+    return Errors(jnp.pad(errors.step, more), jnp.pad(errors.floor, more), errors.truncation, errors.bound)
 
 
 def refine(mesh: Mesh, errors: Errors, tolerance: Scalar, order: int) -> tuple[Mesh, Int[Array, ""]]:

@@ -114,7 +114,11 @@ def _march(inputs: Any, *, method: Method) -> Any:
         seen = jnp.where(code == FINISHED, state, jnp.nan)
         return (now, state, memory, jax.lax.stop_gradient(step), code), (seen, memory)
 
-    start = (grid.times[0], state, memory, jax.lax.stop_gradient(FIRST_STEP * span), jnp.asarray(FINISHED))
+    # A lane that is not finite from the start must not keep the others waiting.
+    finite = jnp.all(jnp.isfinite(state)) & jnp.all(jnp.isfinite(grid.times))
+    code = jnp.where(finite, jnp.asarray(FINISHED), STALLED)
+    state = jnp.where(finite, state, 0.0)
+    start = (grid.times[0], state, memory, jax.lax.stop_gradient(FIRST_STEP * span), code)
     instants = (jnp.arange(grid.times.shape[0]), grid.times, grid.renews)
     (*_, code), (states, memories) = jax.lax.scan(advance, start, instants)
     return states, memories, code

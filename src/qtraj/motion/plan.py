@@ -3,6 +3,8 @@
 Where the rate and the times are known the mesh grows as it must; inside a trace it has a fixed number of slots.
 """
 
+import contextlib
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -33,7 +35,7 @@ def adaptive(problem: Problem, max_steps: int | None) -> tuple[Mesh, Errors]:
     """
     if max_steps is not None and max_steps < problem.intervals:
         raise ValueError(f"max_steps={max_steps} is fewer than the {problem.intervals} intervals between the times")
-    with jax.ensure_compile_time_eval():  # a jitted program whose rate is known plans while it is traced
+    with _at_once():
         mesh = meshes.first_mesh(problem.intervals, _slots(problem.intervals), problem.times.dtype)
         first = step_errors(problem, mesh)
         if not isinstance(first.truncation, jax.core.Tracer):
@@ -77,6 +79,12 @@ def _within(problem: Problem, slots: int) -> tuple[Mesh, Errors]:
     start = mesh, step_errors(problem, mesh), jnp.asarray(True), jnp.asarray(0)
     mesh, found, _, _ = jax.lax.while_loop(unfinished, split, start)
     return mesh, found
+
+
+def _at_once() -> contextlib.AbstractContextManager:
+    """Lets a jitted program whose rate is known plan while it is traced."""
+    staged = isinstance(jnp.zeros(()), jax.core.Tracer)
+    return jax.ensure_compile_time_eval() if staged else contextlib.nullcontext()
 
 
 _refine = eqx.filter_jit(meshes.refine)

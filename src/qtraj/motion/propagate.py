@@ -34,8 +34,8 @@ class PropagationResult(eqx.Enumeration):
 class Propagation(eqx.Module):
     """Attitudes at the output times, and how good they are.
 
-    `quaternion` (n, 4) at `times` (n,) [s]; `estimate` [rad], a bound on the error of the last attitude (and of ln|λ|²)
-    by comparing each step with its halves; `steps`, how many were taken; `result`, a `PropagationResult`.
+    `quaternion` (n, 4) at `times` (n,) [s]; `estimate` [rad], of the error of the last attitude, with that of ln|λ|² and
+    round-off; `steps`, how many were taken; `result`, a `PropagationResult`, of the error without round-off.
     """
 
     times: Float[Array, " n"]
@@ -111,7 +111,7 @@ def propagate_with_estimate(
     return Propagation(
         times=problem.times,
         quaternion=solve(problem, mesh),
-        estimate=errors.truncation + errors.rounding,
+        estimate=errors.bound,
         steps=mesh.count,
         result=_result(problem, errors),
     )

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import as_float, concrete, real_vector, require_finite, require_positive
@@ -107,7 +108,7 @@ def step_errors(problem: Problem, mesh: Mesh) -> Errors:
 
 
 @eqx.filter_jit
-def _sample(omega: Rate, times: Array, mesh: Mesh, nodes: np.ndarray) -> Float[Array, "n s k"]:
+def _sample(omega: Rate, times: Array, mesh: Mesh, nodes: Float[ArrayLike, " s"]) -> Float[Array, "n s k"]:
     start, h = meshes.spans(mesh, times)
     end = start + h
     before = jnp.maximum(start, end - 4 * float(jnp.finfo(h.dtype).eps) * jnp.abs(end))  # a jump at the end is no part
@@ -132,5 +133,4 @@ def _multiply(
 
 @eqx.filter_jit
 def _compare(method: AbstractIncrement, times: Array, mesh: Mesh, rates: Array) -> Errors:
-    _, h = meshes.spans(mesh, times)
-    return meshes.estimate(method, rates, h, mesh.used)
+    return meshes.estimate(method, rates, mesh, times)

@@ -7,6 +7,7 @@ to round-off and smooth across critical damping.
 
 import math
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.scipy.linalg import expm
@@ -35,6 +36,13 @@ def error_response(
     mu_rate0 = None if mu_rate0 is None else real_vector(mu_rate0, "the rate of the error", 4)
     t = as_float(t)
 
+    if isinstance(law, AccelerationLaw) and mu_rate0 is None:
+        raise ValueError("the response of an acceleration law needs mu_rate0, the rate of the error at the start")
+    return _response(law, mu0, mu_rate0, t)
+
+
+@eqx.filter_jit
+def _response(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None, t: Array) -> Float[Array, "... 4"]:
     def response(t: Array) -> Quat:
         return error_state(law, mu0, mu_rate0, t)[0]
 
@@ -42,19 +50,14 @@ def error_response(
 
 
 def error_state(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None, t: ScalarLike) -> tuple[Quat, Quat]:
-    """The error quaternion and its rate [1/s] at one instant; see `error_response`.
-
-    **Raises:** ValueError for an acceleration law without `mu_rate0`.
-    """
+    """The error quaternion and its rate [1/s] at one instant `t` [s]; see `error_response`. None is a rate of zero."""
     t = as_float(t).astype(mu0.dtype)
     if isinstance(law, RateLaw):
         x = _decayed(law.k.astype(mu0.dtype), mu0 - target("body", mu0), t)
         return target("body", mu0) + x, -_times(law.k.astype(mu0.dtype), x)
-    if mu_rate0 is None:
-        raise ValueError("the response of an acceleration law needs mu_rate0, the rate of the error at the start")
     goal = target(law.error, mu0)
     k1, k2 = law.k1.astype(mu0.dtype), law.k2.astype(mu0.dtype)
-    x, v = mu0 - goal, mu_rate0.astype(mu0.dtype)
+    x, v = mu0 - goal, jnp.zeros_like(mu0) if mu_rate0 is None else mu_rate0.astype(mu0.dtype)
     if k1.ndim < 2 and k2.ndim < 2:
         x, v = _planes(k1, k2, x, v, t)
     else:
@@ -79,7 +82,7 @@ def _waves(half: Quat, d: Quat, t: Array) -> tuple[Quat, Quat]:
     near = jnp.where(small, z, 0.0)
     cosine, sine = decay * _series(_COSINE, near), decay * t * _series(_SINE, near)
     root = jnp.sqrt(jnp.where(real, d, 1.0))
-    slow, fast = jnp.exp((root - half) * t), jnp.exp(-(root + half) * t)
+    slow, fast = (jnp.exp(jnp.where(real, (sign * root - half) * t, 0.0)) for sign in (1, -1))
     cosine = jnp.where(real, 0.5 * (slow + fast), cosine)
     sine = jnp.where(real, 0.5 * (slow - fast) / root, sine)
     frequency = jnp.sqrt(jnp.where(imaginary, -d, 1.0))

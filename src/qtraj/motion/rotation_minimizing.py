@@ -73,11 +73,18 @@ def attitude(path: AbstractHodograph, t: Scalar, node: Scalar, at_node: Quat) ->
     )
 
 
-def nodes(
-    path: AbstractHodograph, initial: Float[Array, " k"] | None, times: Float[Array, " n"]
-) -> Float[Array, "n 4"]:
-    """The frame at these times [s], rising from 0, as quaternions with continuous signs."""
-    start = _start(path, initial)
+def start(path: AbstractHodograph, initial: Float[Array, " k"] | None) -> Quat:
+    """The frame at the start of the path."""
+    natural = trihedral(path, 0.0)
+    if initial is None:
+        return natural.quaternion()
+    normal = _direction(initial.astype(natural.normal.dtype), 1)
+    across = normal - natural.tangent * (natural.tangent @ normal)
+    return rotation.from_dcm(_dcm(natural.tangent, unit(across, natural.normal)))
+
+
+def nodes(path: AbstractHodograph, start: Quat, times: Float[Array, " n"]) -> Float[Array, "n 4"]:
+    """The frame at these times [s], rising from 0, as quaternions with continuous signs from `start`."""
     steps = jax.vmap(lambda a, b: _step(path, a, b))(times[:-1], times[1:])
 
     def turn(before: Quat, step: Quat) -> tuple[Quat, Quat]:
@@ -105,15 +112,6 @@ def require_initial(path: AbstractHodograph, initial: Float[Array, " k"] | None)
         )
     if initial.shape == (3,) and sine < 1e-6:
         raise ValueError("the initial normal of a rotation-minimizing frame must not be along the path")
-
-
-def _start(path: AbstractHodograph, initial: Float[Array, " k"] | None) -> Quat:
-    natural = trihedral(path, 0.0)
-    if initial is None:
-        return natural.quaternion()
-    normal = _direction(initial.astype(natural.normal.dtype), 1)
-    across = normal - natural.tangent * (natural.tangent @ normal)
-    return rotation.from_dcm(_dcm(natural.tangent, unit(across, natural.normal)))
 
 
 def _direction(initial: Float[Array, " k"], axis: int) -> Vec3:

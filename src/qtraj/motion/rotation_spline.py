@@ -12,6 +12,7 @@ RotationSpline, whose spline this is).
 import math
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.lax import stop_gradient
@@ -31,7 +32,7 @@ EXACT_ORDERS = 2
 Vectors = Float[Array, "_ 3"]
 Blocks = Float[Array, "_ 3 3"]
 Widths = Float[Array, " _"]
-_State = tuple[Array, tuple[Array, Array, Array], Array, Any]
+_State = tuple[Array, Array, Array, Any]
 
 
 def rate(theta: Vec3, slope: Vec3) -> Vec3:
@@ -65,29 +66,68 @@ def knot_rates(turns: Vectors, widths: Widths) -> tuple[Vectors, Scalar]:
     means = turns / widths[:, None]
     if turns.shape[0] == 1:
         return jnp.concatenate([means, means]), jnp.zeros_like(widths[0])
-    found, (lower, middle, upper) = stop_gradient(_converged(stop_gradient(turns), stop_gradient(widths)))
+    conditions = jax.vmap(_Condition.between)(turns[:-1], turns[1:], widths[:-1], widths[1:])
+    fixed = stop_gradient(conditions)
+    found, middle = _converged(fixed, stop_gradient(means))
 
     # Nothing above is differentiated: each step with the constant matrix then makes one order of derivatives exact.
     def correct(rates: Vectors, _: None) -> tuple[Vectors, Scalar]:
-        jumps = jax.vmap(_jump)(*_neighbours(rates, turns, widths))
-        inner = rates[1:-1] - _solve(lower, middle, upper, jumps)
+        jumps = _jumps(conditions, rates)
+        inner = rates[1:-1] - _solve(fixed.before, middle, fixed.after, jumps)
         return jnp.concatenate([means[:1], inner, means[-1:]]), jnp.max(jnp.abs(jumps))
 
     rates, left = jax.lax.scan(correct, jnp.concatenate([means[:1], found, means[-1:]]), length=EXACT_ORDERS)
     return rates, left[-1]
 
 
-def _converged(turns: Vectors, widths: Widths) -> tuple[Vectors, tuple[Blocks, Blocks, Blocks]]:
-    """The inner rates by Newton's method, as long as it gains, and the last matrix."""
-    means = turns / widths[:, None]
+class _Condition(eqx.Module):
+    """ε before less ε after an inner attitude, for the rates a, b, c at it and its neighbours:
+
+    (2/h₀) M₀ a + (4/h₀ + 4/h₁) b + (2/h₁) M₁⁻¹ c + (∂M₀/∂θ·e) e − 6 (Θ₀/h₀² + Θ₁/h₁²),  e = M₀⁻¹ b.
+    """
+
+    before: Mat3
+    at: Scalar
+    after: Mat3
+    constant: Vec3
+    turn: Vec3
+
+    @classmethod
+    def between(cls, first: Vec3, second: Vec3, width: Scalar, next_width: Scalar) -> "_Condition":
+        basis = jnp.eye(3, dtype=first.dtype)
+        return cls(
+            before=2 / width * jax.vmap(lambda e: rate(first, e), out_axes=1)(basis),
+            at=4 / width + 4 / next_width,
+            after=2 / next_width * jax.vmap(lambda e: slope(second, e), out_axes=1)(basis),
+            constant=-6 * (first / width**2 + second / next_width**2),
+            turn=first,
+        )
+
+    def jump(self, a: Vec3, b: Vec3, c: Vec3) -> Vec3:
+        return self.before @ a + self.at * b + self.after @ c + self.bend(b) + self.constant
+
+    def bend(self, b: Vec3) -> Vec3:
+        """The part of ε before the attitude that is not linear in the rates: (∂M/∂θ·e) e."""
+        e = slope(self.turn, b)
+        return jax.jvp(lambda theta: rate(theta, e), (self.turn,), (e,))[1]
+
+    def middle(self, b: Vec3) -> Mat3:
+        return self.at * jnp.eye(3, dtype=b.dtype) + jax.jacfwd(self.bend)(b)
+
+
+def _jumps(conditions: _Condition, rates: Vectors) -> Vectors:
+    return jax.vmap(_Condition.jump)(conditions, rates[:-2], rates[1:-1], rates[2:])
+
+
+def _converged(conditions: _Condition, means: Vectors) -> tuple[Vectors, Blocks]:
+    """The inner rates by Newton's method, as long as it gains, and the last blocks of its matrix's diagonal."""
 
     def improve(state: _State) -> _State:
         rates, _, _, count = state
-        around = _neighbours(rates, turns, widths)
-        blocks = jax.vmap(jax.jacfwd(_jump, argnums=(0, 1, 2)))(*around)
-        change = _solve(blocks[0], blocks[1], blocks[2], jax.vmap(_jump)(*around))
+        middle = jax.vmap(_Condition.middle)(conditions, rates[1:-1])
+        change = _solve(conditions.before, middle, conditions.after, _jumps(conditions, rates))
         better = jnp.concatenate([rates[:1], rates[1:-1] - change, rates[-1:]])
-        return better, blocks, jnp.max(jnp.abs(change)), count + 1
+        return better, middle, jnp.max(jnp.abs(change)), count + 1
 
     def unfinished(state: _State) -> Array:
         rates, _, change, count = state
@@ -95,25 +135,9 @@ def _converged(turns: Vectors, widths: Widths) -> tuple[Vectors, tuple[Blocks, B
         return (count < ITERATIONS) & (change > tolerance * jnp.max(jnp.abs(rates)))
 
     guess = jnp.concatenate([means[:1], (means[1:] + means[:-1]) / 2, means[-1:]])
-    empty = jnp.zeros_like(turns, shape=(turns.shape[0] - 1, 3, 3))
-    start = (guess, (empty, empty, empty), jnp.full_like(widths[0], jnp.inf), 0)
-    rates, blocks, _, _ = jax.lax.while_loop(unfinished, improve, start)
-    return rates[1:-1], blocks
-
-
-def _jump(a: Vec3, b: Vec3, c: Vec3, turns: Float[Array, "2 3"], widths: Float[Array, "2"]) -> Vec3:
-    """ε before less ε after an attitude, from the rates at three in a row."""
-    before = cubic(turns[0], widths[0], a, b)
-    after = cubic(turns[1], widths[1], b, c)
-    end = slope(turns[0], b)
-    bend = 2 * before[2] + 6 * before[3] * widths[0]
-    _, acceleration = jax.jvp(rate, (turns[0], end), (end, bend))
-    return acceleration - 2 * after[2]
-
-
-def _neighbours(rates: Vectors, turns: Vectors, widths: Widths) -> tuple[Array, Array, Array, Array, Array]:
-    pairs = jnp.stack([turns[:-1], turns[1:]], axis=1), jnp.stack([widths[:-1], widths[1:]], axis=1)
-    return rates[:-2], rates[1:-1], rates[2:], *pairs
+    start = (guess, jnp.zeros_like(conditions.before), jnp.full_like(means[0, 0], jnp.inf), 0)
+    rates, middle, _, _ = jax.lax.while_loop(unfinished, improve, start)
+    return stop_gradient(rates[1:-1]), stop_gradient(middle)
 
 
 def _solve(lower: Blocks, middle: Blocks, upper: Blocks, right: Vectors) -> Vectors:

@@ -5,6 +5,7 @@ overdamped, |μ(0)| = 1, ω0(0) = 0 and μ0(0) ≥ 0, μ(t) never vanishes; from
 the command has a pole. Since the error is known in closed form, so is the least |μ|, before anything has moved.
 """
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
@@ -20,6 +21,7 @@ _SAMPLES = 128
 _REFINEMENTS = 40
 
 
+@eqx.filter_jit
 def least_norm(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None = None) -> Scalar:
     """min |μ(t)| over t ≥ 0 of the closed-form response to `mu0` and `mu_rate0` [1/s].
 

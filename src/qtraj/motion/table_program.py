@@ -1,5 +1,7 @@
 """A program through given attitudes: the C² spline of rotations."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -13,9 +15,6 @@ from qtraj.foundation.types import ArrayInput, Flag, Scalar, ScalarLike, Vec3
 from qtraj.motion import rotation_spline as spline
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.euler_turn import attitude_table
-
-JUMP = 1e-6
-"""The largest jump of acceleration, relative to the rates over the intervals, of a spline that counts as found."""
 
 
 @storable
@@ -103,7 +102,12 @@ def _knot_rates(times: Float[Array, " n"], quaternions: Float[Array, "n 4"]) -> 
     attitudes, widths = _continuous(quaternions), jnp.diff(times)
     turns = jax.vmap(_turn)(attitudes[:-1], attitudes[1:])
     rates, jump = spline.knot_rates(turns, widths)
-    return rates, jump <= JUMP * jnp.max(jnp.abs(turns / widths[:, None] ** 2))
+    return rates, jump <= _tolerance(turns.dtype) * jnp.max(jnp.abs(turns / widths[:, None] ** 2))
+
+
+def _tolerance(dtype: Any) -> float:
+    """The largest jump of acceleration, relative to turn/interval², of a spline that counts as found."""
+    return float(jnp.finfo(dtype).eps) ** 0.5
 
 
 def _require_increasing(times: Array, count: int) -> None:

@@ -1,0 +1,54 @@
+"""Classical coning: the motion with a closed form on which integrators of attitude are compared."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import qtraj as qt
+from qtraj.foundation.types import Scalar
+
+
+class Coning(eqx.Module):
+    """λ = (cos β/2, sin β/2 cos Ωt, sin β/2 sin Ωt, 0) and its rate; half-angle of the cone [rad], Ω [rad/s]."""
+
+    angle: Scalar
+    speed: Scalar
+
+    def __init__(self, degrees, speed, dtype=None):
+        self.angle = jnp.asarray(np.radians(degrees), dtype)
+        self.speed = jnp.asarray(speed, dtype)
+
+    def __call__(self, t):
+        """ω in body axes."""
+        level, phase = self.speed * jnp.sin(self.angle), self.speed * t
+        vertical = -2 * self.speed * jnp.sin(self.angle / 2) ** 2
+        return jnp.stack([-level * jnp.sin(phase), level * jnp.cos(phase), vertical * jnp.ones_like(t)])
+
+    def quaternion(self, t):
+        level, phase = jnp.sin(self.angle / 2), self.speed * t
+        return jnp.stack([jnp.cos(self.angle / 2), level * jnp.cos(phase), level * jnp.sin(phase), jnp.zeros_like(t)])
+
+    def inertial(self, t):
+        """ω in inertial axes."""
+        return qt.quaternion.rotate(self.quaternion(t), self(t))
+
+    def quaternions(self, times):
+        return jax.vmap(self.quaternion)(jnp.asarray(times, self.angle.dtype))
+
+    def increments(self, times):
+        """∫ω over the interval before each time, in closed form in NumPy; zero for the first."""
+        beta, omega, t = float(self.angle), float(self.speed), np.asarray(times)
+        drift = -2 * omega * np.sin(beta / 2) ** 2 * t
+        total = np.stack([np.sin(beta) * np.cos(omega * t), np.sin(beta) * np.sin(omega * t), drift], axis=1)
+        return np.diff(total, axis=0, prepend=total[:1])
+
+
+SLOW = Coning(10.0, 0.74 * np.pi)
+FAST = Coning(50.0, 2 * np.pi)
+
+
+def angles(qs, expected):
+    """Rotation [rad] between quaternions (n, 4) of any length, and of any sign."""
+    between = jax.vmap(lambda p, q: qt.quaternion.product(qt.quaternion.conjugate(p), q))(expected, qs)
+    return 2 * np.arctan2(np.linalg.norm(between[:, 1:], axis=1), np.abs(between[:, 0]))
