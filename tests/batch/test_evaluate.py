@@ -106,6 +106,7 @@ def test_to_xarray_labels_and_keeps_every_number(stack, components):
 @pytest.mark.parametrize(
     ("arguments", "fragment"),
     [
+        ({"outputs": "position"}, "sequence of names"),
         ({"outputs": ["colour"]}, "unknown output 'colour'"),
         ({"components": "middle"}, "'last' or 'first'"),
         ({"times": 3.0}, "vector (n,)"),

@@ -131,7 +131,7 @@ def test_sense_and_whole_turns(sense, turns):
     assert best.status == "converged", best.result
     assert float(best.path.turn) == pytest.approx(sense * (math.pi / 2 + 2 * math.pi * turns))
     if turns == 0:
-        assert best.objective == pytest.approx(qt.tune(START, END, LIMITS).objective, rel=1e-9)
+        assert best.objective == pytest.approx(float(qt.tune(START, END, LIMITS).objective), rel=1e-9)
 
 
 def test_a_placement_changes_nothing_but_the_place():
@@ -139,7 +139,7 @@ def test_a_placement_changes_nothing_but_the_place():
     start = qt.BoundaryState(START.position + placement.origin, START.velocity)
     end = qt.BoundaryState(END.position + placement.origin, END.velocity)
     best = qt.tune(start, end, LIMITS, placement=placement)
-    assert best.objective == pytest.approx(qt.tune(START, END, LIMITS).objective, rel=1e-6)
+    assert best.objective == pytest.approx(float(qt.tune(START, END, LIMITS).objective), rel=1e-6)
 
 
 def test_progress_is_told_after_every_round():
@@ -171,6 +171,39 @@ def test_limits_that_quarrel_are_told_apart_from_impossible_ones():
     assert "longer duration" in best.result
 
 
+@pytest.mark.parametrize("limit", [1e-2, 1e-6, 1e-300])
+def test_a_limit_far_out_of_reach_is_infeasible_not_a_runaway(limit):
+    start = qt.BoundaryState([10.0, 0.0, 0.0], [0.0, 5.0, 1.0])
+    end = qt.BoundaryState([0.0, 12.0, 2.0], [-6.0, 0.0, 1.0])
+    best = qt.tune(start, end, qt.Limits(curvature=limit))
+    assert best.status == "infeasible", best.result
+    assert np.all(np.isfinite(best.path.radius))
+    assert "curvature" in best.result
+
+
+def test_a_known_turn_is_kept_against_the_sense_of_the_start():
+    start = qt.BoundaryState([10.0, 0.0, 0.0], [0.0, -0.5, 1.0])
+    end = qt.BoundaryState([0.0, 10.0, 2.0], [-6.0, 0.0, 1.0])
+    given = qt.SpiralHelix.hermite(start, end, 3.0)
+    best = qt.tune(start, end, qt.Limits(speed=30.0), motion="hermite", duration=3.0, turn=given.turn)
+    assert float(best.path.turn) == pytest.approx(math.pi / 2)
+    np.testing.assert_allclose(best.path.angle, given.angle, atol=1e-9)
+    assert float(qt.tune(start, end, qt.Limits(speed=30.0), motion="hermite", duration=3.0).path.turn) < 0
+
+
+def test_a_path_through_its_own_axis_is_remarked_on():
+    start = qt.BoundaryState([10.0, 0.0, 0.0], [-30.0, 5.0, 0.0])
+    end = qt.BoundaryState([0.0, 10.0, 0.0], [-5.0, 30.0, 0.0])
+    best = qt.tune(start, end, qt.Limits(speed=100.0))
+    assert "runs through its own axis" in best.result
+
+
+def test_the_outcome_passes_through_jit():
+    best = qt.tune(START, END, LIMITS)
+    assert jax.jit(lambda best: best.path.position(0.0))(best).shape == (3,)
+    assert jax.jit(lambda best: best)(best).certificate.status == best.certificate.status
+
+
 def test_too_few_rounds_are_said():
     best = qt.tune(START, END, LIMITS, max_rounds=1)
     assert best.status in ("not converged", "infeasible")
@@ -187,6 +220,7 @@ def test_too_few_rounds_are_said():
         ({"duration": 5.0}, "uniform motion lasts as long as its rate says"),
         ({"duration": -5.0, "motion": "hermite"}, "must be positive"),
         ({"turns": -1}, "turns must be 0 or more"),
+        ({"turn": 1.0}, "does not lead from the start's azimuth"),
         ({"end": START}, "same azimuth"),
         ({"start": qt.BoundaryState([20.0, 0, 0], [1.0, 0.0, 0.3])}, "sense of rotation is unknown"),
         ({"start": qt.BoundaryState([0.0, 0, 0], [1.0, 7.0, 0.3])}, "axis"),

@@ -29,13 +29,22 @@ def test_round_trip_is_exact(tmp_path, suffix):
         assert np.asarray(a).tobytes() == np.asarray(b).tobytes()
 
 
-def test_infinity_is_kept_in_toml_and_refused_in_json(tmp_path):
-    path = qt.SpiralHelix([1.0], [0.0, 1.0], [0.0], 1.0, mismatch=jnp.inf)
-    path.save(tmp_path / "path.toml")
-    assert np.isinf(qt.load(tmp_path / "path.toml").mismatch)
-    with pytest.raises(ValueError, match=r"save it as \.toml"):
-        path.save(tmp_path / "path.json")
-    assert os.listdir(tmp_path) == ["path.toml"], "nothing half-written"
+@pytest.mark.parametrize("suffix", [".toml", ".json"])
+def test_what_is_not_finite_is_kept(tmp_path, suffix):
+    found = qt.Certificate(["speed"] * 3, ["broken"] * 3, [jnp.inf, -jnp.inf, jnp.nan], [1.0, 2.0, 3.0], [1.0] * 3)
+    document.save(found, tmp_path / f"found{suffix}")
+    times = qt.load(tmp_path / f"found{suffix}").times
+    np.testing.assert_array_equal(times, [np.inf, -np.inf, np.nan])
+
+
+def test_a_document_read_without_float64_is_warned_of(tmp_path):
+    qt.SpiralHelix([1 / 3], [0.0, 1.0], [0.0], 1.0).save(tmp_path / "path.toml")
+    jax.config.update("jax_enable_x64", False)
+    try:
+        with pytest.warns(UserWarning, match="rounded to float32"):
+            qt.load(tmp_path / "path.toml")
+    finally:
+        jax.config.update("jax_enable_x64", True)
 
 
 def test_a_file_is_replaced_whole(tmp_path):
@@ -57,7 +66,7 @@ def test_a_file_is_replaced_whole(tmp_path):
         ("a.toml", 'format = "qtraj/1"\ntype = "Nothing"', "unknown type 'Nothing'"),
         ("a.toml", 'format = "qtraj/1"\ntype = "Placement"\ncolour = 1', "no field 'colour'"),
         ("a.toml", 'format = "qtraj/1"\ntype = "Placement"\norigin = [0, 0]', "shape (3,)"),
-        ("a.toml", 'format = "qtraj/1"\ntype = "SpiralHelix"\nradius = [1.0]', "angle"),
+        ("a.toml", 'format = "qtraj/1"\ntype = "SpiralHelix"\nradius = [1.0]', "SpiralHelix lacks its field 'angle'"),
         ("a.txt", "", "must end in .toml or .json"),
     ],
 )

@@ -85,9 +85,9 @@ def test_the_fourth_order_within_the_sixth():
     np.testing.assert_array_equal(sixth, fourth)
 
 
-@pytest.mark.parametrize("stages", [0, 65, 2.5])
+@pytest.mark.parametrize("stages", [0, 65])
 def test_bad_stages(stages):
-    with pytest.raises((ValueError, TypeError), match="stages|type"):
+    with pytest.raises(ValueError, match="integer from 1 to 64"):
         GaussLegendre(stages)
 
 

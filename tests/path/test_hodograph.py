@@ -75,6 +75,18 @@ def test_a_curve_takes_modules_and_differentiates_in_them():
     np.testing.assert_allclose(jitted(line, 0.0), [1.0, 2.0, 0.0], atol=1e-15)
 
 
+def test_a_subclass_needs_no_more_than_derivatives():
+    class Line(qt.AbstractHodograph):
+        duration: float = 2.0
+
+        def derivatives(self, t, order):
+            rows = [jnp.stack([2.0 * t, 0.0 * t, 0.0 * t]), jnp.asarray([2.0, 0.0, 0.0])]
+            return jnp.stack((rows + [jnp.zeros(3)] * order)[: order + 1])
+
+    assert not bool(qt.trihedral(Line(), 1.0).defined)
+    assert qt.evaluate(Line(), [0.0, 1.0], ["speed"]).speed.tolist() == [2.0, 2.0]
+
+
 def test_float32_is_kept():
     coefficients = [jnp.asarray(c, jnp.float32) for c in ([20.0, 1.0], [0.0, 0.3], [1.0, 0.5])]
     path = qt.SpiralHelix(*coefficients, jnp.asarray(4.0, jnp.float32))
@@ -91,6 +103,10 @@ def test_float32_is_kept():
         (lambda: qt.Curve(lambda t: jnp.zeros(3), 0.0), "positive"),
         (lambda: qt.SpiralHelix([1.0], [0.0, 1.0], [0.0], -2.0), "positive"),
         (lambda: qt.SpiralHelix([1.0], [0.0, 1.0], [0.0], float("nan")), "positive"),
+        (lambda: qt.SpiralHelix([1.0], [0.0, 1.0], [0.0], [2.0]), "one number"),
+        (lambda: qt.SpiralHelix(["a"], [0.0, 1.0], [0.0], 2.0), "radius of a spiral-helix must be numbers"),
+        (lambda: qt.Curve(lambda t: jnp.stack([t, t]), 1.0), "shape (2,)"),
+        (lambda: qt.Curve(lambda t: np.sin(t) * np.ones(3), 1.0), "jax.numpy"),
         (lambda: qt.SpiralHelix([[1.0]], [0.0, 1.0], [0.0], 1.0), "vector of ascending"),
         (lambda: qt.SpiralHelix([], [0.0, 1.0], [0.0], 1.0), "vector of ascending"),
         (lambda: qt.SpiralHelix([1.0], [0.0, float("inf")], [0.0], 1.0), "finite"),

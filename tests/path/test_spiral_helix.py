@@ -105,6 +105,29 @@ def test_equal_azimuths_need_a_whole_turn(nudge):
     assert float(qt.SpiralHelix.from_boundary(start, end, turns=1).turn) == pytest.approx(2 * math.pi)
 
 
+@pytest.mark.parametrize("azimuth", np.linspace(-3.0, 3.0, 13))
+def test_equal_azimuths_are_known_far_from_the_origin(azimuth):
+    """Round-off of world coordinates of millions of metres must not look like a tiny turn, or like a whole one."""
+    around = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    origin = np.array([623329.4, 4848831.7, 0.0])
+    start = qt.BoundaryState(origin + 10 * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]), 4 * around)
+    end = qt.BoundaryState(origin + 13 * np.array([np.cos(azimuth), np.sin(azimuth), 0.1]), 5.2 * around)
+    placement = qt.Placement(origin)
+    with pytest.raises(ValueError, match="turns=1"):
+        qt.tune(start, end, qt.Limits(speed=30.0), placement=placement)
+    path = qt.SpiralHelix.hermite(start, end, 5.0, turns=1, placement=placement)
+    assert float(path.turn) == pytest.approx(2 * math.pi, abs=1e-8)
+
+
+@pytest.mark.parametrize("mode", [jax.jacfwd, jax.jacrev])
+def test_a_state_on_the_axis_has_finite_derivatives_inside_a_trace(mode):
+    def radius(x):
+        start = qt.BoundaryState(jnp.stack([x, 0.0 * x, x]), [1.0, 2.0, 0.0])
+        return qt.SpiralHelix.hermite(start, END, 3.0).radius
+
+    assert np.all(np.isfinite(jax.jit(mode(radius))(0.0)))
+
+
 def test_disagreeing_rates_are_refused_by_name():
     start = qt.BoundaryState([10.0, 0.0, 0.0], [0.0, 4.0, 0.0])
     end = qt.BoundaryState([0.0, 20.0, 0.0], [-5.0, 0.0, 0.0])
@@ -137,6 +160,7 @@ RADIAL = qt.BoundaryState([10.0, 0.0, 0.0], [4.0, 0.0, 0.0])
         (lambda: qt.SpiralHelix.hermite(START, AXIS, 3.0), "end lies on the axis"),
         (lambda: qt.SpiralHelix.from_boundary(RADIAL, qt.BoundaryState([0, 10.0, 0], [0, 4.0, 0])), "V_phi is 0"),
         (lambda: qt.SpiralHelix.from_boundary(START, END, turns=-1), "turns must be 0 or more"),
+        (lambda: qt.SpiralHelix.hermite(START, END, [3.0, 4.0]), "one number"),
         (lambda: qt.SpiralHelix.from_boundary(dataclasses.replace(START, acceleration=[0.0, 0, 0]), END), "accel"),
         (lambda: qt.SpiralHelix.hermite(dataclasses.replace(START, acceleration=[0.0, 0, 0]), END, 1.0), "both or"),
         (lambda: qt.SpiralHelix.hermite(START, END, 0.0), "positive"),

@@ -31,8 +31,18 @@ def evaluate(
     names fields of `Table`; `frame` is the trihedral to hang on the path (the natural one). A quaternion's sign is
     free at each instant; `continuous=True` chooses it so that neighbours in time agree.
 
-    **Raises:** ValueError for unknown outputs, components other than "last" or "first", or times that are no vector.
+    **Raises:** ValueError for something else than a path, unknown outputs, components other than "last" or "first", or
+    times that are no vector.
     """
+    if isinstance(outputs, str):
+        raise ValueError(
+            f"outputs must be a sequence of names, such as ({outputs!r},), but the text {outputs!r} was given"
+        )
+    if not isinstance(paths, AbstractHodograph):
+        raise ValueError(
+            f"a path, or many of them stacked into one, was expected, but a {type(paths).__name__} was given. "
+            "Stack equal structures with jax.tree.map(lambda *x: jnp.stack(x), *paths), or build them under jax.vmap."
+        )
     names = tuple(dict.fromkeys(outputs))
     if unknown := [name for name in names if name not in AXES]:
         raise ValueError(f"unknown output {unknown[0]!r}; known are {', '.join(AXES)}")
@@ -41,9 +51,10 @@ def evaluate(
     instants = as_float(times)
     if instants.ndim != 1:
         raise ValueError(f"times must be a vector (n,), but an array of shape {instants.shape} was given")
-    batched = paths.duration.ndim == 1
+    batched = jnp.ndim(paths.duration) == 1
     values = _evaluate(paths, instants, Natural() if frame is None else frame, names, batched, components, continuous)
-    return Table(time=instants, **values, batched=batched, components=components)
+    hung = "natural" if frame is None else type(frame).__name__.lower()
+    return Table(time=instants, **values, batched=batched, components=components, frame=hung)
 
 
 @eqx.filter_jit
@@ -71,7 +82,7 @@ def _evaluate(
 
 def _instant(path: AbstractHodograph, t: Scalar, frame: AbstractFrame, names: tuple[str, ...]) -> dict[str, Array]:
     r = path.derivatives(t, 4)
-    trihedral = frame.trihedral(r, path.duration)
+    trihedral = frame.trihedral(r, as_float(path.duration))
     known = {
         "position": lambda: r[0],
         "velocity": lambda: r[1],

@@ -74,6 +74,7 @@ class Table(eqx.Module):
     defined: Bool[Array, "..."] | None = None
     batched: bool = eqx.field(static=True, default=False)
     components: str = eqx.field(static=True, default="last")
+    frame: str = eqx.field(static=True, default="natural")
 
     def to_xarray(self) -> "xarray.Dataset":
         """The table as an `xarray.Dataset` with units, axes and conventions in its attributes (extra `io`)."""
@@ -93,6 +94,7 @@ class Table(eqx.Module):
         attributes = {
             "source": f"qtraj {__version__}",
             "quaternion_convention": "scalar first, Hamilton product, body to world, unit norm",
+            "frame": self.frame,
             "frame_convention": "right-handed; body axes x = tangent (forward), y = normal, z = binormal",
         }
         return xarray.Dataset(variables, {"time": time, **coordinates}, attributes)

@@ -29,7 +29,7 @@ def tune_content(given: ScenarioFile, job: Job, before: Certificate, best: Tuned
         "tuning": {
             "objective": job.objective,
             "motion": job.motion,
-            "value": best.objective,
+            "value": float(best.objective),
             "status": best.status,
             "iterations": best.iterations,
             "result": best.result,

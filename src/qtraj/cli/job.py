@@ -1,6 +1,5 @@
 """From a scenario to what the commands work on: the path before tuning, and what tuning needs besides."""
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,6 +39,7 @@ class Job:
     motion: str
     duration: float | None
     turns: int
+    turn: float | None = None
     track: Track | None = None
     residual: Residual | None = None
 
@@ -53,6 +53,7 @@ class Job:
             "motion": self.motion,
             "duration": self.duration,
             "turns": self.turns,
+            "turn": self.turn,
             "placement": self.path.placement,
         }
 
@@ -133,7 +134,8 @@ def _along(
         objective=objective,
         motion=motion,
         duration=duration,
-        turns=math.floor(abs(float(path.turn)) / (2 * math.pi)),
+        turns=0,
+        turn=float(path.turn),
         track=track,
         residual=path.residual,
     )

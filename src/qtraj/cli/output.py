@@ -23,10 +23,10 @@ def check_folder(out: Path) -> None:
 
 
 def write_all(out: Path, writers: Mapping[str, Writer]) -> list[Path]:
-    """Write every file by name into the folder `out`: all of them, or, where one fails, none.
+    """Write every file by name into the folder `out`, each of them whole.
 
-    They are written into a hidden folder of the same file system and moved when all are complete, so that an
-    interrupt leaves nothing half-written. Files of other names in `out` stay as they are.
+    They are written into a hidden folder of the same file system and moved only when all are complete, so that an
+    error or an interrupt while writing leaves nothing. Files of other names in `out` stay as they are.
 
     **Raises:** OSError where something cannot be written.
     """
@@ -34,7 +34,10 @@ def write_all(out: Path, writers: Mapping[str, Writer]) -> list[Path]:
     targets = [out / name for name in writers]
     if blocked := [target for target in targets if target.is_dir()]:
         raise IsADirectoryError(f"{blocked[0]}: a file is to be written here, but there is a folder of this name")
-    stage = Path(tempfile.mkdtemp(prefix=".qtraj-", dir=_existing(out)))
+    try:
+        stage = Path(tempfile.mkdtemp(prefix=".qtraj-", dir=_existing(out)))
+    except OSError as error:
+        raise OSError(f"{out}: nothing can be written there ({error.strerror})") from error
     try:
         for name, write in writers.items():
             write(stage / name)

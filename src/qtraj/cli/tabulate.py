@@ -38,6 +38,9 @@ BLOCKS = (
 )
 """The columns do not fit 80 characters side by side: two tables."""
 
+MOST_ROWS = 100
+"""A longer table shows its first and last rows alone."""
+
 FRAME_ONLY = ("torsion", "quaternion", "rate")
 """What does not exist where the natural trihedral does not."""
 
@@ -74,6 +77,10 @@ def print_table(console: Console, content: dict[str, Any]) -> None:
         console.print()
         console.print(Text(title, style="bold"))
         console.print(_block(columns, block, defined))
+    if len(defined) > MOST_ROWS:
+        console.print(
+            Text(f"… : {len(defined) - MOST_ROWS} instants left out; --out DIR writes, --json prints them all")
+        )
     if missing := int(np.sum(~defined)):
         console.print(Text(f"- : the natural trihedral does not exist (no motion or no bend) at {missing} instants"))
     print_files(console, content["files"])
@@ -94,7 +101,10 @@ def _block(columns: dict[str, np.ndarray], block: dict[str, list[str]], defined:
         here = defined if name in FRAME_ONLY else np.ones_like(defined)
         cells += [_texts(column, here) for column in values]
     table = column_table(*[header for headers in block.values() for header in headers])
-    for row in zip(*cells, strict=True):
+    rows = list(zip(*cells, strict=True))
+    if len(rows) > MOST_ROWS:
+        rows = [*rows[: MOST_ROWS // 2], tuple("…" for _ in rows[0]), *rows[-(MOST_ROWS // 2) :]]
+    for row in rows:
         table.add_row(*row)
     return table
 

@@ -86,7 +86,9 @@ def least_violation(problem: Problem, limits: Limits, z: Variables) -> Iterate:
     iterate = begin(problem, limits, z)
     for _ in range(LEAST_ROUNDS):
         before = float(iterate.violation)
-        iterate = advance(problem, limits, iterate, weight=0.0)
+        last, iterate = iterate, advance(problem, limits, iterate, weight=0.0)
+        if not math.isfinite(iterate.violation):
+            return last
         if abs(before - float(iterate.violation)) <= 1e-6 * before:
             break
     return iterate

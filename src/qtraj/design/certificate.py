@@ -5,14 +5,17 @@ Statuses: "sampled" (met on a refined grid whose peaks were polished by Newton's
 """
 
 import math
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from qtraj.design.limits import CELLS, Limits, moving_derivatives, peak, quantity
 from qtraj.design.peaks import largest
+from qtraj.foundation.arrays import as_float
 from qtraj.foundation.document import storable
-from qtraj.foundation.types import Scalar
+from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.invariants import existence
 
@@ -33,26 +36,47 @@ NEEDS = {
 class Certificate(eqx.Module):
     """The findings on each given limit.
 
-    `status[name]`: "sampled", "broken" or "undefined". `worst[name]`: (time [s], value, limit) at the largest value,
-    or at the instant where the quantity does not exist.
+    `names` and `statuses` ("sampled", "broken" or "undefined"), and arrays over them: `times` [s] of the largest
+    values, or of the instant where the quantity does not exist; `values`, NaN there; `limits`.
     """
 
-    status: dict[str, str]
-    worst: dict[str, tuple[float, float, float]]
+    names: tuple[str, ...] = eqx.field(static=True)
+    statuses: tuple[str, ...] = eqx.field(static=True)
+    times: Float[Array, " n"]
+    values: Float[Array, " n"]
+    limits: Float[Array, " n"]
 
-    def __init__(self, status: dict[str, str], worst: dict[str, tuple[float, float, float] | list[float]]):
-        self.status = dict(status)
-        self.worst = {name: (float(w[0]), float(w[1]), float(w[2])) for name, w in worst.items()}
+    def __init__(
+        self,
+        names: Sequence[str],
+        statuses: Sequence[str],
+        times: ArrayInput,
+        values: ArrayInput,
+        limits: ArrayInput,
+    ):
+        self.names, self.statuses = tuple(names), tuple(statuses)
+        self.times, self.values, self.limits = as_float(times), as_float(values), as_float(limits)
+
+    @property
+    def status(self) -> dict[str, str]:
+        """The finding on each limit, by its name."""
+        return dict(zip(self.names, self.statuses, strict=True))
+
+    @property
+    def worst(self) -> dict[str, tuple[float, float, float]]:
+        """(time [s], value, limit) at the largest value of each, by its name; not inside a trace."""
+        rows = zip(self.times, self.values, self.limits, strict=True)
+        return {name: (float(t), float(v), float(m)) for name, (t, v, m) in zip(self.names, rows, strict=True)}
 
     @property
     def met(self) -> bool:
         """Whether every limit was found met, be it by proof or by refined sampling."""
-        return all(status in ("proved", "sampled") for status in self.status.values())
+        return all(status in ("proved", "sampled") for status in self.statuses)
 
     @property
     def holds(self) -> bool:
         """Whether every limit is proved on the whole path; refined sampling alone proves nothing."""
-        return all(status == "proved" for status in self.status.values())
+        return all(status == "proved" for status in self.statuses)
 
     def margin(self, name: str) -> float:
         """Limit less the largest value, in the limit's unit; negative where the limit is broken."""
@@ -64,17 +88,15 @@ class Certificate(eqx.Module):
         """Names of the limits that are met with nothing to spare (a relative margin below 1e-6)."""
         return [name for name, (_, value, limit) in self.worst.items() if 0 <= limit - value <= BINDING * limit]
 
+    def describe(self, name: str) -> str:
+        """The largest value of one quantity against its limit, in words."""
+        time, value, limit = self.worst[name]
+        if math.isnan(value):
+            return f"it does not exist at t = {time:.4g} s, where the path stops or straightens"
+        return f"{value:.6g} of {quantity(name, limit)} at t = {time:.4g} s"
+
     def __str__(self) -> str:
-        lines = []
-        for name, status in self.status.items():
-            time, value, limit = self.worst[name]
-            lines.append(f"{name} {finding(name, value, limit, time)}: {status}")
-        return "\n".join(lines)
-
-
-def finding(name: str, value: float, limit: float, time: float) -> str:
-    """One value against its limit, in words."""
-    return f"{value:.6g} of {quantity(name, limit)} at t = {time:.4g} s"
+        return "\n".join(f"{name} {self.describe(name)}: {status}" for name, status in self.status.items())
 
 
 def sampled_certificate(path: AbstractHodograph, limits: Limits) -> Certificate:
@@ -85,15 +107,15 @@ def sampled_certificate(path: AbstractHodograph, limits: Limits) -> Certificate:
     require_float64(path)
     worst = {name: (float(t), float(value)) for name, (t, value) in _peaks(path, limits).items()}
     gaps = {name: _gap(path, name) for name in ("motion", "bend") if set(NEEDS[name]) & set(worst)}
-    status, records = {}, {}
+    rows = []
     for name, limit in limits.given().items():
         time, value = worst[name]
-        status[name] = "sampled" if value <= float(limit) else "broken"
+        status = "sampled" if value <= float(limit) else "broken"
         for measure, (at, size) in gaps.items():
             if name in NEEDS[measure] and size < GAP**2:
-                status[name], time, value = "undefined", at, math.nan
-        records[name] = (time, value, float(limit))
-    return Certificate(status, records)
+                status, time, value = "undefined", at, math.nan
+        rows.append((name, status, time, value, float(limit)))
+    return Certificate(*zip(*rows, strict=True)) if rows else Certificate((), (), (), (), ())
 
 
 def require_float64(path: AbstractHodograph) -> None:

@@ -20,6 +20,7 @@ def given_path(
     duration: ArrayInput | None = None,
     turns: int = 0,
     placement: Placement | None = None,
+    turn: ArrayInput | None = None,
 ) -> SpiralHelix:
     """The path between two states before anything is tuned: the one from which `tune` with these arguments starts.
 
@@ -30,7 +31,7 @@ def given_path(
     """
     if start.acceleration is None and end.acceleration is None:
         any_limit = Limits(speed=1.0)  # a tuning problem must have one, and its starting path is the same for all
-        problem = pose(start, end, any_limit, objective, motion, duration, turns, placement)
+        problem = pose(start, end, any_limit, objective, motion, duration, turns, placement, turn)
         return problem.path(jnp.zeros(problem.size, problem.speed.dtype))
     if motion != "hermite" or duration is None:
         raise ValueError("boundary states with accelerations make a path only with motion='hermite' and a duration")

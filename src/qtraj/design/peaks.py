@@ -1,10 +1,10 @@
 """Maxima of a smooth function of time, cell by cell.
 
 [0, duration] is divided into cells about equally spaced nodes, and in each the largest value is sought by Newton's
-method from the node. So the largest of the values is that of the whole interval, up to maxima narrower than a cell,
-and each value is a continuous function of whatever else `f` depends on. The times found are held constant in
-differentiation: within a cell ∂f/∂t = 0 there, so the gradient of f(t*, x) in x is exact (envelope theorem), and on
-the border of a cell t* does not move.
+method from the node; the node and the borders of the cell count as well. So the largest of the values is that of the
+whole interval, up to maxima narrower than a cell, and each value is a continuous function of whatever else `f` depends
+on. The times found are held constant in differentiation: within a cell ∂f/∂t = 0 there, so the gradient of f(t*, x) in
+x is exact (envelope theorem), and on the border of a cell t* does not move.
 """
 
 from collections.abc import Callable
@@ -30,7 +30,13 @@ def cell_peaks(f: OfPath, path: AbstractHodograph, cells: int) -> Float[Array, "
     low, high = jnp.clip(nodes - half, 0.0, 1.0), jnp.clip(nodes + half, 0.0, 1.0)
     # Frozen before the search and not after it, or the search itself would be differentiated in vain.
     frozen = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, path)
-    return _newton(lambda u: f(frozen, u * frozen.duration), nodes, low, high)
+
+    def g(u: Scalar) -> Scalar:
+        return f(frozen, u * frozen.duration)
+
+    candidates = jnp.stack([_newton(g, nodes, low, high), nodes, low, high])
+    values = jax.vmap(jax.vmap(g))(candidates)
+    return jnp.take_along_axis(candidates, jnp.argmax(values, axis=0)[None], axis=0)[0]
 
 
 def largest(f: OfPath, path: AbstractHodograph, cells: int) -> tuple[Scalar, Scalar]:

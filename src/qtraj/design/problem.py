@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.design.limits import Limits
-from qtraj.foundation.arrays import as_float, require_positive
+from qtraj.foundation.arrays import real_scalar, require_positive
 from qtraj.foundation.types import ArrayInput, Scalar, Vec3
-from qtraj.path.boundary import BoundaryState, Cylindrical, cylindrical
+from qtraj.path.boundary import BoundaryState, Cylindrical, azimuth_difference, cylindrical
 from qtraj.path.boundary_problem import directed_turn, polynomials
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.placement import Placement
@@ -27,6 +27,12 @@ BOUNDING = ("speed", "acceleration", "lateral_acceleration", "angular_rate")
 Objective = str | Callable[[AbstractHodograph], Scalar]
 Variables = Float[Array, " n"]
 
+LARGEST_CHANGE, LARGEST_LOGARITHM = 100.0, 5.0
+"""How far a velocity may move, in reference speeds, and the logarithm of a rate or duration."""
+
+TURN_TOLERANCE = 1e-6
+"""[rad] A given turn may miss the azimuth of the end by this much."""
+
 JERK_NODES = 16  # Gauss–Legendre, exact for |r⃛|² of cubics with a cubic angle (degree 18 ≤ 31)
 
 
@@ -36,6 +42,9 @@ class Problem(eqx.Module):
     Uniform: [V_ρA, V_hA, V_ρB, V_hB] and ln ω. Hermite: all six components and ln T. Velocities are counted in units
     of `speed` from the given ones; the logarithms keep the sense of rotation and the duration positive. The last
     variable is left out where the duration is held.
+
+    Each variable passes through a bounded function that is the identity near zero, so that a problem without a
+    solution does not send the search to numbers that overflow.
     """
 
     start: Cylindrical
@@ -56,7 +65,7 @@ class Problem(eqx.Module):
 
     def path(self, z: Variables) -> SpiralHelix:
         """The path of these variables."""
-        duration = self.duration if self.holds_duration else self.duration * jnp.exp(z[-1])
+        duration = self.duration if self.holds_duration else self.duration * jnp.exp(_bounded(z[-1], LARGEST_LOGARITHM))
         va, vb = self._velocities(z, duration)
         a = dataclasses.replace(self.start, velocity=va)
         b = dataclasses.replace(self.end, velocity=vb)
@@ -80,6 +89,7 @@ class Problem(eqx.Module):
 
     def _velocities(self, z: Variables, duration: Scalar) -> tuple[Vec3, Vec3]:
         a, b, v = self.start.velocity, self.end.velocity, self.speed
+        z = _bounded(z, LARGEST_CHANGE)
         if self.motion == "hermite":
             return a + v * z[:3], b + v * z[3:6]
         rate = self.turn / duration
@@ -94,6 +104,10 @@ class Problem(eqx.Module):
         if self.motion == "hermite":
             total = total + ((path.duration - self.duration) / self.duration * self.speed) ** 2
         return total
+
+
+def _bounded(z: Array, bound: float) -> Array:
+    return bound * jnp.tanh(z / bound)
 
 
 def integrated_squared_jerk(path: SpiralHelix) -> Scalar:
@@ -113,6 +127,7 @@ def pose(
     duration: ArrayInput | None,
     turns: int,
     placement: Placement | None,
+    turn: ArrayInput | None = None,
 ) -> Problem:
     """The tuning problem between two states.
 
@@ -122,10 +137,10 @@ def pose(
     if start.acceleration is not None or end.acceleration is not None:
         raise ValueError("tuning moves the boundary velocities and cannot keep given accelerations: leave them out")
     a, b = cylindrical(start, placement), cylindrical(end, placement)
-    turn = directed_turn(a, b, turns)
-    _require_turn(a, b, turn)
+    angle = directed_turn(a, b, turns) if turn is None else _given_turn(a, b, turn)
+    _require_turn(a, b, angle, sense_is_known=turn is not None)
     speed = jnp.sqrt((start.velocity @ start.velocity + end.velocity @ end.velocity) / 2)
-    own = _own_duration(a, b, turn, motion) if duration is None else as_float(duration).astype(speed.dtype)
+    own = _own_duration(a, b, angle, motion) if duration is None else real_scalar(duration, "the duration")
     require_positive(own, "the duration", "s")
     held = objective == "smoothest"
     if duration is not None and motion == "uniform" and not held:
@@ -133,11 +148,15 @@ def pose(
             "a duration was given, but uniform motion lasts as long as its rate says, and the rate is tuned. Leave it "
             "out, or take motion='hermite' or objective='smoothest', which hold or weigh a duration."
         )
-    problem = Problem(a, b, turn, own, speed, jnp.ones_like(speed), placement, motion, objective, held)
+    problem = Problem(
+        a, b, angle, own.astype(speed.dtype), speed, jnp.ones_like(speed), placement, motion, objective, held
+    )
     return dataclasses.replace(problem, scale=_scale(problem))
 
 
 def _require_choices(limits: Limits, objective: Objective, motion: str) -> None:
+    if not isinstance(limits, Limits):
+        raise ValueError(f"limits must be a Limits, such as Limits(curvature=0.05), but {limits!r} was given")
     given = limits.given()
     if motion not in MOTIONS:
         raise ValueError(f"motion must be {' or '.join(map(repr, MOTIONS))}, but {motion!r} was given")
@@ -155,8 +174,21 @@ def _require_choices(limits: Limits, objective: Objective, motion: str) -> None:
         )
 
 
-def _require_turn(a: Cylindrical, b: Cylindrical, turn: Scalar) -> None:
-    if float(a.velocity[1]) == 0:
+def _given_turn(a: Cylindrical, b: Cylindrical, turn: ArrayInput) -> Scalar:
+    """The signed turn [rad] next to a given one that leads from azimuth to azimuth."""
+    given = real_scalar(turn, "the turn").astype(a.radius.dtype)
+    short = azimuth_difference(a, b)
+    exact = short + 2 * jnp.pi * jnp.round((given - short) / (2 * jnp.pi))
+    if abs(float(exact - given)) > TURN_TOLERANCE:
+        raise ValueError(
+            f"a turn of {float(given):.9g} rad does not lead from the start's azimuth to the end's: "
+            f"the nearest that does is {float(exact):.9g} rad"
+        )
+    return exact
+
+
+def _require_turn(a: Cylindrical, b: Cylindrical, turn: Scalar, sense_is_known: bool) -> None:
+    if float(a.velocity[1]) == 0 and not sense_is_known:
         raise ValueError(
             "V_phi at the start is 0, so the sense of rotation is unknown. Give the start a velocity about the axis, "
             "or a placement whose axis lies elsewhere."
@@ -189,6 +221,8 @@ def _scale(problem: Problem) -> Scalar:
     if problem.objective == "fastest":
         return problem.duration
     size = jnp.abs(problem.attained(jnp.zeros(problem.size, problem.speed.dtype)))
+    if size.ndim != 0:
+        raise ValueError(f"the objective must be one number, but it is an array of shape {size.shape}")
     if not jnp.isfinite(size):
         raise ValueError(f"the objective is {float(size)} at the given boundary states: it must be finite there")
     return jnp.where(size > 0, size, 1.0)

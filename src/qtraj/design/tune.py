@@ -11,8 +11,9 @@ from qtraj.design.certificate import Certificate, require_float64, sampled_certi
 from qtraj.design.limits import Limits
 from qtraj.design.problem import Objective, Problem, pose
 from qtraj.foundation import document
+from qtraj.foundation.arrays import real_scalar
 from qtraj.foundation.document import storable
-from qtraj.foundation.types import ArrayInput
+from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
@@ -33,11 +34,26 @@ class Tuned(eqx.Module):
     path: SpiralHelix
     start: BoundaryState
     end: BoundaryState
-    objective: float
+    objective: Scalar
     certificate: Certificate
-    status: str
-    result: str
-    iterations: int
+    status: str = eqx.field(static=True)
+    result: str = eqx.field(static=True)
+    iterations: int = eqx.field(static=True)
+
+    def __init__(
+        self,
+        path: SpiralHelix,
+        start: BoundaryState,
+        end: BoundaryState,
+        objective: ArrayInput,
+        certificate: Certificate,
+        status: str,
+        result: str,
+        iterations: int,
+    ):
+        self.path, self.start, self.end = path, start, end
+        self.objective, self.certificate = real_scalar(objective, "the objective"), certificate
+        self.status, self.result, self.iterations = status, result, iterations
 
     @property
     def converged(self) -> bool:
@@ -58,6 +74,7 @@ def tune(
     duration: ArrayInput | None = None,
     turns: int = 0,
     placement: Placement | None = None,
+    turn: ArrayInput | None = None,
     max_rounds: int = 60,
     progress: Progress | None = None,
 ) -> Tuned:
@@ -68,8 +85,9 @@ def tune(
     callable of a path. `motion`: "uniform" moves V_ρ, V_h at both ends and the one rate ω; "hermite" moves all six
     components and, unless the objective is "smoothest", the duration. `duration` [s]: T₀ of "hermite", and the held
     duration of "smoothest"; by default the turn over the rate of the given states, whose V_φ/ρ need not agree. The
-    turn has the sense of V_φ at the start, a magnitude in (0, 2π), and `turns` whole turns besides. After every round
-    `progress(round, objective over its scale, largest relative excess)` is called.
+    turn has the sense of V_φ at the start, a magnitude in (0, 2π), and `turns` whole turns besides; where it is known,
+    `turn` [rad, signed] gives it instead. After every round `progress(round, objective over its scale, largest relative
+    excess)` is called.
 
     The search is local and starts from the given states. Limits are held at the polished peaks of 65 cells of time,
     and judged on 1025: see `Certificate`.
@@ -77,7 +95,7 @@ def tune(
     **Raises:** ValueError for input that makes no problem, or in float32. A problem without a solution is no error:
     its `status` is "infeasible" and its `result` says why and what would help.
     """
-    problem = pose(start, end, limits, objective, motion, duration, turns, placement)
+    problem = pose(start, end, limits, objective, motion, duration, turns, placement, turn)
     given = jnp.zeros(problem.size, problem.speed.dtype)
     require_float64(problem.path(given))
     aims = Limits(**{name: AIM * value for name, value in limits.given().items()})
@@ -106,9 +124,9 @@ def _outcome(
         path=path,
         start=BoundaryState(start.position, path.velocity(0.0)),
         end=BoundaryState(end.position, path.velocity(path.duration)),
-        objective=float(problem.attained(last.z)),
+        objective=problem.attained(last.z),
         certificate=certificate,
         status=status,
-        result=texts[status](),
+        result=texts[status]() + verdict.remark(path),
         iterations=int(last.steps),
     )

@@ -1,21 +1,27 @@
 """The outcome of a tuning in words: what was met, what binds, and, where nothing helps, why and what would."""
 
+import jax
+import jax.numpy as jnp
+
+from qtraj.algebra import polynomial
 from qtraj.design import augmented
 from qtraj.design.augmented import FEASIBLE, Iterate
-from qtraj.design.certificate import Certificate, finding
+from qtraj.design.certificate import Certificate
 from qtraj.design.limits import Limits, quantity
 from qtraj.design.problem import Problem
+from qtraj.path.spiral_helix import SpiralHelix
 
 RELAXED = 1e6
 """A limit times this limits nothing."""
+
+RADII = 257
+"""Instants at which the radius is looked at."""
 
 
 def converged(certificate: Certificate, last: Iterate) -> str:
     """What to say of a tuning that met every limit."""
     lines = [f"converged in {int(last.steps)} steps: every limit is met, as far as refined sampling shows."]
-    for name in certificate.binding:
-        time, value, limit = certificate.worst[name]
-        lines.append(f"{name} binds: {finding(name, value, limit, time)}.")
+    lines += [f"{name} binds: {certificate.describe(name)}." for name in certificate.binding]
     if not certificate.binding:
         lines.append("No limit binds: the path is the best one without them.")
     return " ".join(lines)
@@ -23,10 +29,25 @@ def converged(certificate: Certificate, last: Iterate) -> str:
 
 def not_converged(certificate: Certificate, last: Iterate) -> str:
     """What to say of a search that stopped early, although the limits can be met or nearly so."""
-    state = "every limit is met, but the objective may not be at its least" if certificate.met else "limits are broken"
+    unmet = [name for name, status in certificate.status.items() if status != "sampled"]
+    found = "; ".join(f"{name} is {certificate.status[name]}: {certificate.describe(name)}" for name in unmet)
+    state = found or "every limit is met, but the objective may not be at its least"
     return (
-        f"not converged after {int(last.steps)} steps: {state} (largest relative excess {float(last.violation):.2g}, "
-        f"gradient {float(last.gradient):.2g}). Try a larger max_rounds, other starting velocities, or wider limits."
+        f"not converged after {int(last.steps)} steps: {state} (gradient {float(last.gradient):.2g}). "
+        "Try a larger max_rounds, other starting velocities, or wider limits."
+    )
+
+
+def remark(path: SpiralHelix) -> str:
+    """What else should be known of a path: whether it runs through its own axis, where the radius is negative."""
+    times = path.duration * jnp.linspace(0.0, 1.0, RADII, dtype=path.duration.dtype)
+    radii = jax.vmap(lambda t: polynomial.evaluate(path.radius, t))(times)
+    least = int(jnp.argmin(radii))
+    if radii[least] > 0:
+        return ""
+    return (
+        f" Mind: the path runs through its own axis (the radius is {float(radii[least]):.4g} m at t = "
+        f"{float(times[least]):.4g} s). An axis farther away, or other boundary velocities, avoid that."
     )
 
 
@@ -35,15 +56,15 @@ def infeasible(problem: Problem, limits: Limits, least: Iterate, certificate: Ce
     broken = [name for name, status in certificate.status.items() if status != "sampled"]
     lines = [f"infeasible: no boundary velocities of {problem.motion} motion were found that meet the limits."]
     for name in broken:
-        time, value, limit = certificate.worst[name]
+        _, _, limit = certificate.worst[name]
         alone = _least_alone(problem, limits, least, name)
         if alone > 1 + FEASIBLE:
             lines.append(
                 f"{name} cannot be met between these positions: even alone the least peak found is "
-                f"{quantity(name, alone * limit)} ({finding(name, value, limit, time)})."
+                f"{quantity(name, alone * limit)} ({certificate.describe(name)})."
             )
         else:
-            lines.append(f"{name} can be met alone, but not with the others ({finding(name, value, limit, time)}).")
+            lines.append(f"{name} can be met alone, but not with the others ({certificate.describe(name)}).")
     lines.append("What would help: " + "; ".join(_remedies(problem, certificate, broken)) + ".")
     return " ".join(lines)
 

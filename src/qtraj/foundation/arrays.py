@@ -6,12 +6,16 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array
 
-from qtraj.foundation.types import ArrayInput
+from qtraj.foundation.types import ArrayInput, ScalarLike
 
 COARSE_METRES = 1e-3
 """A float32 position that resolves less than this [m] is worth a warning."""
+
+
+_warned: set[str] = set()
 
 
 def as_float(x: ArrayInput) -> Array:
@@ -26,7 +30,7 @@ def as_float(x: ArrayInput) -> Array:
 
 def concrete(x: Any) -> np.ndarray | None:
     """The value of `x` as a NumPy array, or None inside a trace, where Python cannot know it."""
-    return None if isinstance(x, jax.core.Tracer) else np.asarray(x)
+    return None if isinstance(x, Tracer) else np.asarray(x)
 
 
 def real_vector(x: ArrayInput, name: str, size: int) -> Array:
@@ -43,6 +47,34 @@ def real_vector(x: ArrayInput, name: str, size: int) -> Array:
         raise ValueError(f"{name} must have shape ({size},), but an array of shape {vector.shape} was given")
     require_finite(vector, name)
     return vector
+
+
+def real_scalar(x: ArrayInput, name: str) -> Array:
+    """`x` as one float.
+
+    **Raises:** ValueError naming `name` where an array or something else than a number was given.
+    """
+    try:
+        scalar = as_float(x)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be a number, but {x!r} was given") from error
+    if scalar.ndim != 0:
+        raise ValueError(f"{name} must be one number, but an array of shape {scalar.shape} was given")
+    return scalar
+
+
+def one_instant(t: ScalarLike) -> Array:
+    """`t` as a 0-d float array.
+
+    **Raises:** ValueError where many instants are given at once.
+    """
+    t = as_float(t)
+    if t.ndim != 0:
+        raise ValueError(
+            f"one instant t was expected, but an array of shape {t.shape} was given: "
+            "use jax.vmap over the instants, or qtraj.evaluate"
+        )
+    return t
 
 
 def require_finite(x: Array, name: str) -> None:
@@ -65,9 +97,10 @@ def warn_if_coarse(x: Array, name: str) -> None:
     if value is None or value.dtype != np.float32 or value.size == 0:
         return
     resolution = float(np.spacing(np.max(np.abs(value))))
-    if resolution > COARSE_METRES:
+    if resolution > COARSE_METRES and name not in _warned:
+        _warned.add(name)
         warnings.warn(
             f"{name} in float32 resolves only {resolution:.2g} m so far from the origin. "
             "Call jax.config.update('jax_enable_x64', True) first, or move the origin near the path.",
-            stacklevel=3,
+            stacklevel=2,
         )

@@ -5,10 +5,13 @@ A class takes part by `@storable`; its fields must be arguments of its `__init__
 """
 
 import dataclasses
+import inspect
 import json
+import math
 import os
 import tempfile
 import tomllib
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,6 +21,8 @@ import numpy as np
 import tomli_w
 
 FORMAT = "qtraj/1"
+
+_SPELT = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 
 _classes: dict[str, type] = {}
 
@@ -33,7 +38,9 @@ def storable(cls: type[T]) -> type[T]:
 def save(obj: Any, file: str | os.PathLike[str]) -> None:
     """Write `obj` to `file`, as TOML or JSON by the suffix; the file appears whole or not at all.
 
-    **Raises:** ValueError for another suffix, or for a number that JSON cannot hold (NaN, infinity).
+    JSON has no NaN and no infinity: they are written as the strings "NaN", "Infinity" and "-Infinity".
+
+    **Raises:** ValueError for another suffix; OSError where the file cannot be written.
     """
     path = Path(file)
     write = _by_suffix(path, {".toml": tomli_w.dumps, ".json": _to_json})
@@ -53,6 +60,12 @@ def load(file: str | os.PathLike[str]) -> Any:
         raise ValueError(f"{path}: not valid {path.suffix[1:].upper()}: {error}") from error
     if not isinstance(data, dict) or data.pop("format", None) != FORMAT:
         raise ValueError(f"{path}: no qtraj document: the key 'format' must be {FORMAT!r}")
+    if not jax.config.read("jax_enable_x64"):
+        warnings.warn(
+            f"{path}: the stored float64 numbers are rounded to float32. "
+            "Call jax.config.update('jax_enable_x64', True) first to have them exactly.",
+            stacklevel=2,
+        )
     try:
         return _decode(data)
     except (TypeError, ValueError) as error:
@@ -73,10 +86,18 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def _to_json(data: dict[str, Any]) -> str:
-    try:
-        return json.dumps(data, indent=2, allow_nan=False) + "\n"
-    except ValueError as error:
-        raise ValueError("JSON holds no NaN or infinity, and this object has one: save it as .toml instead") from error
+    return json.dumps(_spelt(data), indent=2, allow_nan=False) + "\n"
+
+
+def _spelt(value: Any) -> Any:
+    """`value` with what JSON cannot hold spelt out."""
+    if isinstance(value, dict):
+        return {k: _spelt(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_spelt(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
+    return value
 
 
 def _by_suffix(path: Path, choices: dict[str, Callable[..., Any]]) -> Callable[..., Any]:
@@ -107,7 +128,9 @@ def _decode(value: Any) -> Any:
         return _construct(value["type"], fields)
     if isinstance(value, dict):
         return {k: _decode(v) for k, v in value.items()}
-    return value
+    if isinstance(value, list):
+        return [_decode(v) for v in value]
+    return _SPELT.get(value, value) if isinstance(value, str) else value
 
 
 def _construct(name: Any, fields: dict[str, Any]) -> Any:
@@ -117,4 +140,7 @@ def _construct(name: Any, fields: dict[str, Any]) -> Any:
     known = [f.name for f in dataclasses.fields(cls)]
     if unknown := sorted(set(fields) - set(known)):
         raise ValueError(f"{name} has no field {unknown[0]!r}; its fields are {', '.join(known)}")
+    needed = [p.name for p in inspect.signature(cls).parameters.values() if p.default is p.empty]
+    if missing := [field for field in needed if field not in fields]:
+        raise ValueError(f"{name} lacks its field {missing[0]!r}; it needs {', '.join(needed)}")
     return cls(**fields)

@@ -1,6 +1,7 @@
 """What stands between a command and the body: limits, and a command that is held between renewals."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -62,7 +63,8 @@ def sampling_instants(sampling: ArrayInput | None) -> Sampling | None:
     """A period or renewal instants as an array; ValueError for what is known to be wrong."""
     if sampling is None:
         return None
-    sampling = as_float(sampling)
+    with jax.ensure_compile_time_eval():  # a number stays one inside a trace, where it is counted by
+        sampling = as_float(sampling)
     if sampling.ndim > 1 or sampling.size == 0:
         raise ValueError(f"sampling must be a period or a vector of instants [s], but its shape is {sampling.shape}")
     require_finite(sampling, "sampling")

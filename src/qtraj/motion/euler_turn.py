@@ -1,12 +1,13 @@
 """Turns about a fixed axis from one attitude to another (Euler's theorem; paper C, (3.1)–(3.15))."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion, rotation
 from qtraj.algebra.vector import norm, unit
-from qtraj.foundation.arrays import as_float, concrete, real_vector, require_finite
+from qtraj.foundation.arrays import as_float, concrete, one_instant, real_vector, require_finite
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
@@ -38,7 +39,8 @@ class EulerTurn(AbstractProgram):
         law.profile(self.angle)
 
     def __call__(self, t: ScalarLike) -> Attitude:
-        return _turned(quaternion.unit(self.start_q), self.rotation_vector, self.profile, t)
+        vector = self.rotation_vector
+        return _turned(quaternion.unit(self.start_q), vector, self.law.profile(norm(vector)), t)
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -53,7 +55,7 @@ class EulerTurn(AbstractProgram):
     @property
     def angle(self) -> Scalar:
         """The whole angle Φ in [0, π] [rad]."""
-        return norm(self.rotation_vector)
+        return _length(self.start_q, self.end_q)
 
     @property
     def rotation_vector(self) -> Vec3:
@@ -81,7 +83,8 @@ class TurnChain(AbstractProgram):
     """Euler turns through several attitudes (n, 4), n ≥ 2, at rest at each.
 
     Each turn is the shorter one and follows `law`. The program starts at the first quaternion (normalised) and passes
-    the others with the sign nearest to the one before. At an attitude the turn that leaves it counts.
+    the others with the sign nearest to the one before; `attitudes` is kept so. At an attitude the turn that leaves it
+    counts.
 
     **Raises:** ValueError for fewer than two attitudes, quaternions that are zero or not finite, a law that does not
     rest at both ends, or a duration in which the law cannot turn the largest of the angles.
@@ -91,18 +94,17 @@ class TurnChain(AbstractProgram):
     law: AbstractLaw
 
     def __init__(self, attitudes: ArrayInput, law: AbstractLaw):
-        self.attitudes = attitude_table(attitudes, "a chain of turns")
+        self.attitudes = rotation.continuous(attitude_table(attitudes, "a chain of turns"))
         self.law = law
         if not law.profile(jnp.max(self.angles)).proportional:
             raise ValueError("a chain of turns rests at each attitude: leave out start_rate and end_rate of the law")
 
     def __call__(self, t: ScalarLike) -> Attitude:
         times = self.times
-        t = as_float(t).astype(times.dtype)
+        t = one_instant(t).astype(times.dtype)
         turn = jnp.sum(t >= times[1:-1])
-        starts, vectors = self._turns()
-        profile = self.law.profile(norm(vectors[turn]))
-        return _turned(starts[turn], vectors[turn], profile, t - times[turn])
+        start, vector = self.attitudes[turn], _shorter_turn(self.attitudes[turn], self.attitudes[turn + 1])
+        return _turned(quaternion.unit(start), vector, self.law.profile(norm(vector)), t - times[turn])
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -112,18 +114,12 @@ class TurnChain(AbstractProgram):
     @property
     def times(self) -> Float[Array, " n"]:
         """The instants at which the program is at each of its attitudes [s]."""
-        durations = jax.vmap(lambda angle: self.law.profile(angle).duration)(self.angles)
-        return jnp.concatenate([jnp.zeros_like(durations, shape=1), jnp.cumsum(durations)])
+        return _arrivals(self.law, self.angles)
 
     @property
     def angles(self) -> Float[Array, " _"]:
         """The angle of each turn, in [0, π] [rad]."""
-        return jax.vmap(norm)(self._turns()[1])
-
-    def _turns(self) -> tuple[Float[Array, "m 4"], Float[Array, "m 3"]]:
-        """The start of each turn, with the chain's own sign, and its rotation vector."""
-        attitudes = rotation.continuous(jax.vmap(quaternion.unit)(self.attitudes))
-        return attitudes[:-1], jax.vmap(_shorter_turn)(attitudes[:-1], attitudes[1:])
+        return jax.vmap(_length)(self.attitudes[:-1], self.attitudes[1:])
 
 
 def attitude_table(values: ArrayInput, name: str) -> Float[Array, "n 4"]:
@@ -143,16 +139,30 @@ def _require_attitudes(quaternions: Float[Array, "n 4"], name: str) -> None:
         raise ValueError(f"{name}: quaternion {zero} is zero, which is no attitude")
 
 
+@jax.jit
 def _shorter_turn(start: Quat, end: Quat) -> Vec3:
     """Φe in body axes: smooth at Φ = 0; where a0 = 0, e is along a_v."""
     a = quaternion.product(quaternion.conjugate(quaternion.unit(start)), quaternion.unit(end))
     return 2 * quaternion.log(jnp.where(a[0] < 0, -a, a))
 
 
+@jax.jit
+def _length(start: Quat, end: Quat) -> Scalar:
+    return norm(_shorter_turn(start, end))
+
+
+@eqx.filter_jit
+def _arrivals(law: AbstractLaw, angles: Float[Array, " m"]) -> Float[Array, " m+1"]:
+    """When turns by these angles, one after the other, are over [s]; 0 first."""
+    durations = jax.vmap(lambda angle: law.profile(angle).duration)(angles)
+    return jnp.concatenate([jnp.zeros_like(durations, shape=1), jnp.cumsum(durations)])
+
+
 def _direction(vector: Vec3) -> Vec3:
     return unit(vector, jnp.zeros_like(vector).at[0].set(1.0))
 
 
+@eqx.filter_jit
 def _turned(start: Quat, vector: Vec3, profile: Profile, t: ScalarLike) -> Attitude:
     # A resting profile is a fraction of the whole turn, so that everything stays smooth in a vanishing vector.
     along = vector if profile.proportional else _direction(vector)

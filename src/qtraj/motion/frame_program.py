@@ -7,7 +7,7 @@ from jax.lax import stop_gradient
 from jaxtyping import Array, Float
 
 from qtraj.algebra import rotation
-from qtraj.foundation.arrays import as_float
+from qtraj.foundation.arrays import as_float, one_instant
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike
 from qtraj.motion import rotation_minimizing
@@ -67,19 +67,19 @@ class FrameProgram(AbstractProgram):
         return self.path.duration
 
     def __call__(self, t: ScalarLike) -> Attitude:
-        t = as_float(t).astype(self.path.duration.dtype)
-        node, anchor = self._nearest(t)
-        if isinstance(self.frame, RotationMinimizing):
-            return rotation_minimizing.attitude(self.path, t, node, anchor)
-        frame = trihedral(self.path, t, self.frame)
-        q = frame.quaternion()
-        return Attitude(jnp.where(q @ anchor < 0, -q, q), frame.rate, frame.acceleration)
+        return _attitude(self, one_instant(t).astype(self.path.duration.dtype))
 
-    def _nearest(self, t: Scalar) -> tuple[Scalar, Quat]:
-        """The time of the nearest anchor, and its quaternion."""
-        last = self.anchors.shape[0] - 1
-        place = stop_gradient(jnp.round(jnp.clip(t / self.duration, 0.0, 1.0) * last))
-        return self.duration * (place / last), self.anchors[place.astype(int)]
+
+@eqx.filter_jit
+def _attitude(program: FrameProgram, t: Scalar) -> Attitude:
+    last = program.anchors.shape[0] - 1
+    place = stop_gradient(jnp.round(jnp.clip(t / program.duration, 0.0, 1.0) * last))
+    anchor = program.anchors[place.astype(int)]
+    if isinstance(program.frame, RotationMinimizing):
+        return rotation_minimizing.attitude(program.path, t, program.duration * (place / last), anchor)
+    frame = trihedral(program.path, t, program.frame)
+    q = frame.quaternion()
+    return Attitude(jnp.where(q @ anchor < 0, -q, q), frame.rate, frame.acceleration)
 
 
 def _anchors(path: AbstractHodograph, frame: AbstractFrame | RotationMinimizing) -> Float[Array, "n 4"]:

@@ -32,15 +32,13 @@ class GaussLegendre(AbstractIncrement):
     **Raises:** ValueError for a number of stages that is no integer from 1 to 64.
     """
 
-    stages: int = eqx.field(static=True, default=8)
+    stages: int = eqx.field(static=True)
+    order: int = eqx.field(static=True)
 
-    def __check_init__(self):
-        if not isinstance(self.stages, int) or not 1 <= self.stages <= MOST_STAGES:
-            raise ValueError(f"the number of stages must be an integer from 1 to {MOST_STAGES}, not {self.stages!r}")
-
-    @property
-    def order(self) -> int:
-        return 2 * self.stages
+    def __init__(self, stages: int = 8):
+        if not 1 <= stages <= MOST_STAGES:
+            raise ValueError(f"the number of stages must be an integer from 1 to {MOST_STAGES}, not {stages!r}")
+        self.stages, self.order = stages, 2 * stages
 
     @property
     def nodes(self) -> np.ndarray:
@@ -163,6 +161,4 @@ def _times_pure(y: Float[Array, "4 s"], half: Float[Array, "3 s"]) -> Float[Arra
     """The products y∘(0, half) at each stage, componentwise over stages."""
     s, x, y_, z = y
     a, b, c = half
-    return jnp.stack(
-        [-(x * a + y_ * b + z * c), s * a + y_ * c - z * b, s * b + z * a - x * c, s * c + x * b - y_ * a]
-    )
+    return jnp.stack([-(x * a + y_ * b + z * c), s * a + y_ * c - z * b, s * b + z * a - x * c, s * c + x * b - y_ * a])

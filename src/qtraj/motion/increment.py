@@ -83,9 +83,7 @@ def accumulate(q0: Quat, turns: Float[Array, "n 4"], growths: Float[Array, " n"]
     return jax.vmap(quaternion.product, (None, 0))(q0, totals) * jnp.exp(jnp.cumsum(growths))[:, None]
 
 
-def to_body(
-    q0: Quat, rates: Float[Array, "n s k"], axes: str
-) -> tuple[Quat, Float[Array, "n s k"]]:
+def to_body(q0: Quat, rates: Float[Array, "n s k"], axes: str) -> tuple[Quat, Float[Array, "n s k"]]:
     """The initial quaternion and the rates of the equivalent problem in body axes: conjugates for inertial axes."""
     if axes == "body":
         return q0, rates

@@ -150,15 +150,16 @@ def merged(
 
 def initial_state(quaternion: ArrayInput, rate: ArrayInput, times: ArrayInput) -> tuple[Quat, Quat, Float[Array, " n"]]:
     """The arguments as arrays of one float dtype; ValueError for what is known to be wrong."""
-    quaternion = real_vector(quaternion, "the quaternion", 4)
-    rate = real_vector(rate, "the rate", 4)
-    times = as_float(times)
-    require_times(times)
-    known = concrete(quaternion)
-    if known is not None and not known.any():
-        raise ValueError("the quaternion must not be zero: it would have no attitude")
-    dtype = jnp.promote_types(jnp.promote_types(quaternion.dtype, rate.dtype), times.dtype)
-    return quaternion.astype(dtype), rate.astype(dtype), times.astype(dtype)
+    with jax.ensure_compile_time_eval():  # what is known outside a trace stays known inside
+        quaternion = real_vector(quaternion, "the quaternion", 4)
+        rate = real_vector(rate, "the rate", 4)
+        times = as_float(times)
+        require_times(times)
+        known = concrete(quaternion)
+        if known is not None and not known.any():
+            raise ValueError("the quaternion must not be zero: it would have no attitude")
+        dtype = jnp.promote_types(jnp.promote_types(quaternion.dtype, rate.dtype), times.dtype)
+        return quaternion.astype(dtype), rate.astype(dtype), times.astype(dtype)
 
 
 def tolerances(rtol: ArrayInput, atol: ArrayInput, times: Float[Array, " n"]) -> Tolerances:

@@ -171,6 +171,11 @@ def renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"
 
     **Raises:** ValueError where the two differ, where a period is traced, or where the first instant comes late.
     """
+    with jax.ensure_compile_time_eval():  # what is known outside a trace stays known inside
+        return _renewal_instants(loop, times)
+
+
+def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:
     given = [part.sampling for part in (loop.sensor, loop.actuator) if part is not None and part.sampling is not None]
     if not given:
         return None

@@ -90,6 +90,14 @@ def estimate_nodes(method: AbstractIncrement) -> np.ndarray:
     return np.concatenate([c, 0.5 * c, 0.5 + 0.5 * c, lobatto(len(c) + 1)[0]])
 
 
+class Taken(eqx.Module):
+    """The rates [rad/s] at the nodes of each step, its first instant and its length [s]."""
+
+    rates: Float[Array, "n m k"]
+    start: Float[Array, " n"]
+    h: Float[Array, " n"]
+
+
 class Errors(eqx.Module):
     """How wrong the steps of a mesh are [rad].
 
@@ -104,15 +112,13 @@ class Errors(eqx.Module):
     bound: Scalar
 
 
-def estimate(
-    method: AbstractIncrement, rates: Float[Array, "n m k"], mesh: Mesh, times: Float[Array, " i"]
-) -> Errors:
-    """The errors of the steps of a mesh from `rates` at `estimate_nodes`.
+def estimate(method: AbstractIncrement, taken: Taken, count: Int[Array, ""]) -> Errors:
+    """The errors of `count` steps from the rates at `estimate_nodes`.
 
     The larger of two differences counts: the step against its two halves, and the integrals of the rate by Gauss's and
     Lobatto's rules. An error in the growth ½∫ω0 is added like an angle.
     """
-    rates, (start, h) = stop_gradient(rates), stop_gradient(spans(mesh, times))
+    rates, start, h = stop_gradient((taken.rates, taken.start, taken.h))
     n, s = h.shape[0], len(method.nodes)
     parts = rates[:, : 3 * s].reshape(3 * n, s, rates.shape[2])  # whole, first half, second half of each step
     widths = jnp.outer(h, jnp.asarray([1.0, 0.5, 0.5], h.dtype)).reshape(3 * n)
@@ -130,7 +136,7 @@ def estimate(
     step, noise = angle + growth, _noise(rates, start, h)
     floor = ROUND_OFF * noise
     truncation = jnp.sum(jnp.where(step <= floor, 0.0, step))
-    products = float(jnp.finfo(h.dtype).eps) * jnp.sqrt(mesh.count.astype(h.dtype))  # their roundings are independent
+    products = float(jnp.finfo(h.dtype).eps) * jnp.sqrt(count.astype(h.dtype))  # their roundings are independent
     return Errors(step, floor, truncation, jnp.sum(step) + 4 * (products + jnp.sum(noise)))
 
 

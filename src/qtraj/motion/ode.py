@@ -2,7 +2,12 @@
 
 Between two neighbouring instants of a grid there is one adaptive solve, in the unit time u of the interval, inside a
 scan. So every step lands on its instant, whatever happens at an instant (a new command, a jump of the field) is met
-exactly, and so is the derivative with respect to it. Dopri8 is the default solver: see docs/architecture.md.
+exactly, and so is the derivative with respect to it.
+
+Dopri8 is the default solver. Measured on the closed loop of a three-axis program over 6 s, 61 instants, at rtol 1e-10:
+Dopri8 62 steps and an error of 5e-14; Dopri5 283 and 6e-12; Tsit5 273 and 5e-12. Not landing on the instants saves a
+third of Dopri8's steps, but its dense output then errs by 7e-10. One scan over intervals is also safer than steps
+clipped to the instants: a step that ends a unit of round-off before an instant leaves one of that size behind it.
 """
 
 import functools

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax.lax import stop_gradient
 
+from qtraj.foundation.arrays import concrete
 from qtraj.motion import mesh as meshes
 from qtraj.motion.mesh import Errors, Mesh
 from qtraj.motion.propagation_problem import Problem, step_errors
@@ -38,7 +39,7 @@ def adaptive(problem: Problem, max_steps: int | None) -> tuple[Mesh, Errors]:
     with _at_once():
         mesh = meshes.first_mesh(problem.intervals, _slots(problem.intervals), problem.times.dtype)
         first = step_errors(problem, mesh)
-        if not isinstance(first.truncation, jax.core.Tracer):
+        if concrete(first.truncation) is not None:
             return _grown(problem, mesh, first, MAX_STEPS if max_steps is None else max_steps)
     return _within(problem, traced_slots(problem) if max_steps is None else max_steps)
 
@@ -58,9 +59,9 @@ def _grown(problem: Problem, mesh: Mesh, found: Errors, max_steps: int) -> tuple
             break
         if wanted > mesh.start.shape[0]:
             slots = _slots(int(wanted))
-            finer, _ = _refine(meshes.resized(mesh, slots), meshes.padded(found, slots), tolerance, order)
+            finer, _ = _refine(_resized(mesh, slots), _padded(found, slots), tolerance, order)
         mesh, found = finer, step_errors(problem, finer)
-    return meshes.resized(mesh, _power_of_two(int(mesh.count))), found
+    return _resized(mesh, _power_of_two(int(mesh.count))), found
 
 
 def _within(problem: Problem, slots: int) -> tuple[Mesh, Errors]:
@@ -83,11 +84,13 @@ def _within(problem: Problem, slots: int) -> tuple[Mesh, Errors]:
 
 def _at_once() -> contextlib.AbstractContextManager:
     """Lets a jitted program whose rate is known plan while it is traced."""
-    staged = isinstance(jnp.zeros(()), jax.core.Tracer)
+    staged = concrete(jnp.zeros(())) is None
     return jax.ensure_compile_time_eval() if staged else contextlib.nullcontext()
 
 
 _refine = eqx.filter_jit(meshes.refine)
+_resized = eqx.filter_jit(meshes.resized)
+_padded = eqx.filter_jit(meshes.padded)
 
 
 def _slots(count: int) -> int:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.algebra import polynomial
-from qtraj.foundation.arrays import as_float, concrete, require_finite, require_positive
+from qtraj.foundation.arrays import as_float, concrete, one_instant, real_scalar, require_finite, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Flag, Scalar, ScalarLike
 
@@ -64,25 +64,31 @@ class Profile(eqx.Module):
 
         It is regular at total = 0, so a vector of length `total` times this is smooth in that vector.
         """
-        t = as_float(t).astype(self.duration.dtype)
-        after = t >= self.duration
-        outside = after | (t < 0)
-        time = jnp.where(outside, 0.0, t)
-        # A piece without width ends where it starts, whatever the round-off of the next start says.
-        ends = jnp.where(self.widths[:-1] > 0, self.starts[1:], self.starts[:-1])
-        piece = jnp.sum(time >= ends)
-        start, width, coefficients = self.starts[piece], self.widths[piece], self.pieces[piece]
-        width = jnp.where(width > 0, width, 1.0)
-        scales = [math.factorial(k) / width**k for k in range(order + 1)]
-        inside = polynomial.taylor(coefficients, (time - start) / width, order) * jnp.stack(scales)
-        return jnp.where(outside, jnp.where(after, self._held(t, order), 0.0), inside)
+        return _shape(self, one_instant(t).astype(self.duration.dtype), order)
 
-    def _held(self, t: Scalar, order: int) -> Float[Array, " {order}+1"]:
-        """The shape from the duration on."""
-        held = [jnp.ones_like(self.total) if self.proportional else self.total]
-        if order > 0:
-            held.append(jnp.where(t == self.duration, jnp.zeros_like(t) if self.proportional else self.end_rate, 0.0))
-        return jnp.stack(held + [jnp.zeros_like(t)] * (order - 1))
+
+@eqx.filter_jit
+def _shape(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"]:
+    after = t >= profile.duration
+    outside = after | (t < 0)
+    time = jnp.where(outside, 0.0, t)
+    # A piece without width ends where it starts, whatever the round-off of the next start says.
+    ends = jnp.where(profile.widths[:-1] > 0, profile.starts[1:], profile.starts[:-1])
+    piece = jnp.sum(time >= ends)
+    start, width, coefficients = profile.starts[piece], profile.widths[piece], profile.pieces[piece]
+    width = jnp.where(width > 0, width, 1.0)
+    scales = [math.factorial(k) / width**k for k in range(order + 1)]
+    inside = polynomial.taylor(coefficients, (time - start) / width, order) * jnp.stack(scales)
+    return jnp.where(outside, jnp.where(after, _held(profile, t, order), 0.0), inside)
+
+
+def _held(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"]:
+    """The shape from the duration on."""
+    zero = jnp.zeros_like(t)
+    held = [jnp.ones_like(t) if profile.proportional else profile.total]
+    if order > 0:
+        held.append(jnp.where(t == profile.duration, zero if profile.proportional else profile.end_rate, 0.0))
+    return jnp.stack(held + [zero] * (order - 1))
 
 
 class AbstractLaw(eqx.Module):
@@ -124,9 +130,9 @@ def limit(value: ArrayInput | None) -> Scalar | None:
     """A limit or duration as a floating scalar; None and infinity are no limit."""
     if value is None:
         return None
-    number = as_float(value)
+    number = real_scalar(value, "a limit or duration")
     known = concrete(number)
-    return None if known is not None and known.shape == () and known == math.inf else number
+    return None if known is not None and known == math.inf else number
 
 
 def require_limits(**limits: Scalar | None) -> None:
@@ -137,15 +143,24 @@ def require_limits(**limits: Scalar | None) -> None:
             require_positive(value, name, units[name])
 
 
-def fixed_duration(asked: Scalar, minimal: Scalar, total: Scalar, law: str) -> tuple[Scalar, Flag]:
-    """The duration to use, and whether it is the one asked for: within the limits it is no less than `minimal`.
-
-    **Raises:** ValueError naming the minimal duration, where the values are known.
-    """
+def fixed_duration(asked: Scalar, minimal: Scalar) -> tuple[Scalar, Flag]:
+    """The duration to use, and whether it is the one asked for: within the limits it is no less than `minimal`."""
     feasible = asked >= minimal * (1 - TOLERANCE * float(jnp.finfo(minimal.dtype).eps))
-    if concrete(feasible) is not None and not concrete(feasible):
-        raise ValueError(
-            f"a turn by {float(total):.9g} rad under this {law} law needs at least {float(minimal):.17g} s: "
-            f"in {float(asked):.9g} s it would break a limit. Allow more time, or raise the limits."
-        )
     return jnp.where(feasible, asked, minimal), feasible
+
+
+def require_feasible(profile: Profile, minimal: Scalar, asked: Scalar | None, law: str) -> None:
+    """Raise a ValueError that names the minimal duration where a known profile is not the one that was asked for."""
+    known = concrete(profile.feasible)
+    if known is None or known or asked is None:
+        return
+    turn, given, least = f"{float(profile.total):.9g} rad", f"{float(asked):.9g} s", f"{float(minimal):.17g} s"
+    if float(asked) < float(minimal):
+        raise ValueError(
+            f"a turn by {turn} under this {law} law needs at least {least}: in {given} it would break a limit. "
+            "Allow more time, or raise the limits."
+        )
+    raise ValueError(
+        f"no turn by {turn} between these end rates takes just {given} within the limits: there is no time to wait "
+        f"(the least duration is {least}). Change the duration or the end rates."
+    )

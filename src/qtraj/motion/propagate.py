@@ -34,8 +34,8 @@ class PropagationResult(eqx.Enumeration):
 class Propagation(eqx.Module):
     """Attitudes at the output times, and how good they are.
 
-    `quaternion` (n, 4) at `times` (n,) [s]; `estimate` [rad], of the error of the last attitude, with that of ln|λ|² and
-    round-off; `steps`, how many were taken; `result`, a `PropagationResult`, of the error without round-off.
+    `quaternion` (n, 4) at `times` (n,) [s]; `estimate` [rad] of the error of the last attitude and of ln|λ|², with
+    round-off; `steps`, how many were taken; `result`, a `PropagationResult`, by the error without round-off.
     """
 
     times: Float[Array, " n"]

@@ -16,7 +16,7 @@ from qtraj.foundation.types import ArrayInput, Quat, Scalar
 from qtraj.motion import mesh as meshes
 from qtraj.motion.gauss_legendre import GaussLegendre
 from qtraj.motion.increment import AbstractIncrement, accumulate, from_body, increments, require_axes, to_body
-from qtraj.motion.mesh import Errors, Mesh
+from qtraj.motion.mesh import Errors, Mesh, Taken
 
 TOLERANCE = 1e-12
 """[rad] Over the whole propagation, in float64."""
@@ -94,21 +94,22 @@ def common_dtype(*arrays: Array) -> np.dtype:
 
 def solve(problem: Problem, mesh: Mesh) -> Float[Array, "n 4"]:
     """The quaternions at the output times, by the steps of `mesh`."""
-    rates = _sample(problem.omega, problem.times, mesh, problem.method.nodes)
-    return _multiply(problem.method, problem.axes, problem.q0, problem.times, mesh, rates)
+    taken = _take(problem.omega, problem.times, mesh, problem.method.nodes)
+    qs = _multiply(problem.method, problem.axes, problem.q0, taken)
+    return _pick(problem.intervals, mesh, problem.q0, qs)
 
 
 def step_errors(problem: Problem, mesh: Mesh) -> Errors:
     """How wrong the steps of `mesh` are; constants to differentiation."""
-    rates = _sample(problem.omega, problem.times, mesh, meshes.estimate_nodes(problem.method))
-    return _compare(problem.method, problem.times, mesh, rates)
+    taken = _take(problem.omega, problem.times, mesh, meshes.estimate_nodes(problem.method))
+    return _compare(problem.method, mesh.count, taken)
 
 
-# Three programs, not one: only the first depends on ω, and it compiles fast.
+# Programs of their own: only the first depends on ω and on the number of output times, and it compiles fast.
 
 
 @eqx.filter_jit
-def _sample(omega: Rate, times: Array, mesh: Mesh, nodes: Float[ArrayLike, " s"]) -> Float[Array, "n s k"]:
+def _take(omega: Rate, times: Array, mesh: Mesh, nodes: Float[ArrayLike, " s"]) -> Taken:
     start, h = meshes.spans(mesh, times)
     end = start + h
     before = jnp.maximum(start, end - 4 * float(jnp.finfo(h.dtype).eps) * jnp.abs(end))  # a jump at the end is no part
@@ -118,19 +119,20 @@ def _sample(omega: Rate, times: Array, mesh: Mesh, nodes: Float[ArrayLike, " s"]
         raise ValueError(
             f"omega(t) must have shape (3,), or (4,) with the scalar part first, but has shape {rates.shape[2:]}"
         )
-    return rates.astype(h.dtype)
+    return Taken(rates.astype(h.dtype), start, h)
 
 
 @eqx.filter_jit
-def _multiply(
-    method: AbstractIncrement, axes: str, q0: Quat, times: Array, mesh: Mesh, rates: Array
-) -> Float[Array, "n 4"]:
-    _, h = meshes.spans(mesh, times)
-    q0, rates = to_body(q0, rates, axes)
-    qs = accumulate(q0, *increments(method, rates, h))[meshes.last_steps(mesh, times.shape[0] - 1)]
-    return from_body(jnp.concatenate([q0[None], qs]), axes)
+def _multiply(method: AbstractIncrement, axes: str, q0: Quat, taken: Taken) -> Float[Array, "n 4"]:
+    q0, rates = to_body(q0, taken.rates, axes)
+    return from_body(accumulate(q0, *increments(method, rates, taken.h)), axes)
 
 
 @eqx.filter_jit
-def _compare(method: AbstractIncrement, times: Array, mesh: Mesh, rates: Array) -> Errors:
-    return meshes.estimate(method, rates, mesh, times)
+def _pick(intervals: int, mesh: Mesh, q0: Quat, qs: Array) -> Float[Array, "n 4"]:
+    return jnp.concatenate([q0[None], qs[meshes.last_steps(mesh, intervals)]])
+
+
+@eqx.filter_jit
+def _compare(method: AbstractIncrement, count: Array, taken: Taken) -> Errors:
+    return meshes.estimate(method, taken, count)

@@ -24,6 +24,10 @@ from qtraj.path.trihedral import trihedral
 GAUSS = 6
 """Quadrature nodes between two nodes of the frame: order 12."""
 
+_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(GAUSS)
+
+Stretch = Float[Array, "_ 4 3"]
+
 TILT = 0.01
 """The forward axis of a given first attitude may be so far from the path [rad]."""
 
@@ -59,9 +63,10 @@ class RotationMinimizing(eqx.Module):
 
 def attitude(path: AbstractHodograph, t: Scalar, node: Scalar, at_node: Quat) -> Attitude:
     """The frame at `t` [s] from its attitude at the time `node`; the sign of the quaternion is that of `at_node`."""
-    dcm = _transported(path, quaternion.rotate(at_node, _axis(at_node, 2)), node, t)
+    stretch = _sampled(path, node, t)
+    dcm = _carried(stretch, quaternion.rotate(at_node, _axis(at_node, 2)), t - node)
     q = rotation.from_dcm(dcm)
-    r = path.derivatives(t, 3)
+    r = stretch[-1]
     square = r[1] @ r[1]
     square = jnp.where(square > 0, square, 1.0)
     omega = jnp.cross(r[1], r[2]) / square
@@ -121,36 +126,41 @@ def _direction(initial: Float[Array, " k"], axis: int) -> Vec3:
 
 def _step(path: AbstractHodograph, a: Scalar, b: Scalar) -> Quat:
     """The turn, in world axes, of every rotation-minimizing frame from time `a` to time `b`."""
-    tangent = unit(path.velocity(a), _axis(path.velocity(a), 0))
+    stretch = _sampled(path, a, b)
+    tangent = _tangent(stretch[0, 1])
     smallest = stop_gradient(jnp.argmin(jnp.abs(tangent)))
     side = jnp.where(jnp.arange(3) == smallest, 1.0, jnp.zeros_like(tangent))
     before = _dcm(tangent, unit(jnp.cross(side, tangent), side))
-    after = _transported(path, before[2], a, b)
+    after = _carried(stretch, before[2], b - a)
     turn = quaternion.product(rotation.from_dcm(after), quaternion.conjugate(rotation.from_dcm(before)))
     return jnp.where(turn[0] < 0, -turn, turn)
 
 
-def _transported(path: AbstractHodograph, up: Vec3, a: Scalar, b: Scalar) -> Mat3:
-    """Direction cosines at `b` of the rotation-minimizing frame whose binormal at `a` is `up`."""
-    points, weights = np.polynomial.legendre.leggauss(GAUSS)
-    span = b - a
-    times = a + span * jnp.asarray((points + 1) / 2, span.dtype)
-    twists = jax.vmap(lambda t: _twist(path, up, t))(times)
-    angle = -span * (jnp.asarray(weights / 2, span.dtype) @ twists)
-    velocity = path.velocity(b)
-    tangent = unit(velocity, _axis(velocity, 0))
-    level = unit(jnp.cross(up, tangent), _axis(velocity, 1))
-    normal = level * jnp.cos(angle) + jnp.cross(tangent, level) * jnp.sin(angle)
-    return _dcm(tangent, normal)
+def _sampled(path: AbstractHodograph, a: Scalar, b: Scalar) -> Stretch:
+    """r and its first three derivatives at `a`, at the quadrature nodes between, and at `b`."""
+    points = jnp.asarray(np.concatenate([[0.0], (_POINTS + 1) / 2, [1.0]]), a.dtype)
+    return jax.vmap(lambda t: path.derivatives(t, 3))(a * (1 - points) + b * points)
 
 
-def _twist(path: AbstractHodograph, up: Vec3, t: Scalar) -> Scalar:
+def _carried(stretch: Stretch, up: Vec3, span: Scalar) -> Mat3:
+    """Direction cosines at the end of the stretch of the frame whose binormal at its start is `up`."""
+    twists = jax.vmap(lambda r: _twist(up, r[1], r[2]))(stretch[1:-1])
+    angle = -span * (jnp.asarray(_WEIGHTS / 2, span.dtype) @ twists)
+    tangent = _tangent(stretch[-1, 1])
+    level = unit(jnp.cross(up, tangent), _axis(tangent, 1))
+    return _dcm(tangent, level * jnp.cos(angle) + jnp.cross(tangent, level) * jnp.sin(angle))
+
+
+def _twist(up: Vec3, r1: Vec3, r2: Vec3) -> Scalar:
     """ω·τ of the upright frame for this up direction [rad/s]: [(u × r'')·B]/|u × r'|."""
-    r = path.derivatives(t, 2)
-    level = jnp.cross(up, r[1])
-    size = norm(r[1]) * (level @ level)
+    level = jnp.cross(up, r1)
+    size = norm(r1) * (level @ level)
     exists = size > 0
-    return jnp.where(exists, jnp.cross(up, r[2]) @ jnp.cross(r[1], level) / jnp.where(exists, size, 1.0), 0.0)
+    return jnp.where(exists, jnp.cross(up, r2) @ jnp.cross(r1, level) / jnp.where(exists, size, 1.0), 0.0)
+
+
+def _tangent(velocity: Vec3) -> Vec3:
+    return unit(velocity, _axis(velocity, 0))
 
 
 def _dcm(tangent: Vec3, normal: Vec3) -> Mat3:

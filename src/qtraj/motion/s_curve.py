@@ -2,10 +2,11 @@
 
 import math
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from qtraj.foundation.arrays import as_float
+from qtraj.foundation.arrays import real_scalar
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Flag, Scalar
 from qtraj.motion.profile import (
@@ -15,6 +16,7 @@ from qtraj.motion.profile import (
     is_turn,
     known_angle,
     limit,
+    require_feasible,
     require_limits,
     size_of,
 )
@@ -46,31 +48,38 @@ class SCurve(AbstractLaw):
         duration: ArrayInput | None = None,
     ):
         self.max_rate = limit(max_rate)
-        self.max_acceleration = as_float(max_acceleration)
-        self.max_jerk = as_float(max_jerk)
+        self.max_acceleration = real_scalar(max_acceleration, "max_acceleration")
+        self.max_jerk = real_scalar(max_jerk, "max_jerk")
         self.duration = limit(duration)
         require_limits(max_rate=self.max_rate, max_acceleration=self.max_acceleration, max_jerk=self.max_jerk)
         require_limits(duration=self.duration)
 
     def profile(self, angle: ArrayInput) -> Profile:
-        total = known_angle(angle)
-        a, j = self.max_acceleration.astype(total.dtype), self.max_jerk.astype(total.dtype)
-        size = size_of(total)
-        rate, coasting = _peak_rate(size, a, j), jnp.asarray(False)
-        if self.max_rate is not None:
-            top = self.max_rate.astype(total.dtype)
-            coasting = rate > top
-            rate = jnp.where(coasting, top, rate)
-        ramp, full = _ramp(rate, a, j)
-        coast = jnp.where(coasting, size / rate - full, 0.0)
-        duration, feasible = jnp.where(is_turn(total), 2 * full + coast, 0.0), jnp.asarray(True)
-        if self.duration is not None:
-            asked = self.duration.astype(total.dtype)
-            duration, feasible = fixed_duration(asked, duration, total, "S-curve")
-            rate = _rate_in_time(size, duration, a, j)
-            ramp, full = _ramp(rate, a, j)
-            coast = jnp.maximum(duration - 2 * full, 0.0)
-        return _chain(total, duration, jnp.stack([ramp, full - 2 * ramp, ramp, coast]), j / size, feasible)
+        profile, minimal = _profile(self, known_angle(angle))
+        require_feasible(profile, minimal, self.duration, "S-curve")
+        return profile
+
+
+@eqx.filter_jit
+def _profile(law: SCurve, total: Scalar) -> tuple[Profile, Scalar]:
+    """The profile, and the least duration."""
+    a, j = law.max_acceleration.astype(total.dtype), law.max_jerk.astype(total.dtype)
+    size = size_of(total)
+    rate, coasting = _peak_rate(size, a, j), jnp.asarray(False)
+    if law.max_rate is not None:
+        top = law.max_rate.astype(total.dtype)
+        coasting = rate > top
+        rate = jnp.where(coasting, top, rate)
+    ramp, full = _ramp(rate, a, j)
+    coast = jnp.where(coasting, size / rate - full, 0.0)
+    minimal = duration = jnp.where(is_turn(total), 2 * full + coast, 0.0)
+    feasible = jnp.asarray(True)
+    if law.duration is not None:
+        duration, feasible = fixed_duration(law.duration.astype(total.dtype), minimal)
+        ramp, full = _ramp(_rate_in_time(size, duration, a, j), a, j)
+        coast = jnp.maximum(duration - 2 * full, 0.0)
+    first_half = jnp.stack([ramp, full - 2 * ramp, ramp, coast])
+    return _chain(total, duration, first_half, j / size, feasible), minimal
 
 
 def _peak_rate(angle: Scalar, a: Scalar, j: Scalar) -> Scalar:

@@ -12,6 +12,7 @@ from qtraj.motion.profile import (
     is_turn,
     known_angle,
     limit,
+    require_feasible,
     require_limits,
     size_of,
 )
@@ -102,11 +103,19 @@ def _check(law: _Law, step: _Step) -> None:
 
 
 def _profile(law: _Law, step: _Step, angle: ArrayInput) -> Profile:
-    total = known_angle(angle)
-    duration, feasible = _shortest(law, step, total), jnp.asarray(True)
+    profile, minimal = _timed(law, step, known_angle(angle))
+    require_feasible(profile, minimal, law.duration, step.name)
+    return profile
+
+
+@eqx.filter_jit
+def _timed(law: _Law, step: _Step, total: Scalar) -> tuple[Profile, Scalar]:
+    """The profile, and the least duration."""
+    minimal = duration = _shortest(law, step, total)
+    feasible = jnp.asarray(True)
     if law.duration is not None:
-        duration, feasible = fixed_duration(law.duration.astype(total.dtype), duration, total, step.name)
-    return Profile(
+        duration, feasible = fixed_duration(law.duration.astype(total.dtype), minimal)
+    profile = Profile(
         total=total,
         duration=duration,
         starts=jnp.zeros_like(total, shape=1),
@@ -115,6 +124,7 @@ def _profile(law: _Law, step: _Step, angle: ArrayInput) -> Profile:
         end_rate=jnp.zeros_like(total),
         feasible=feasible,
     )
+    return profile, minimal
 
 
 def _shortest(law: _Law, step: _Step, total: Scalar) -> Scalar:

@@ -83,8 +83,9 @@ class QuaternionMagnus(diffrax.AbstractAdaptiveSolver):
         h, signed = (jnp.asarray(x, y0.dtype) for x in terms.contr(t0, t1))
         side = jnp.sign(h) * jnp.sign(signed)
         first = jax.lax.cond(made_jump, lambda: _rate(terms, t0, y0, args), lambda: solver_state)
-        others = [_rate(terms, t0 + c * (t1 - t0), y0, args) for c in _KNOTS[1:]]
-        rates = jnp.stack([first, *others]).at[:, 1:].multiply(side)
+        later = jnp.stack([t0 + c * (t1 - t0) for c in _KNOTS[1:-1]] + [t1])
+        others = jax.vmap(lambda t: _rate(terms, t, y0, args))(later)
+        rates = jnp.concatenate([first[None], others]).at[:, 1:].multiply(side)
         end, error = _magnus_step(_body_form(y0, side), rates, h)
         dense_info = {"y0": y0, "rates": rates, "h": h, "side": side}
         return _body_form(end, side), _body_form(error, side), dense_info, others[-1], diffrax.RESULTS.successful

@@ -46,7 +46,7 @@ def propagate_samples(
 
     For "mean" and "increment" the first row precedes the propagation and is not used. `degree` of the local polynomial
     of the rate, 5 (6 for means and increments) unless given; short recordings take what they can. `method` integrates
-    it: `GaussLegendre(stages=4)` unless given. Times may be uneven; an interval longer than `max_gap` times the median
+    it: `GaussLegendre(stages=6)` unless given. Times may be uneven; an interval longer than `max_gap` times the median
     is taken for a gap (None: no such check).
 
     **Raises:** ValueError for other shapes, kinds and axes, rates that are not finite, times that do not increase
@@ -65,7 +65,7 @@ def propagate_samples(
     if degree < 0:
         raise ValueError(f"the degree of the local polynomial must not be negative, but {degree!r} was given")
     dtype = common_dtype(times, rates, q0)
-    method = GaussLegendre(stages=4) if method is None else method
+    method = GaussLegendre(stages=6) if method is None else method
     return _integrate(method, kind, axes, degree, times.astype(dtype), rates.astype(dtype), q0.astype(dtype))
 
 
@@ -96,7 +96,7 @@ def _require_no_gap(times: Array, max_gap: float | None) -> None:
     if steps[i] > max_gap * usual:
         raise ValueError(
             f"the recording has a gap of {steps[i]:.9g} s between sample {i} at {known[i]:.9g} s and sample {i + 1} at "
-            f"{known[i + 1]:.9g} s, where {usual:.3g} s is usual. Propagate the parts apart, or raise max_gap={max_gap}."
+            f"{known[i + 1]:.9g} s, where {usual:.3g} s is usual. Propagate the parts apart, or raise `max_gap`."
         )
 
 

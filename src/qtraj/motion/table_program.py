@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion, rotation
-from qtraj.foundation.arrays import as_float, concrete, require_finite
+from qtraj.foundation.arrays import as_float, concrete, one_instant, require_finite
 from qtraj.foundation.document import storable
-from qtraj.foundation.types import ArrayInput, Flag, Scalar, ScalarLike, Vec3
+from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion import rotation_spline as spline
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.euler_turn import attitude_table
@@ -21,11 +21,11 @@ from qtraj.motion.euler_turn import attitude_table
 class TableProgram(AbstractProgram):
     """The rotation spline through `quaternions` (n, 4) at `times` (n,) [s], n ≥ 2: rates and accelerations continuous.
 
-    The attitudes may have any non-zero length and either sign; the program is of unit length, starts with the sign of
-    the first and is continuous. From each attitude to the next it takes the shorter way, so neighbours must be less
-    than a half turn apart. The rates at both ends are the mean rates of the first and last interval. It agrees with
-    SciPy's RotationSpline. Time is counted from the first of `times`; outside [0, duration] the first and last pieces
-    go on.
+    The attitudes may have any non-zero length and either sign, and are kept with continuous signs; the program is of
+    unit length, starts with the sign of the first and is continuous. From each attitude to the next it takes the
+    shorter way, so neighbours must be less than a half turn apart. The rates at both ends are the mean rates of the
+    first and last interval. It agrees with SciPy's RotationSpline, whose own iteration stops at about 1e-9. Time is
+    counted from the first of `times`; outside [0, duration] the first and last pieces go on.
 
     `rates` (n, 3) [rad/s], body axes, at the attitudes are found when the program is made and stored with it; given
     ones are taken as they are (then the acceleration may jump). Derivatives with respect to the table are exact
@@ -43,7 +43,7 @@ class TableProgram(AbstractProgram):
         table = attitude_table(quaternions, "a table program")
         instants = as_float(times)
         dtype = jnp.promote_types(instants.dtype, table.dtype)
-        self.times, self.quaternions = instants.astype(dtype), table.astype(dtype)
+        self.times, self.quaternions = instants.astype(dtype), rotation.continuous(table.astype(dtype))
         _require_increasing(self.times, table.shape[0])
         self.rates = _found(self.times, self.quaternions) if rates is None else as_float(rates)
         if self.rates.shape != (table.shape[0], 3):
@@ -54,13 +54,7 @@ class TableProgram(AbstractProgram):
         require_finite(self.rates, "the rates of a table program")
 
     def __call__(self, t: ScalarLike) -> Attitude:
-        t = as_float(t).astype(self.times.dtype)
-        starts = self.times - self.times[0]
-        piece = jnp.sum(t >= starts[1:-1])
-        attitudes = _continuous(self.quaternions)
-        turn = _turn(attitudes[piece], attitudes[piece + 1])
-        theta = spline.cubic(turn, starts[piece + 1] - starts[piece], self.rates[piece], self.rates[piece + 1])
-        return _along(attitudes[piece], theta, t - starts[piece])
+        return _attitude(self, one_instant(t).astype(self.times.dtype))
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -68,15 +62,22 @@ class TableProgram(AbstractProgram):
         return self.times[-1] - self.times[0]
 
 
-def _continuous(quaternions: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
-    return rotation.continuous(jax.vmap(quaternion.unit)(quaternions))
+@eqx.filter_jit
+def _attitude(program: TableProgram, t: Scalar) -> Attitude:
+    starts, rates = program.times - program.times[0], program.rates
+    piece = jnp.sum(t >= starts[1:-1])
+    start, turn = _turn(program.quaternions[piece], program.quaternions[piece + 1])
+    theta = spline.cubic(turn, starts[piece + 1] - starts[piece], rates[piece], rates[piece + 1])
+    return _along(start, theta, t - starts[piece])
 
 
-def _turn(start: Float[Array, "4"], end: Float[Array, "4"]) -> Vec3:
-    return 2 * quaternion.log(quaternion.product(quaternion.conjugate(start), end))
+def _turn(start: Quat, end: Quat) -> tuple[Quat, Vec3]:
+    """The unit quaternion of the start, and the rotation vector from there to the end, in body axes [rad]."""
+    start = quaternion.unit(start)
+    return start, 2 * quaternion.log(quaternion.product(quaternion.conjugate(start), end))
 
 
-def _along(start: Float[Array, "4"], theta: Float[Array, "4 3"], t: Scalar) -> Attitude:
+def _along(start: Quat, theta: Float[Array, "4 3"], t: Scalar) -> Attitude:
     """The attitude on one piece, with the cubic θ evaluated `t` seconds after its start."""
     value = theta[0] + t * (theta[1] + t * (theta[2] + t * theta[3]))
     slope = theta[1] + t * (2 * theta[2] + t * 3 * theta[3])
@@ -99,8 +100,8 @@ def _found(times: Float[Array, " n"], quaternions: Float[Array, "n 4"]) -> Float
 @eqx.filter_jit
 def _knot_rates(times: Float[Array, " n"], quaternions: Float[Array, "n 4"]) -> tuple[Float[Array, "n 3"], Flag]:
     """The rates at the attitudes, and whether the acceleration is continuous with them."""
-    attitudes, widths = _continuous(quaternions), jnp.diff(times)
-    turns = jax.vmap(_turn)(attitudes[:-1], attitudes[1:])
+    widths = jnp.diff(times)
+    _, turns = jax.vmap(_turn)(quaternions[:-1], quaternions[1:])
     rates, jump = spline.knot_rates(turns, widths)
     return rates, jump <= _tolerance(turns.dtype) * jnp.max(jnp.abs(turns / widths[:, None] ** 2))
 

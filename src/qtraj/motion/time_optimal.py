@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 
-from qtraj.foundation.arrays import as_float, concrete, require_finite
+from qtraj.foundation.arrays import concrete, real_scalar, require_finite
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Flag, Scalar
 from qtraj.motion.profile import (
@@ -14,6 +14,7 @@ from qtraj.motion.profile import (
     is_turn,
     known_angle,
     limit,
+    require_feasible,
     require_limits,
     size_of,
 )
@@ -47,9 +48,9 @@ class TimeOptimal(AbstractLaw):
         duration: ArrayInput | None = None,
     ):
         self.max_rate = limit(max_rate)
-        self.max_acceleration = as_float(max_acceleration)
-        self.start_rate = None if start_rate is None else as_float(start_rate)
-        self.end_rate = None if end_rate is None else as_float(end_rate)
+        self.max_acceleration = real_scalar(max_acceleration, "max_acceleration")
+        self.start_rate = None if start_rate is None else real_scalar(start_rate, "start_rate")
+        self.end_rate = None if end_rate is None else real_scalar(end_rate, "end_rate")
         self.duration = limit(duration)
         require_limits(max_rate=self.max_rate, max_acceleration=self.max_acceleration, duration=self.duration)
         for rate, name in ((self.start_rate, "start_rate"), (self.end_rate, "end_rate")):
@@ -58,27 +59,32 @@ class TimeOptimal(AbstractLaw):
                 _require_within(rate, self.max_rate, name)
 
     def profile(self, angle: ArrayInput) -> Profile:
-        total = known_angle(angle)
-        resting = self.start_rate is None and self.end_rate is None
-        task = _Task(
-            angle=size_of(total) if resting else total,
-            start=_value(self.start_rate, total),
-            end=_value(self.end_rate, total),
-            rate=None if self.max_rate is None else self.max_rate.astype(total.dtype),
-            acceleration=self.max_acceleration.astype(total.dtype),
-        )
-        coast = _fastest(task)
-        if resting:
-            needed = is_turn(total)
-            coast = _Coast(coast.rate, jnp.where(needed, coast.width, 0.0), jnp.where(needed, coast.duration, 0.0))
-        feasible = jnp.asarray(True)
-        if self.duration is not None:
-            asked = self.duration.astype(total.dtype)
-            duration, possible = fixed_duration(asked, coast.duration, total, "time-optimal")
-            coast, reached = _in_time(task, duration)
-            _require_reached(reached, task, asked)
-            feasible = possible & reached
-        return _chain(task, coast, total, feasible, resting)
+        profile, minimal = _profile(self, known_angle(angle))
+        require_feasible(profile, minimal, self.duration, "time-optimal")
+        return profile
+
+
+@eqx.filter_jit
+def _profile(law: TimeOptimal, total: Scalar) -> tuple[Profile, Scalar]:
+    """The profile, and the least duration."""
+    resting = law.start_rate is None and law.end_rate is None
+    task = _Task(
+        angle=size_of(total) if resting else total,
+        start=_value(law.start_rate, total),
+        end=_value(law.end_rate, total),
+        rate=None if law.max_rate is None else law.max_rate.astype(total.dtype),
+        acceleration=law.max_acceleration.astype(total.dtype),
+    )
+    coast = _fastest(task)
+    if resting:
+        needed = is_turn(total)
+        coast = _Coast(coast.rate, jnp.where(needed, coast.width, 0.0), jnp.where(needed, coast.duration, 0.0))
+    minimal, feasible = coast.duration, jnp.asarray(True)
+    if law.duration is not None:
+        duration, possible = fixed_duration(law.duration.astype(total.dtype), minimal)
+        coast, reached = _in_time(task, duration)
+        feasible = possible & reached
+    return _chain(task, coast, total, feasible, resting), minimal
 
 
 class _Task(eqx.Module):
@@ -175,15 +181,3 @@ def _require_within(rate: Scalar, bound: Scalar | None, name: str) -> None:
     value, top = concrete(rate), None if bound is None else concrete(bound)
     if value is not None and top is not None and abs(value) > top:
         raise ValueError(f"{name} is {float(value):.9g} rad/s, which is already beyond max_rate = {float(top):.9g}")
-
-
-def _require_reached(reached: Flag, task: _Task, duration: Scalar) -> None:
-    value = concrete(reached)
-    if value is None or value:
-        return
-    fastest = _fastest(task)
-    raise ValueError(
-        f"no turn by {float(task.angle):.9g} rad from {float(task.start):.9g} to {float(task.end):.9g} rad/s within "
-        f"the limits takes just {float(duration):.9g} s: the end rates leave no time to wait (the least duration is "
-        f"{float(fastest.duration):.17g} s). Change the duration or the end rates."
-    )

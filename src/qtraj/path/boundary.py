@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 
+from qtraj.algebra.vector import norm, unit
 from qtraj.foundation.arrays import real_vector, warn_if_coarse
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Scalar, Vec3
@@ -33,7 +34,8 @@ class Cylindrical(eqx.Module):
     """A boundary state about an axis: components along e_ρ, e_φ and the axis.
 
     `planar` (3,) is the position without its axial part, in the axes of the placement: azimuth differences are taken
-    from it, because the difference of two azimuths loses digits.
+    from it, because the difference of two azimuths loses digits. `rounding` [rad] is what the coordinates' own
+    rounding makes of an azimuth.
     """
 
     radius: Scalar
@@ -42,11 +44,12 @@ class Cylindrical(eqx.Module):
     velocity: Vec3
     acceleration: Vec3 | None
     planar: Vec3
+    rounding: Scalar
 
     @property
     def rate(self) -> Scalar:
         """V_φ/ρ, the angular rate about the axis [rad/s]."""
-        return self.velocity[1] / self.radius
+        return self.velocity[1] / jnp.where(self.radius > 0, self.radius, 1.0)
 
     @property
     def radial_acceleration(self) -> Scalar:
@@ -63,8 +66,11 @@ def cylindrical(state: BoundaryState, placement: Placement | None) -> Cylindrica
     """`state` in cylindrical components about the axis of `placement` (the world's z axis without one)."""
     placement = Placement() if placement is None else placement
     x, y, z = placement.to_local(state.position - placement.origin.astype(state.position.dtype))
-    radius = jnp.hypot(x, y)
-    cos, sin = x / radius, y / radius
+    planar = jnp.stack([x, y, jnp.zeros_like(x)])
+    radius = norm(planar)
+    # On the axis e_ρ is undefined: any direction does, and derivatives stay finite.
+    cos, sin, _ = unit(planar, jnp.zeros_like(planar).at[0].set(1.0))
+    largest = jnp.maximum(jnp.max(jnp.abs(state.position)), jnp.max(jnp.abs(placement.origin.astype(x.dtype))))
 
     def components(v: Vec3) -> Vec3:
         a, b, c = placement.to_local(v)
@@ -72,11 +78,12 @@ def cylindrical(state: BoundaryState, placement: Placement | None) -> Cylindrica
 
     return Cylindrical(
         radius=radius,
-        azimuth=jnp.arctan2(y, x),
+        azimuth=jnp.arctan2(sin, cos),
         height=z,
         velocity=components(state.velocity),
         acceleration=None if state.acceleration is None else components(state.acceleration),
-        planar=jnp.stack([x, y, jnp.zeros_like(x)]),
+        planar=planar,
+        rounding=jnp.finfo(x.dtype).eps * (1 + largest / jnp.where(radius > 0, radius, 1.0)),
     )
 
 

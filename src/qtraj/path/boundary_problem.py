@@ -1,5 +1,7 @@
 """From boundary states to the polynomials of a spiral-helix: the problem of paper S and its completion."""
 
+import operator
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -14,7 +16,7 @@ RATE_TOLERANCE = 1e-9
 """Largest relative disagreement of V_φ/ρ between the ends of a uniformly rotating path."""
 
 AZIMUTH_TOLERANCE = 32
-"""Azimuths closer than this many machine epsilons [rad] are equal."""
+"""Azimuths closer than this many times their rounding are equal."""
 
 PARALLEL_TOLERANCE = 1e-9
 """Sine of the angle between two horizontal velocities below which they are parallel."""
@@ -43,13 +45,24 @@ def uniform(
 
 def directed_turn(a: Cylindrical, b: Cylindrical, turns: int) -> Scalar:
     """The signed turn from `a` to `b` in the sense of V_φ at the start: magnitude in [0, 2π) plus whole turns [rad]."""
-    if turns < 0:
+    if whole_turns(turns) < 0:
         raise ValueError(f"turns must be 0 or more whole turns in the sense of V_phi, but {turns} was given")
     sense = jnp.where(a.velocity[1] < 0, -1.0, 1.0).astype(a.radius.dtype)
     ahead = sense * azimuth_difference(a, b)
-    equal = jnp.abs(ahead) <= AZIMUTH_TOLERANCE * jnp.finfo(ahead.dtype).eps
+    equal = jnp.abs(ahead) <= AZIMUTH_TOLERANCE * (a.rounding + b.rounding)
     ahead = jnp.where(equal, 0.0 * ahead, jnp.where(ahead < 0, ahead + 2 * jnp.pi, ahead))
     return sense * (ahead + 2 * jnp.pi * turns)
+
+
+def whole_turns(turns: int) -> int:
+    """`turns` as an integer.
+
+    **Raises:** ValueError for a number that is not whole.
+    """
+    try:
+        return operator.index(turns)
+    except TypeError:
+        raise ValueError(f"turns counts whole turns, but {turns!r} was given: it must be an integer") from None
 
 
 def hermite(
@@ -60,7 +73,7 @@ def hermite(
         raise ValueError("one boundary state has an acceleration and the other has none: give both or neither")
     a, b = cylindrical(start, placement), cylindrical(end, placement)
     _require_off_axis(a, b)
-    turn = azimuth_difference(a, b) + 2 * jnp.pi * turns
+    turn = azimuth_difference(a, b) + 2 * jnp.pi * whole_turns(turns)
     return polynomials(a, b, turn, duration, uniform=False)
 
 

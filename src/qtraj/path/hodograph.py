@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra.vector import norm
 from qtraj.foundation import document
-from qtraj.foundation.arrays import as_float, require_positive
+from qtraj.foundation.arrays import as_float, one_instant, real_scalar, require_positive
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
 from qtraj.path.boundary import BoundaryState
 
@@ -69,30 +69,48 @@ class Curve(AbstractHodograph):
 
     `position` may be a plain function or a callable Module whose arrays are then differentiable.
 
-    **Raises:** ValueError where `position` is not callable or `duration` [s] is not positive.
+    **Raises:** ValueError where `position` is no such function or `duration` [s] is not positive.
     """
 
-    function: Callable[[Scalar], Vec3]
+    function: Callable[..., Vec3]
     duration: Scalar
 
     def __init__(self, position: Any, duration: ArrayInput):
         if not callable(position):
             raise ValueError(f"a Curve needs a function t -> (3,), but {position!r} is not callable")
-        self.function = position if isinstance(position, eqx.Module) else jax.tree_util.Partial(position)
-        self.duration = as_float(duration)
+        wrapped: Any = position if isinstance(position, eqx.Module) else jax.tree_util.Partial(position)
+        self.function = wrapped
+        self.duration = real_scalar(duration, "the duration of a curve")
         require_positive(self.duration, "the duration of a curve", "s")
+        _require_vector(self.function, self.duration)
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
-        def extend(jet: Callable[[Scalar], tuple[Vec3, ...]]) -> Callable[[Scalar], tuple[Vec3, ...]]:
-            def longer(t: Scalar) -> tuple[Vec3, ...]:
-                values, rates = jax.jvp(jet, (t,), (jnp.ones_like(t),))
-                return (*values, rates[-1])
-
-            return longer
-
-        def jet(t: Scalar) -> tuple[Vec3, ...]:
-            return (jnp.asarray(self.function(t)),)
-
+        jet: Jet = lambda t: (jnp.asarray(self.function(t)),)  # noqa: E731
         for _ in range(order):
-            jet = extend(jet)
-        return jnp.stack(jet(as_float(t)))
+            jet = _extended(jet)
+        return jnp.stack(jet(one_instant(t)))
+
+
+Jet = Callable[[Scalar], tuple[Vec3, ...]]
+"""A function of time with its first derivatives."""
+
+
+def _extended(jet: Jet) -> Jet:
+    """The jet with one derivative more."""
+
+    def longer(t: Scalar) -> tuple[Vec3, ...]:
+        values, rates = jax.jvp(jet, (t,), (jnp.ones_like(t),))
+        return (*values, rates[-1])
+
+    return longer
+
+
+def _require_vector(function: Callable[[Scalar], Vec3], duration: Scalar) -> None:
+    """Raise a ValueError where `function` is not a JAX function of one instant with three components."""
+    advice = "write it with jax.numpy, as a function of one instant that returns an array of shape (3,)"
+    try:
+        shape = jax.eval_shape(function, jax.ShapeDtypeStruct((), duration.dtype)).shape
+    except (jax.errors.JAXTypeError, AttributeError, TypeError) as error:
+        raise ValueError(f"the function of a curve cannot be traced by JAX: {advice}") from error
+    if shape != (3,):
+        raise ValueError(f"the function of a curve returns an array of shape {shape}: {advice}")

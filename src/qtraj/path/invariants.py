@@ -9,6 +9,7 @@ which every derivative is a polynomial in t: no trigonometry.
 """
 
 import math
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -30,14 +31,21 @@ def rotating_derivatives(
     cos, sin = [jnp.ones_like(radius[0])], [jnp.zeros_like(radius[0])]
     for k in range(count - 1):
         slopes = [(j + 1) * angle[j + 1] for j in range(k + 1)]
-        cos.append(-sum(slopes[j] * sin[k - j] for j in range(k + 1)) / (k + 1))
-        sin.append(sum(slopes[j] * cos[k - j] for j in range(k + 1)) / (k + 1))
+        cos.append(-_cauchy(slopes, sin, k) / (k + 1))
+        sin.append(_cauchy(slopes, cos, k) / (k + 1))
     rows = []
     for k in range(count):
-        along = sum(radius[j] * cos[k - j] for j in range(k + 1))
-        across = sum(radius[j] * sin[k - j] for j in range(k + 1))
+        along, across = _cauchy(radius, cos, k), _cauchy(radius, sin, k)
         rows.append(math.factorial(k) * jnp.stack([along, across, height[k]]))
     return jnp.stack(rows)
+
+
+def _cauchy(p: Sequence[Array] | Array, q: Sequence[Array] | Array, k: int) -> Array:
+    """The k-th coefficient of the product of two series."""
+    total = p[0] * q[k]
+    for j in range(1, k + 1):
+        total = total + p[j] * q[k - j]
+    return total
 
 
 class Invariants(eqx.Module):

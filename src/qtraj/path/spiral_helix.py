@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.algebra import polynomial
-from qtraj.foundation.arrays import as_float, require_finite, require_positive
+from qtraj.foundation.arrays import as_float, one_instant, real_scalar, require_finite, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path import boundary_problem as problem
@@ -49,7 +49,7 @@ class SpiralHelix(AbstractHodograph):
         self.radius = _coefficients(radius, "radius")
         self.angle = _coefficients(angle, "angle")
         self.height = _coefficients(height, "height")
-        self.duration = as_float(duration)
+        self.duration = real_scalar(duration, "the duration of a spiral-helix")
         self.placement = placement
         self.mismatch = as_float(mismatch)
         self.residual = residual
@@ -68,6 +68,7 @@ class SpiralHelix(AbstractHodograph):
 
     def rotating_derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """As `derivatives`, in the rotating basis (e_ρ, e_φ, k) at `t` and about the path's own axis."""
+        t = one_instant(t)
         jets = [polynomial.taylor(c, t, order) for c in (self.radius, self.angle, self.height)]
         return rotating_derivatives(*jets)
 
@@ -108,7 +109,7 @@ class SpiralHelix(AbstractHodograph):
         **Raises:** ValueError where the duration is not positive, a state lies on the axis, or only one acceleration
         is given.
         """
-        duration = as_float(duration)
+        duration = real_scalar(duration, "the duration of a spiral-helix")
         require_positive(duration, "the duration of a spiral-helix", "s")
         return cls(*problem.hermite(start, end, duration, turns, placement), duration, placement)
 
@@ -123,7 +124,10 @@ class SpiralHelix(AbstractHodograph):
 
 
 def _coefficients(values: ArrayInput, name: str) -> Float[Array, " n"]:
-    coefficients = as_float(values)
+    try:
+        coefficients = as_float(values)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"the {name} of a spiral-helix must be numbers, but {values!r} was given") from error
     if coefficients.ndim != 1 or coefficients.shape[0] == 0:
         raise ValueError(
             f"the {name} of a spiral-helix must be a vector of ascending polynomial coefficients, "

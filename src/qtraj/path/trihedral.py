@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra import rotation
 from qtraj.algebra.vector import norm, unit
-from qtraj.foundation.arrays import concrete, real_vector
+from qtraj.foundation.arrays import as_float, concrete, one_instant, real_vector
 from qtraj.foundation.types import ArrayInput, Flag, Mat3, Quat, Scalar, ScalarLike, Vec3
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.invariants import existence, invariants
@@ -47,7 +47,7 @@ class Trihedral(eqx.Module):
         return jnp.stack([self.tangent, self.normal, self.binormal])
 
     def quaternion(self) -> Quat:
-        """The unit quaternion, trihedral to world, of either sign (see `FrameProgram` for one continuous in time)."""
+        """The unit quaternion, trihedral to world, of either sign (`rotation.continuous` makes a sequence agree)."""
         return rotation.from_dcm(self.dcm())
 
     def gibbs(self) -> Vec3:
@@ -64,9 +64,14 @@ class AbstractFrame(eqx.Module):
 
 
 def trihedral(path: AbstractHodograph, t: ScalarLike, frame: AbstractFrame | None = None) -> Trihedral:
-    """The trihedral of `path` at one instant `t` [s]: the natural one, or that of another `frame`."""
+    """The trihedral of `path` at one instant `t` [s]: the natural one, or that of another `frame`.
+
+    **Raises:** ValueError for many instants at once, or a `frame` that is none.
+    """
     frame = Natural() if frame is None else frame
-    return frame.trihedral(path.derivatives(t, 4), path.duration)
+    if not isinstance(frame, AbstractFrame):
+        raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
+    return frame.trihedral(path.derivatives(one_instant(t), 4), as_float(path.duration))
 
 
 class Natural(AbstractFrame):
