@@ -21,9 +21,11 @@ class EulerTurn(AbstractProgram):
     Both quaternions may have any non-zero length; the program starts at λ_0 = start_q/|start_q|. With a = λ̄_0∘λ_*, it
     ends at λ_* = end_q/|end_q| where a0 ≥ 0 and at −λ_* otherwise (`end` is the one); the same attitude. Value and
     gradient are finite for equal attitudes (a constant program) and for half turns, where either sense is as short:
-    e is then along a_v. Before its start and after its duration the program is at rest.
+    e is then along a_v. Rate and acceleration are Φ̇e and Φ̈e; `axis` gives e. Before its start and after its duration
+    the program is at rest.
 
-    **Raises:** ValueError for quaternions that are zero, not finite or of another shape, and as the law for the angle.
+    **Raises:** ValueError for quaternions that are zero, not finite or of another shape, or a law that is none; and as
+    the law for the angle.
     """
 
     start_q: Quat
@@ -34,6 +36,7 @@ class EulerTurn(AbstractProgram):
         start, end = (real_vector(q, name, 4) for q, name in ((start_q, "start_q"), (end_q, "end_q")))
         dtype = jnp.promote_types(start.dtype, end.dtype)
         self.start_q, self.end_q, self.law = start.astype(dtype), end.astype(dtype), law
+        _require_law(law)
         _require_attitudes(start[None], "start_q")
         _require_attitudes(end[None], "end_q")
         law.profile(self.angle)
@@ -96,6 +99,7 @@ class TurnChain(AbstractProgram):
     def __init__(self, attitudes: ArrayInput, law: AbstractLaw):
         self.attitudes = rotation.continuous(attitude_table(attitudes, "a chain of turns"))
         self.law = law
+        _require_law(law)
         if not law.profile(jnp.max(self.angles)).proportional:
             raise ValueError("a chain of turns rests at each attitude: leave out start_rate and end_rate of the law")
 
@@ -130,6 +134,11 @@ def attitude_table(values: ArrayInput, name: str) -> Float[Array, "n 4"]:
     require_finite(table, f"the attitudes of {name}")
     _require_attitudes(table, name)
     return table
+
+
+def _require_law(law: AbstractLaw) -> None:
+    if not isinstance(law, AbstractLaw):
+        raise ValueError(f"a law such as TimeOptimal(max_rate, max_acceleration) was expected, but {law!r} was given")
 
 
 def _require_attitudes(quaternions: Float[Array, "n 4"], name: str) -> None:

@@ -39,8 +39,8 @@ class FrameProgram(AbstractProgram):
     Make the program inside the function that is differentiated or vmapped over paths. Outside [0, duration] the path
     goes on by its own rule, and so does the program.
 
-    **Raises:** ValueError for a rotation-minimizing frame whose `initial` does not fit the path, or anchors of another
-    shape.
+    **Raises:** ValueError for a frame that is none, a rotation-minimizing frame whose `initial` does not fit the path,
+    or anchors of another shape.
     """
 
     path: AbstractHodograph
@@ -55,6 +55,8 @@ class FrameProgram(AbstractProgram):
     ):
         self.path = path
         self.frame = Natural() if frame is None else frame
+        if not isinstance(self.frame, AbstractFrame | RotationMinimizing):
+            raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
         if isinstance(self.frame, RotationMinimizing):
             rotation_minimizing.require_initial(path, self.frame.initial)
         self.anchors = _anchors(path, self.frame) if anchors is None else as_float(anchors)

@@ -27,7 +27,8 @@ class TimeOptimal(AbstractLaw):
     `max_rate` [rad/s] may be None; `max_acceleration` [rad/s²]. From rest to rest unless `start_rate` and `end_rate`
     [rad/s] along the turn's axis are given. With a `duration` [s] the coast is slower instead, and the acceleration
     stays full. Optimal among turns about a fixed axis, and among all turns of a spherical body whose |ε| is limited;
-    limits on each axis alone can allow faster turns about a moving axis.
+    limits on each axis alone can allow faster turns about a moving axis (Bilimoria and Wie 1993: 180° about a body
+    axis, unit inertia and torques, in 3.24308 s instead of 3.54491 s).
 
     **Raises:** ValueError for limits or a duration that are not positive, or end rates beyond `max_rate`; in `profile`
     for a duration that is too short, or in which the end rates cannot be met.
