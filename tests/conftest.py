@@ -2,11 +2,14 @@
 
 import os
 
-# Most of the time goes into compiling what runs once: leave out LLVM's optimisation, unless told otherwise.
-os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
-
 import jax
 from jaxtyping import install_import_hook
+
+# Most of the time goes into compiling what runs once: compile quickly rather than well, unless told otherwise.
+QUICKLY = ["--xla_backend_optimization_level=0"]
+if jax.__version_info__ < (0, 11):
+    QUICKLY.append("--xla_cpu_use_fusion_emitters=false")  # later versions do not know it
+os.environ.setdefault("XLA_FLAGS", " ".join(QUICKLY))  # read when the first computation starts
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")

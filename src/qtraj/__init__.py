@@ -10,6 +10,25 @@ from qtraj.design.limits import Limits, peak
 from qtraj.design.tune import Tuned, tune
 from qtraj.foundation.document import load
 from qtraj.io.track_file import read_track
+from qtraj.motion import control, dynamics
+from qtraj.motion.attitude import AbstractProgram, Attitude
+from qtraj.motion.baselines import GeometricFeedback, LogarithmicFeedback, QuaternionFeedback
+from qtraj.motion.euler_turn import EulerTurn, TurnChain
+from qtraj.motion.frame_program import FrameProgram
+from qtraj.motion.gauss_legendre import GaussLegendre
+from qtraj.motion.kinematics import integrate
+from qtraj.motion.laws import AccelerationLaw, RateLaw
+from qtraj.motion.magnus import Magnus
+from qtraj.motion.propagate import propagate
+from qtraj.motion.response import error_response
+from qtraj.motion.rotation_minimizing import RotationMinimizing
+from qtraj.motion.s_curve import SCurve
+from qtraj.motion.simulate import simulate
+from qtraj.motion.smooth_step import Cubic, Quintic, Septic
+from qtraj.motion.solution import Solution
+from qtraj.motion.strapdown import propagate_samples
+from qtraj.motion.table_program import TableProgram
+from qtraj.motion.time_optimal import TimeOptimal
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.hodograph import AbstractHodograph, Curve
 from qtraj.path.placement import Placement
@@ -20,27 +39,54 @@ from qtraj.path.trihedral import Natural, Trihedral, Upright, trihedral
 
 __all__ = [
     "AbstractHodograph",
+    "AbstractProgram",
+    "AccelerationLaw",
+    "Attitude",
     "BoundaryState",
     "Certificate",
+    "Cubic",
     "Curve",
+    "EulerTurn",
+    "FrameProgram",
+    "GaussLegendre",
+    "GeometricFeedback",
     "Limits",
+    "LogarithmicFeedback",
+    "Magnus",
     "Natural",
     "Placement",
+    "QuaternionFeedback",
+    "Quintic",
+    "RateLaw",
     "Residual",
+    "RotationMinimizing",
+    "SCurve",
+    "Septic",
+    "Solution",
     "SpiralHelix",
     "Table",
+    "TableProgram",
+    "TimeOptimal",
     "Track",
     "Trihedral",
     "Tuned",
+    "TurnChain",
     "Upright",
     "__version__",
+    "control",
+    "dynamics",
+    "error_response",
     "evaluate",
     "fit",
+    "integrate",
     "load",
     "peak",
+    "propagate",
+    "propagate_samples",
     "quaternion",
     "read_track",
     "rotation",
+    "simulate",
     "trihedral",
     "tune",
 ]

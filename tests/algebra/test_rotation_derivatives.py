@@ -27,7 +27,7 @@ EULER = ("xyz", "ZXZ", "XZY")
 
 def batch(f):
     """Compiled without optimisation, which halves the time of a test that runs once."""
-    return jax.jit(jax.vmap(f), compiler_options={"xla_backend_optimization_level": 0})
+    return jax.jit(jax.vmap(f))
 
 
 def first_derivatives(f, xs):

@@ -19,7 +19,7 @@ def batch(f):
 
 def quickly(f):
     """Compiled without optimisation, which halves the time of a test that runs once."""
-    return jax.jit(f, compiler_options={"xla_backend_optimization_level": 0})
+    return jax.jit(f)
 
 
 def random_quaternions(count, seed=1):

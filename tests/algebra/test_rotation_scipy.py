@@ -26,7 +26,7 @@ def batch(f):
 
 def quickly(f):
     """As `batch`, for large functions: half the compile time."""
-    return jax.jit(jax.vmap(f), compiler_options={"xla_backend_optimization_level": 0})
+    return jax.jit(jax.vmap(f))
 
 
 def distance(p, q):

@@ -1,6 +1,5 @@
 """Euler turns: SciPy as the oracle, kinematics as laws, equal attitudes and half turns as singular points."""
 
-import functools
 import math
 
 import jax
@@ -19,11 +18,6 @@ from qtraj.motion.time_optimal import TimeOptimal
 ROUND_OFF = 2e-14
 GRADIENT = 1e-8  # of central differences of a smooth function of size 1, step 1e-5, relative to its third derivative
 
-# Compiled for one small run each: unoptimised code is there five times as fast.
-jit = functools.partial(
-    jax.jit, compiler_options={"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
-)
-
 
 def kinematics(program, t):
     """The attitude at `t`, 2λ̇ − λ∘ω and ω̇ − ε."""
@@ -40,7 +34,7 @@ def test_a_thousand_turns_agree_with_scipy():
     starts, ends = quaternions(1000), quaternions(1000, seed=2)
     lengths = np.random.default_rng(3).uniform(0.1, 9, (2, 1000, 1))
 
-    @jit
+    @jax.jit
     @jax.vmap
     def turns(start, end):
         program = EulerTurn(start, end, TimeOptimal(0.5, 0.3))
@@ -99,14 +93,14 @@ def test_equal_attitudes(law):
     ends, h, t = np.stack([2 * BASE, -2 * BASE]), 1e-7, 0.9
     resting = np.concatenate([BASE / np.linalg.norm(BASE), np.zeros(3)])
     both = jax.vmap(lambda e: (f(e, t), jax.jacfwd(f)(e, t), jax.jacrev(f)(e, t)))
-    values, forward, reverse = jit(both)(ends)
+    values, forward, reverse = jax.jit(both)(ends)
     np.testing.assert_allclose(values, [resting, resting], atol=ROUND_OFF)
     np.testing.assert_allclose(forward, reverse, atol=1e-12)
     assert np.isfinite(forward).all()
     if law.duration is None:  # the turn is over at once; a difference would see it begin
         return
     steps = h * np.concatenate([np.eye(4), -np.eye(4)])
-    near = jit(jax.vmap(jax.vmap(lambda e: f(e, t))))(ends[:, None] + steps)
+    near = jax.jit(jax.vmap(jax.vmap(lambda e: f(e, t))))(ends[:, None] + steps)
     difference = np.swapaxes(near[:, :4] - near[:, 4:], 1, 2) / (2 * h)
     # The switches of the time-optimal law move as Φ.
     np.testing.assert_allclose(forward, difference, atol=1e-3 if law.duration == 2.5 else 1e-7)
@@ -122,14 +116,14 @@ def test_half_turns():
         at = program(0.8)
         return jnp.concatenate([at.quaternion, at.rate, program.angle[None]])
 
-    values, gradient, reverse = jit(lambda e: (f(e), jax.jacfwd(f)(e), jax.jacrev(f)(e)))(end)
+    values, gradient, reverse = jax.jit(lambda e: (f(e), jax.jacfwd(f)(e), jax.jacrev(f)(e)))(end)
     np.testing.assert_allclose(values[-1], math.pi, atol=ROUND_OFF)
     np.testing.assert_allclose(values[4:7] / np.linalg.norm(values[4:7]), HALF[1:], atol=ROUND_OFF)
     np.testing.assert_allclose(gradient, reverse, atol=1e-12)
     assert np.isfinite(gradient).all()
     # Towards the shorter side the derivative is one-sided; across the axis of the turn it is an ordinary one.
     side, h = np.asarray(quaternion.product(jnp.asarray(start), jnp.asarray([0.0, 0.0, 1.0, 0.0]))), 1e-6
-    f = jit(f)
+    f = jax.jit(f)
     np.testing.assert_allclose(gradient @ side, (f(end + h * side) - f(end - h * side)) / (2 * h), atol=1e-8)
 
 
@@ -142,9 +136,9 @@ def test_gradients_of_a_turn():
         at = program(1.3)
         return jnp.concatenate([at.quaternion, at.rate, at.acceleration, program.duration[None]])
 
-    forward, reverse = jit(lambda x: (jax.jacfwd(f)(x), jax.jacrev(f)(x)))(x)
+    forward, reverse = jax.jit(lambda x: (jax.jacfwd(f)(x), jax.jacrev(f)(x)))(x)
     h = 1e-5
-    near = jit(jax.vmap(f))(x + h * np.concatenate([np.eye(8), -np.eye(8)]))
+    near = jax.jit(jax.vmap(f))(x + h * np.concatenate([np.eye(8), -np.eye(8)]))
     np.testing.assert_allclose(forward, (near[:8] - near[8:]).T / (2 * h), atol=GRADIENT)
     np.testing.assert_allclose(reverse, forward, atol=1e-12)
 
@@ -164,21 +158,21 @@ def test_a_chain_passes_its_attitudes_at_rest():
     times = np.asarray(chain.times)
     singles = jax.vmap(lambda a, b: EulerTurn(a, b, chain.law)(0.3).quaternion)
     durations = jax.vmap(lambda a, b: EulerTurn(a, b, chain.law).duration)
-    np.testing.assert_allclose(np.diff(times), jit(durations)(attitudes[:-1], attitudes[1:]), rtol=1e-13)
+    np.testing.assert_allclose(np.diff(times), jax.jit(durations)(attitudes[:-1], attitudes[1:]), rtol=1e-13)
     assert times[2] == times[3]
 
     def at_times(chain, times):
         return jax.vmap(lambda t: kinematics(chain, t))(times)
 
     grid = np.linspace(0, times[-1], 2001)
-    at, quaternion_gap, rate_gap = jit(at_times)(chain, np.concatenate([times, grid]))
+    at, quaternion_gap, rate_gap = jax.jit(at_times)(chain, np.concatenate([times, grid]))
     np.testing.assert_allclose(np.abs(np.sum(at.quaternion[:6] * attitudes, axis=1)), np.linalg.norm(attitudes, axis=1))
     np.testing.assert_allclose(at.rate[:6], 0, atol=ROUND_OFF)
     np.testing.assert_allclose(quaternion_gap, 0, atol=ROUND_OFF)
     np.testing.assert_allclose(rate_gap, 0, atol=ROUND_OFF)
     steps = np.linalg.norm(np.diff(at.quaternion[6:], axis=0), axis=1)
     assert steps.max() <= 0.5 * np.linalg.norm(at.rate, axis=1).max() * grid[1] * 1.001  # the sign is continuous
-    alone, within = jit(singles)(attitudes[:-1], attitudes[1:])[4], chain(times[4] + 0.3).quaternion
+    alone, within = jax.jit(singles)(attitudes[:-1], attitudes[1:])[4], chain(times[4] + 0.3).quaternion
     np.testing.assert_allclose(alone * np.sign(alone @ within), within, atol=ROUND_OFF)
 
 

@@ -1,6 +1,5 @@
 """Frame programs: kinematic laws for every frame, one continuous quaternion, and the rotation-minimizing frame."""
 
-import functools
 import math
 
 import jax
@@ -24,11 +23,6 @@ GRADIENT = 1e-7  # of central differences, step 1e-5
 
 FRAMES = {"natural": Natural(), "upright": Upright(), "minimizing": RotationMinimizing()}
 
-# Compiled for one small run each: unoptimised code is there five times as fast.
-jit = functools.partial(
-    jax.jit, compiler_options={"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
-)
-
 
 def polynomial_path(radius, angle, height, orientation=(1.0, 0.0, 0.0, 0.0)):
     """A path of one structure for all, so that each program is compiled once."""
@@ -42,7 +36,7 @@ def spiral(pitch=1.0):
     return polynomial_path([20.0, 0.5, -0.1], [0.3, 3.1, 0.05], height, (1.0, 0.2, -0.1, 0.3))
 
 
-@jit
+@jax.jit
 def evaluated(program, times):
     """Attitudes, and how far 2λ̇ = λ∘ω and ω̇ = ε are from true."""
 
@@ -66,7 +60,7 @@ def check_program(program, count=1001):
     return times, at
 
 
-@jit
+@jax.jit
 def frames(path, frame, times):
     """The trihedra of a path, as direction cosines and as quaternions of either sign."""
     tri = jax.vmap(lambda t: trihedral(path, t, frame))(times)
@@ -75,7 +69,7 @@ def frames(path, frame, times):
 
 def matrices(quaternions):
     """Direction cosines, rows the axes of the frame."""
-    return np.asarray(jit(jax.vmap(rotation.to_dcm))(quaternions))
+    return np.asarray(jax.jit(jax.vmap(rotation.to_dcm))(quaternions))
 
 
 @pytest.mark.parametrize("name", ["natural", "upright"])
@@ -87,7 +81,7 @@ def test_a_program_is_its_trihedral_with_one_continuous_sign(name):
     np.testing.assert_allclose(matrices(at.quaternion), expected, atol=ROUND_OFF)
     assert np.sum(np.abs(np.diff(np.sum(raw * at.quaternion, axis=1))) > 1) >= 3  # the raw sign does change
     # One instant, without its neighbours, gives the same.
-    one = jit(lambda t: program(t).quaternion)
+    one = jax.jit(lambda t: program(t).quaternion)
     for k in (130, 701, 1000):
         np.testing.assert_allclose(one(times[k]), at.quaternion[k], atol=ROUND_OFF)
 
@@ -117,7 +111,7 @@ def test_the_minimizing_frame_against_an_integration():
     shift = 1.0
     program = FrameProgram(Curve(lambda t: winding(t - shift), 2.2), RotationMinimizing([0.0, 0.0, 2.0]))
     times, at = check_program(program)
-    velocity = jit(jax.vmap(lambda t: jnp.stack(jax.jvp(jax.jacfwd(winding), (t - shift,), (1.0,)))))
+    velocity = jax.jit(jax.vmap(lambda t: jnp.stack(jax.jvp(jax.jacfwd(winding), (t - shift,), (1.0,)))))
 
     def transport(t, n):  # n' = −(τ'·n) τ
         r1, r2 = np.asarray(velocity(np.array([t])))[0]
@@ -152,7 +146,7 @@ def test_a_loop_has_a_constant_binormal():
 
 def test_the_first_attitude_may_be_chosen():
     path = spiral()
-    natural = jit(lambda: trihedral(path, 0.0).quaternion())()
+    natural = jax.jit(lambda: trihedral(path, 0.0).quaternion())()
     about = jnp.asarray([math.cos(0.35), math.sin(0.35), 0.0, 0.0])
     chosen = quaternion.product(natural, about)
     by_attitude = FrameProgram(path, RotationMinimizing(-3 * chosen))
@@ -177,7 +171,7 @@ def test_gradients_with_respect_to_the_path(name, mode):
         return jnp.concatenate([at.quaternion, at.rate, at.acceleration])
 
     h = 1e-5
-    gradient, below, above = jit(lambda x: (mode(f)(x), *jax.vmap(f)(x + jnp.asarray([-h, h]))))(1.0)
+    gradient, below, above = jax.jit(lambda x: (mode(f)(x), *jax.vmap(f)(x + jnp.asarray([-h, h]))))(1.0)
     np.testing.assert_allclose(gradient, (above - below) / (2 * h), atol=GRADIENT)
 
 

@@ -1,6 +1,5 @@
 """Turn profiles: limits, minimal times, derivatives and gradients, at regime boundaries and at Φ = 0 too."""
 
-import functools
 import math
 
 import jax
@@ -16,11 +15,6 @@ from qtraj.motion.time_optimal import TimeOptimal
 ROUND_OFF = 1e-11  # relative, of a chain of pieces
 FINITE_DIFFERENCE = 2e-6  # of central differences with a step of 1e-6
 DEGREE = math.pi / 180
-
-# These graphs are compiled for one small run each: unoptimised code is there five times as fast.
-jit = functools.partial(
-    jax.jit, compiler_options={"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
-)
 
 FROM_LIMITS = {
     "time-optimal": lambda v, a, j: TimeOptimal(v, a),
@@ -49,7 +43,7 @@ def sample(profile):
 
 def sampled(make, *arguments):
     """`sample` of the profile that `make` gives for each row of the arguments, as NumPy arrays."""
-    return jax.tree.map(np.asarray, jit(jax.vmap(lambda *x: sample(make(*x))))(*arguments))
+    return jax.tree.map(np.asarray, jax.jit(jax.vmap(lambda *x: sample(make(*x))))(*arguments))
 
 
 def check_consistency(profiles, values, slopes, acceleration):
@@ -180,7 +174,7 @@ def test_a_duration_too_short_is_refused_with_the_least_one(name):
     least = float(FROM_LIMITS[name](1.0, 0.7, 2.0).profile(2.0).duration)
     with pytest.raises(ValueError, match=f"needs at least {least:.16g}"[:28]):
         IN_TIME[name](1.0, 0.7, 2.0, 0.999 * least).profile(2.0)
-    traced = jit(lambda T: IN_TIME[name](1.0, 0.7, 2.0, T).profile(2.0))
+    traced = jax.jit(lambda T: IN_TIME[name](1.0, 0.7, 2.0, T).profile(2.0))
     assert not traced(0.5 * least).feasible
     np.testing.assert_allclose(traced(0.5 * least).duration, least, rtol=1e-15)
 
@@ -212,14 +206,14 @@ def test_gradients(name, points):
     def f(x):
         return outputs(name, x)
 
-    @jit
+    @jax.jit
     @jax.vmap
     def both(x):
         return jax.jacfwd(f)(x), jax.jacrev(f)(x)
 
     h, points = 1e-6, np.array(points)
     steps = h * np.eye(points.shape[1])
-    values = jit(jax.vmap(jax.vmap(jax.vmap(f))))(points[:, None, None] + np.stack([steps, -steps])[None])
+    values = jax.jit(jax.vmap(jax.vmap(jax.vmap(f))))(points[:, None, None] + np.stack([steps, -steps])[None])
     forward, reverse = both(points)
     difference = np.swapaxes(values[:, 0] - values[:, 1], 1, 2) / (2 * h)
     np.testing.assert_allclose(forward, difference, rtol=FINITE_DIFFERENCE, atol=FINITE_DIFFERENCE)
@@ -238,7 +232,7 @@ def test_gradients_agree_on_both_sides_of_a_regime_boundary(name, points):
     h = 1e-7
     around = points + h * np.concatenate([np.zeros((1, 4)), np.eye(4), -np.eye(4)])
     duration = jax.value_and_grad(lambda x: outputs(name, x)[0])
-    values, gradients = (np.asarray(x) for x in jit(jax.vmap(jax.vmap(duration)))(around))
+    values, gradients = (np.asarray(x) for x in jax.jit(jax.vmap(jax.vmap(duration)))(around))
     assert np.isfinite(gradients).all()
     np.testing.assert_allclose(gradients, np.broadcast_to(gradients[:, :1], gradients.shape), atol=1e-5)
     np.testing.assert_allclose(values[:, 1:5] - values[:, :1], h * gradients[:, 0], atol=1e-12)
@@ -265,8 +259,8 @@ def test_no_angle(name):
         return jnp.concatenate([profile.duration[None], profile.derivatives(0.7, 2)])
 
     h = 1e-10  # the profiles are smooth in Φ at a fixed instant, but their switches move as √Φ or ∛Φ
-    values = jit(jax.vmap(f))(np.array([0.0, h, -h]))
-    forward, reverse = jit(lambda x: (jax.jacfwd(f)(x), jax.jacrev(f)(x)))(0.0)
+    values = jax.jit(jax.vmap(f))(np.array([0.0, h, -h]))
+    forward, reverse = jax.jit(lambda x: (jax.jacfwd(f)(x), jax.jacrev(f)(x)))(0.0)
     np.testing.assert_array_equal(values[0], [0.0 if law.duration is None else 2.0, 0, 0, 0])
     np.testing.assert_array_equal(forward, reverse)
     # Without a fixed duration the turn is over at once: Φ(t) = Φ.

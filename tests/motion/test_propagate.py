@@ -191,8 +191,17 @@ def test_under_jit_and_vmap():
 
 
 def test_a_traced_quaternion_is_planned_while_tracing():
-    scaled = jax.jit(lambda q: propagate(FAST, q, TIMES))(jnp.asarray(2 * QUATERNION))
-    np.testing.assert_allclose(scaled, 2 * propagate(FAST, QUATERNION, TIMES), rtol=0, atol=TOLERANCE)
+    """The number of steps is known then: the program has no search in it, and no slots to spare."""
+    plain, known = propagate_with_estimate(FAST, QUATERNION, TIMES), []
+
+    @jax.jit
+    def staged(q):
+        solution = propagate_with_estimate(FAST, q, TIMES)
+        known.append(int(solution.steps))
+        return solution.quaternion
+
+    np.testing.assert_allclose(staged(jnp.asarray(2 * QUATERNION)), 2 * plain.quaternion, rtol=0, atol=TOLERANCE)
+    assert known == [plain.steps]
 
 
 def test_a_missed_tolerance_under_jit_raises():
@@ -208,6 +217,8 @@ def test_float32():
     assert qs.dtype == jnp.float32
     assert angles(np.asarray(qs, float), FAST.quaternions(times)).max() < 1e-5
     np.testing.assert_allclose(np.linalg.norm(qs, axis=1), 1.0, rtol=1e-6, atol=0)
+    staged = jax.jit(lambda q: propagate(coning, q, times))(qs[0])
+    np.testing.assert_allclose(staged, qs, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -225,6 +225,11 @@ def test_bad_recordings(change, message):
         propagate_samples(**arguments)
 
 
+def test_a_gap_is_seen_while_tracing():
+    with pytest.raises(ValueError, match=r"gap of 0\.7 s"):
+        jax.jit(lambda rates: propagate_samples(GAP, rates, [1.0, 0, 0, 0]))(jnp.zeros((5, 3)))
+
+
 def test_a_gap_may_be_allowed():
     assert propagate_samples(GAP, np.zeros((5, 3)), [1.0, 0, 0, 0], max_gap=None).shape == (5, 4)
     assert propagate_samples(GAP, np.zeros((5, 3)), [1.0, 0, 0, 0], max_gap=8.0).shape == (5, 4)

@@ -1,6 +1,5 @@
 """The rotation spline: SciPy's RotationSpline, run to convergence, is the oracle."""
 
-import functools
 import math
 
 import jax
@@ -15,11 +14,6 @@ from qtraj.motion import rotation_spline
 from qtraj.motion.table_program import TableProgram
 
 SPLINE = 1e-11  # agreement of values, rates and accelerations of size 1 to 10 once both iterations have converged
-
-# Compiled for one small run each: unoptimised code is there five times as fast.
-jit = functools.partial(
-    jax.jit, compiler_options={"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
-)
 
 
 @pytest.fixture
@@ -41,7 +35,7 @@ def table(count, step, seed=6):
     return times, rotations, sizes[:, None] * rotations.as_quat(scalar_first=True)
 
 
-@jit
+@jax.jit
 def evaluated(program, times):
     """Attitudes, and how far 2λ̇ = λ∘ω and ω̇ = ε are from true."""
 
@@ -104,9 +98,9 @@ def test_gradients_with_respect_to_the_table():
         return weights @ jnp.concatenate([at.quaternion, at.rate, at.acceleration])
 
     h, x = 1e-5, np.concatenate([0 * quaternions[:, :1], quaternions], axis=1)
-    value = jit(f)
+    value = jax.jit(f)
     difference = (value(x + h * direction) - value(x - h * direction)) / (2 * h)
-    np.testing.assert_allclose(np.sum(jit(jax.grad(f))(x) * direction), difference, rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(np.sum(jax.jit(jax.grad(f))(x) * direction), difference, rtol=1e-7, atol=1e-7)
 
 
 def test_first_and_second_derivatives_of_the_rates_are_exact():
@@ -120,8 +114,8 @@ def test_first_and_second_derivatives_of_the_rates_are_exact():
         return jax.jvp(f, (s,), (1.0,))[1]
 
     h = 1e-4
-    below, value, above = jit(jax.vmap(f))(np.array([-h, 0.0, h]))
-    slope, bend = jit(lambda s: jax.jvp(first, (s,), (1.0,)))(0.0)
+    below, value, above = jax.jit(jax.vmap(f))(np.array([-h, 0.0, h]))
+    slope, bend = jax.jit(lambda s: jax.jvp(first, (s,), (1.0,)))(0.0)
     np.testing.assert_allclose(slope, (above - below) / (2 * h), rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(bend, (above - 2 * value + below) / h**2, rtol=1e-5, atol=1e-5)
 

@@ -3,8 +3,6 @@
 Where the rate and the times are known the mesh grows as it must; inside a trace it has a fixed number of slots.
 """
 
-import contextlib
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -13,7 +11,7 @@ from jax.lax import stop_gradient
 from qtraj.foundation.arrays import concrete
 from qtraj.motion import mesh as meshes
 from qtraj.motion.mesh import Errors, Mesh
-from qtraj.motion.propagation_problem import Problem, step_errors
+from qtraj.motion.propagation_problem import Problem, at_once, step_errors
 
 MAX_STEPS = 2**18
 """Outside a trace, where only the steps that are needed cost anything."""
@@ -36,10 +34,10 @@ def adaptive(problem: Problem, max_steps: int | None) -> tuple[Mesh, Errors]:
     """
     if max_steps is not None and max_steps < problem.intervals:
         raise ValueError(f"max_steps={max_steps} is fewer than the {problem.intervals} intervals between the times")
-    with _at_once():
-        mesh = meshes.first_mesh(problem.intervals, _slots(problem.intervals), problem.times.dtype)
+    with at_once():
+        mesh = _first_mesh(problem.intervals, _slots(problem.intervals), problem.times.dtype)
         first = step_errors(problem, mesh)
-        if concrete(first.truncation) is not None:
+        if concrete(first.truncation) is not None and concrete(stop_gradient(problem.tolerance)) is not None:
             return _grown(problem, mesh, first, MAX_STEPS if max_steps is None else max_steps)
     return _within(problem, traced_slots(problem) if max_steps is None else max_steps)
 
@@ -82,12 +80,7 @@ def _within(problem: Problem, slots: int) -> tuple[Mesh, Errors]:
     return mesh, found
 
 
-def _at_once() -> contextlib.AbstractContextManager:
-    """Lets a jitted program whose rate is known plan while it is traced."""
-    staged = concrete(jnp.zeros(())) is None
-    return jax.ensure_compile_time_eval() if staged else contextlib.nullcontext()
-
-
+_first_mesh = eqx.filter_jit(meshes.first_mesh)
 _refine = eqx.filter_jit(meshes.refine)
 _resized = eqx.filter_jit(meshes.resized)
 _padded = eqx.filter_jit(meshes.padded)

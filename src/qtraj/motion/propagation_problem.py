@@ -1,5 +1,6 @@
 """What a propagation is given, checked and in one dtype; the rate at the nodes of its steps; the steps multiplied."""
 
+import contextlib
 import functools
 from collections.abc import Callable
 from typing import Any
@@ -53,14 +54,21 @@ def checked(
 ) -> Problem:
     """The problem in one dtype, defaults filled in (ValueError for bad input)."""
     require_axes(axes)
-    times, q0 = output_times(times), initial_quaternion(q0)
-    dtype = common_dtype(times, q0)
-    if tolerance is None:
-        tolerance = TOLERANCE if dtype == jnp.float64 else TOLERANCE_FLOAT32
-    tolerance = as_float(tolerance).astype(dtype)
-    require_positive(tolerance, "the tolerance", "rad")
-    method = GaussLegendre() if method is None else method
-    return Problem(omega, q0.astype(dtype), times.astype(dtype), tolerance, method, axes)
+    with at_once():
+        times, q0 = output_times(times), initial_quaternion(q0)
+        dtype = common_dtype(times, q0)
+        if tolerance is None:
+            tolerance = TOLERANCE if dtype == jnp.float64 else TOLERANCE_FLOAT32
+        tolerance = as_float(tolerance).astype(dtype)
+        require_positive(tolerance, "the tolerance", "rad")
+        method = GaussLegendre() if method is None else method
+        return Problem(omega, q0.astype(dtype), times.astype(dtype), tolerance, method, axes)
+
+
+def at_once() -> contextlib.AbstractContextManager:
+    """Lets a program that is being traced compute what it knows already."""
+    staged = concrete(jnp.zeros(())) is None
+    return jax.ensure_compile_time_eval() if staged else contextlib.nullcontext()
 
 
 def output_times(times: ArrayInput) -> Float[Array, " n"]:

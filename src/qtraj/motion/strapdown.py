@@ -15,7 +15,7 @@ from qtraj.foundation.types import ArrayInput, Quat
 from qtraj.motion.gauss_legendre import GaussLegendre
 from qtraj.motion.increment import AbstractIncrement, accumulate, from_body, increments, require_axes, to_body
 from qtraj.motion.lagrange import lagrange
-from qtraj.motion.propagation_problem import common_dtype, initial_quaternion, output_times
+from qtraj.motion.propagation_problem import at_once, common_dtype, initial_quaternion, output_times
 
 KINDS = ("instantaneous", "mean", "increment")
 
@@ -55,9 +55,10 @@ def propagate_samples(
     require_axes(axes)
     if kind not in KINDS:
         raise ValueError(f"kind must be one of {', '.join(map(repr, KINDS))}, but {kind!r} was given")
-    times, q0 = output_times(times), initial_quaternion(q0)
-    rates = _checked_rates(rates, times, kind)
-    _require_no_gap(times, max_gap)
+    with at_once():
+        times, q0 = output_times(times), initial_quaternion(q0)
+        rates = _checked_rates(rates, times, kind)
+        _require_no_gap(times, max_gap)
     if times.shape[0] == 1:
         return q0[None]
     if degree is None:
