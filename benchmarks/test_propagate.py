@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 import scipy.integrate
 
-from qtraj.motion.gauss_legendre import GaussLegendre
-from qtraj.motion.increment import AbstractIncrement
-from qtraj.motion.magnus import Magnus
-from qtraj.motion.propagate import propagate
-from qtraj.motion.solver import AttitudeTerm, QuaternionMagnus
+from qtraj.motion.propagation.gauss_legendre import GaussLegendre
+from qtraj.motion.propagation.increment import AbstractIncrement
+from qtraj.motion.propagation.magnus import Magnus
+from qtraj.motion.propagation.propagate import propagate
+from qtraj.motion.propagation.solver import AttitudeTerm, QuaternionMagnus
 
 BETA, OMEGA, END = np.radians(50.0), 2 * np.pi, 10.3
 TIMES = np.array([0.0, END])

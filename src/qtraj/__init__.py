@@ -12,23 +12,23 @@ from qtraj.foundation.document import load
 from qtraj.io.track_file import read_track
 from qtraj.motion import control, dynamics
 from qtraj.motion.attitude import AbstractProgram, Attitude
-from qtraj.motion.baselines import GeometricFeedback, LogarithmicFeedback, QuaternionFeedback
-from qtraj.motion.euler_turn import EulerTurn, TurnChain
-from qtraj.motion.frame_program import FrameProgram
-from qtraj.motion.gauss_legendre import GaussLegendre
-from qtraj.motion.kinematics import integrate
-from qtraj.motion.laws import AccelerationLaw, RateLaw
-from qtraj.motion.magnus import Magnus
-from qtraj.motion.propagate import propagate
-from qtraj.motion.response import error_response
-from qtraj.motion.rotation_minimizing import RotationMinimizing
-from qtraj.motion.s_curve import SCurve
-from qtraj.motion.simulate import simulate
-from qtraj.motion.smooth_step import Cubic, Quintic, Septic
-from qtraj.motion.solution import Solution
-from qtraj.motion.strapdown import propagate_samples
-from qtraj.motion.table_program import TableProgram
-from qtraj.motion.time_optimal import TimeOptimal
+from qtraj.motion.control.baselines import GeometricFeedback, LogarithmicFeedback, QuaternionFeedback
+from qtraj.motion.control.laws import AccelerationLaw, RateLaw
+from qtraj.motion.control.response import error_response
+from qtraj.motion.profiles.s_curve import SCurve
+from qtraj.motion.profiles.smooth_step import Cubic, Quintic, Septic
+from qtraj.motion.profiles.time_optimal import TimeOptimal
+from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
+from qtraj.motion.programs.frame_program import FrameProgram
+from qtraj.motion.programs.rotation_minimizing import RotationMinimizing
+from qtraj.motion.programs.table_program import TableProgram
+from qtraj.motion.propagation.gauss_legendre import GaussLegendre
+from qtraj.motion.propagation.magnus import Magnus
+from qtraj.motion.propagation.propagate import propagate
+from qtraj.motion.propagation.strapdown import propagate_samples
+from qtraj.motion.simulation.kinematics import integrate
+from qtraj.motion.simulation.simulate import simulate
+from qtraj.motion.simulation.solution import Solution
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.hodograph import AbstractHodograph, Curve
 from qtraj.path.placement import Placement

@@ -7,7 +7,7 @@ import numpy as np
 import qtraj as qt
 from qtraj.foundation.types import Scalar
 from qtraj.motion.attitude import AbstractProgram, Attitude
-from qtraj.motion.laws import AbstractLaw
+from qtraj.motion.control.laws import AbstractLaw
 
 
 def turn(axis, angle):

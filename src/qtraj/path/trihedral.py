@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from qtraj.algebra import rotation
 from qtraj.algebra.vector import norm, unit
 from qtraj.foundation.arrays import as_float, concrete, one_instant, real_vector
+from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Flag, Mat3, Quat, Scalar, ScalarLike, Vec3
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.invariants import existence, invariants
@@ -74,6 +75,7 @@ def trihedral(path: AbstractHodograph, t: ScalarLike, frame: AbstractFrame | Non
     return frame.trihedral(path.derivatives(one_instant(t), 4), as_float(path.duration))
 
 
+@storable
 class Natural(AbstractFrame):
     """The natural (Frenet) trihedral: tangent, principal normal, binormal (paper S, with its errata mended)."""
 
@@ -97,6 +99,7 @@ class Natural(AbstractFrame):
         )
 
 
+@storable
 class Upright(AbstractFrame):
     """The frame of a vehicle that stays upright: x along the path, y to the left, z up.
 

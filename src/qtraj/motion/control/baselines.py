@@ -1,0 +1,92 @@
+"""Three established attitude feedbacks, as baselines: their closed loops are not linear.
+
+All demand Ω̇ = −K1Ω − K2 e of the rate error Ω = ω_v − w, w = μ⁻¹ω⁰μ, and differ in the attitude error e, which is Φ
+along the axis for small angles Φ. All are fed forward, so the tracking error of a moving program is that of a resting
+one. Gains are a scalar, (3,) diagonal or (3, 3). The virtual part of their command is 0; |λ| plays no role.
+"""
+
+import jax.numpy as jnp
+
+from qtraj.algebra.quaternion import conjugate, rotate, unit
+from qtraj.algebra.rotation import to_rotation_vector
+from qtraj.foundation.document import storable
+from qtraj.foundation.types import ArrayInput, Quat, Vec3
+from qtraj.motion.attitude import Attitude
+from qtraj.motion.control.errors import error_quaternion, pure
+from qtraj.motion.control.laws import AbstractLaw, Gain, apply, gain
+
+
+@storable
+class QuaternionFeedback(AbstractLaw):
+    """e = 2 sgn(μ0) μ_v/|μ|, of length 2 sin Φ/2 (Wie & Barba 1985; Yuan 1988, reference [4] of paper C).
+
+    `k1` [1/s], `k2` [1/s²]. The sign takes the shorter way; at μ0 = 0 it is +.
+    """
+
+    k1: Gain
+    k2: Gain
+
+    def __init__(self, k1: ArrayInput, k2: ArrayInput):
+        self.k1, self.k2 = gain(k1, "k1", 3), gain(k2, "k2", 3)
+
+    def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
+        mu = unit(error_quaternion(reference, quaternion))
+        return _feedback(self, reference, mu, rate, 2 * jnp.where(mu[0] < 0, -mu[1:], mu[1:]))
+
+    def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
+        return error_quaternion(reference, quaternion)
+
+
+@storable
+class GeometricFeedback(AbstractLaw):
+    """e = ½(R_dᵀR − RᵀR_d)^∨, of length sin Φ: half the sum of the cross products of the axes.
+
+    `k1` [1/s], `k2` [1/s²]. Lee's feedback on SO(3); in robotics that of Luh and of Fu & Gonzalez, reference [3] of
+    paper C. It fades towards Φ = π, where it vanishes.
+    """
+
+    k1: Gain
+    k2: Gain
+
+    def __init__(self, k1: ArrayInput, k2: ArrayInput):
+        self.k1, self.k2 = gain(k1, "k1", 3), gain(k2, "k2", 3)
+
+    def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
+        mu = unit(error_quaternion(reference, quaternion))
+        return _feedback(self, reference, mu, rate, 2 * mu[0] * mu[1:])
+
+    def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
+        return error_quaternion(reference, quaternion)
+
+
+@storable
+class LogarithmicFeedback(AbstractLaw):
+    """e = the rotation vector of the error, of length Φ ≤ π. `k1` [1/s], `k2` [1/s²]. It jumps at Φ = π."""
+
+    k1: Gain
+    k2: Gain
+
+    def __init__(self, k1: ArrayInput, k2: ArrayInput):
+        self.k1, self.k2 = gain(k1, "k1", 3), gain(k2, "k2", 3)
+
+    def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
+        mu = error_quaternion(reference, quaternion)
+        return _feedback(self, reference, mu, rate, to_rotation_vector(mu))
+
+    def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
+        return error_quaternion(reference, quaternion)
+
+
+def _feedback(
+    law: QuaternionFeedback | GeometricFeedback | LogarithmicFeedback,
+    reference: Attitude,
+    mu: Quat,
+    rate: Quat,
+    attitude_error: Vec3,
+) -> Quat:
+    """(0, μ⁻¹ε⁰μ + w×Ω − K1Ω − K2e): the program's acceleration in body axes, and the feedback."""
+    back = conjugate(mu)
+    w = rotate(back, reference.rate)
+    excess = rate[1:] - w
+    forward = rotate(back, reference.acceleration) + jnp.cross(w, excess)
+    return pure(forward - apply(law.k1, excess) - apply(law.k2, attitude_error))

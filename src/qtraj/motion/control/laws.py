@@ -1,0 +1,138 @@
+"""Feedback laws after paper C, whose error equations are linear, stationary and independent of the program.
+
+The acceleration law makes x = μ − 1 (or μ* − 1, or Δ) obey ẍ + K1ẋ + K2x = 0, the rate law ẋ + Kx = 0. The gains are
+constants: a scalar, (4,) for a diagonal, or (4, 4). The vector part of a command is physical; the scalar part is
+virtual: with it the on-board computer steers |λ|, which no body notices.
+"""
+
+import abc
+import os
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.algebra.quaternion import derivative, inverse, product
+from qtraj.foundation import document
+from qtraj.foundation.arrays import as_float, require_finite
+from qtraj.foundation.document import storable
+from qtraj.foundation.types import ArrayInput, Quat
+from qtraj.motion.attitude import Attitude
+from qtraj.motion.control.errors import (
+    error_quaternion,
+    error_rate,
+    pure,
+    require_kind,
+    target,
+    to_body,
+    to_inertial,
+)
+
+Gain = Float[Array, ""] | Float[Array, " n"] | Float[Array, "n n"]
+
+
+class AbstractLaw(eqx.Module):
+    """A feedback: from the program's attitude and the body's state to a command."""
+
+    @abc.abstractmethod
+    def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
+        """The command (4,) in body axes: virtual scalar part first, then the physical vector."""
+
+    @abc.abstractmethod
+    def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
+        """The error quaternion (4,) that the law acts on."""
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Write the law to a TOML or JSON file, exactly; `qtraj.load` reads it.
+
+        **Raises:** ValueError for another suffix.
+        """
+        document.save(self, file)
+
+
+@storable
+class AccelerationLaw(AbstractLaw):
+    """Angular acceleration [rad/s²] under which ẍ + K1ẋ + K2x = 0 for the chosen error x.
+
+    `k1` [1/s] and `k2` [1/s²]: scalar, (4,) diagonal or (4, 4). `error`: "body" (x = μ − 1; commands in body axes, for
+    strapdown sensors), "inertial" (x = μ* − 1) or "additive" (x = Δ). With scalar gains the physical part is
+    μ⁻¹ε⁰μ + w×Ω − (K1 + ω0)Ω − 2K2 μ_v/|μ|² with w = μ⁻¹ω⁰μ, Ω = ω_v − w: it grows as 1/|μ|, and μ = 0 has no command.
+
+    **Raises:** ValueError for gains of another shape or not finite, and for another error.
+    """
+
+    k1: Gain
+    k2: Gain
+    error: str = eqx.field(static=True)
+
+    def __init__(self, k1: ArrayInput, k2: ArrayInput, error: str = "body"):
+        self.k1 = gain(k1, "k1", 4)
+        self.k2 = gain(k2, "k2", 4)
+        require_kind(error)
+        self.error = error
+
+    def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
+        x = error_quaternion(reference, quaternion, self.error)
+        v = error_rate(reference, quaternion, rate, self.error)
+        pull = apply(self.k1, v) + apply(self.k2, x - target(self.error, x))  # −ẍ, as demanded
+        if self.error == "body":
+            omega, epsilon = pure(reference.rate), pure(reference.acceleration)
+            drift = product(epsilon, x) + product(omega, v) - product(v, rate)
+            return product(inverse(x), drift - 2 * pull)
+        if self.error == "inertial":
+            omega = to_inertial(quaternion, rate)
+            omega_program = to_inertial(reference.quaternion, pure(reference.rate))
+            epsilon = to_inertial(reference.quaternion, pure(reference.acceleration))
+            drift = product(x, epsilon) + product(v, omega_program) - product(omega, v)
+            return to_body(quaternion, product(drift - 2 * pull, inverse(x)))
+        wanted = second_derivative(reference) - pull
+        return 2 * product(inverse(quaternion), wanted) - 0.5 * product(rate, rate)
+
+    def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
+        return error_quaternion(reference, quaternion, self.error)
+
+
+@storable
+class RateLaw(AbstractLaw):
+    """Angular rate [rad/s] under which μ̇ + K(μ − 1) = 0, for bodies whose rate can be commanded.
+
+    `k` [1/s]: scalar, (4,) diagonal or (4, 4). ω_x = μ⁻¹∘[ω_z⁰∘μ − 2K(μ − 1)]. The `rate` in a call is not used.
+
+    **Raises:** ValueError for a gain of another shape or not finite.
+    """
+
+    k: Gain
+
+    def __init__(self, k: ArrayInput):
+        self.k = gain(k, "k", 4)
+
+    def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat | None = None) -> Quat:
+        mu = error_quaternion(reference, quaternion)
+        pull = apply(self.k, mu - target("body", mu))
+        return product(inverse(mu), product(pure(reference.rate), mu) - 2 * pull)
+
+    def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
+        return error_quaternion(reference, quaternion)
+
+
+def second_derivative(reference: Attitude) -> Quat:
+    """λ̈⁰ = ½λ⁰∘(ε_z⁰ − ½|ω⁰|²) [1/s²] of a program."""
+    scalar = -0.5 * jnp.sum(reference.rate * reference.rate)
+    return derivative(reference.quaternion, jnp.concatenate([scalar[None], reference.acceleration]))
+
+
+def gain(k: ArrayInput, name: str, size: int) -> Array:
+    """A gain as a float array of shape (), (size,) or (size, size); ValueError otherwise."""
+    k = as_float(k)
+    if k.shape not in ((), (size,), (size, size)):
+        raise ValueError(
+            f"{name} must be a scalar, ({size},) for a diagonal or ({size}, {size}), but its shape is {k.shape}"
+        )
+    require_finite(k, name)
+    return k
+
+
+def apply(k: Array, x: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Kx for a scalar, diagonal or full K."""
+    k = k.astype(x.dtype)
+    return jnp.matmul(k, x, precision="highest") if k.ndim == 2 else k * x

@@ -1,0 +1,117 @@
+"""The error of a closed loop in closed form: the exponential of a constant matrix, whatever the program does.
+
+(x, ẋ)(t) = exp([[0, 1], [−K2, −K1]] t) (x, ẋ)(0) for an `AccelerationLaw`, x(t) = exp(−Kt) x(0) for a `RateLaw`, where
+x is the error less its target. Scalar and diagonal gains split into planes with elementary solutions, which are exact
+to round-off and smooth across critical damping.
+"""
+
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.scipy.linalg import expm
+from jaxtyping import Array, Float
+
+from qtraj.foundation.arrays import as_float, real_vector
+from qtraj.foundation.types import ArrayInput, Mat4, Quat, ScalarLike
+from qtraj.motion.control.errors import target
+from qtraj.motion.control.laws import AccelerationLaw, RateLaw
+
+_COSINE = [1 / math.factorial(2 * k) for k in range(10)]
+_SINE = [1 / math.factorial(2 * k + 1) for k in range(10)]
+_NEAR_CRITICAL = 0.5  # (k1²/4 − k2)t² below which the series hold to round-off, with two derivatives
+
+
+def error_response(
+    law: AccelerationLaw | RateLaw, mu0: ArrayInput, mu_rate0: ArrayInput | None, t: ArrayInput
+) -> Float[Array, "... 4"]:
+    """The error quaternion `t` [s] after it was `mu0` with the rate `mu_rate0` [1/s]: (4,), or (n, 4) for n instants.
+
+    It is the error of the law's own kind: μ, μ* or Δ. A rate law needs no `mu_rate0` (None).
+
+    **Raises:** ValueError for other shapes, or an acceleration law without `mu_rate0`.
+    """
+    mu0 = real_vector(mu0, "the error", 4)
+    mu_rate0 = None if mu_rate0 is None else real_vector(mu_rate0, "the rate of the error", 4)
+    t = as_float(t)
+
+    if isinstance(law, AccelerationLaw) and mu_rate0 is None:
+        raise ValueError("the response of an acceleration law needs mu_rate0, the rate of the error at the start")
+    return _response(law, mu0, mu_rate0, t)
+
+
+@eqx.filter_jit
+def _response(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None, t: Array) -> Float[Array, "... 4"]:
+    def response(t: Array) -> Quat:
+        return error_state(law, mu0, mu_rate0, t)[0]
+
+    return jax.vmap(response)(t) if t.ndim else response(t)
+
+
+def error_state(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None, t: ScalarLike) -> tuple[Quat, Quat]:
+    """The error quaternion and its rate [1/s] at one instant `t` [s]; see `error_response`. None is a rate of zero."""
+    t = as_float(t).astype(mu0.dtype)
+    if isinstance(law, RateLaw):
+        x = _decayed(law.k.astype(mu0.dtype), mu0 - target("body", mu0), t)
+        return target("body", mu0) + x, -_times(law.k.astype(mu0.dtype), x)
+    goal = target(law.error, mu0)
+    k1, k2 = law.k1.astype(mu0.dtype), law.k2.astype(mu0.dtype)
+    x, v = mu0 - goal, jnp.zeros_like(mu0) if mu_rate0 is None else mu_rate0.astype(mu0.dtype)
+    if k1.ndim < 2 and k2.ndim < 2:
+        x, v = _planes(k1, k2, x, v, t)
+    else:
+        x, v = _coupled(_matrix(k1), _matrix(k2), x, v, t)
+    return goal + x, v
+
+
+def _planes(k1: Array, k2: Array, x: Quat, v: Quat, t: Array) -> tuple[Quat, Quat]:
+    """ẍ + k1ẋ + k2x = 0 for each component by itself."""
+    k1, k2 = jnp.broadcast_to(k1, (4,)), jnp.broadcast_to(k2, (4,))
+    half = 0.5 * k1
+    cosine, sine = _waves(half, half * half - k2, t)
+    return (cosine + half * sine) * x + sine * v, (cosine - half * sine) * v - k2 * sine * x
+
+
+def _waves(half: Quat, d: Quat, t: Array) -> tuple[Quat, Quat]:
+    """e^(−st) cosh(√d t) and e^(−st) sinh(√d t)/√d for any sign of d, s = `half`, without overflow."""
+    z = d * (t * t)
+    small = jnp.abs(z) < _NEAR_CRITICAL
+    real, imaginary = (z > 0) & ~small, (z < 0) & ~small
+    decay = jnp.exp(-half * t)
+    near = jnp.where(small, z, 0.0)
+    cosine, sine = decay * _series(_COSINE, near), decay * t * _series(_SINE, near)
+    root = jnp.sqrt(jnp.where(real, d, 1.0))
+    slow, fast = (jnp.exp(jnp.where(real, (sign * root - half) * t, 0.0)) for sign in (1, -1))
+    cosine = jnp.where(real, 0.5 * (slow + fast), cosine)
+    sine = jnp.where(real, 0.5 * (slow - fast) / root, sine)
+    frequency = jnp.sqrt(jnp.where(imaginary, -d, 1.0))
+    cosine = jnp.where(imaginary, decay * jnp.cos(frequency * t), cosine)
+    return cosine, jnp.where(imaginary, decay * jnp.sin(frequency * t) / frequency, sine)
+
+
+def _coupled(k1: Mat4, k2: Mat4, x: Quat, v: Quat, t: Array) -> tuple[Quat, Quat]:
+    """(x, v) moved by the exponential of the 8 × 8 block matrix."""
+    nothing, identity = jnp.zeros_like(k1), jnp.eye(4, dtype=k1.dtype)
+    block = jnp.block([[nothing, identity], [-k2, -k1]])
+    moved = jnp.matmul(expm(block * t), jnp.concatenate([x, v]), precision="highest")
+    return moved[:4], moved[4:]
+
+
+def _decayed(k: Array, x: Quat, t: Array) -> Quat:
+    return jnp.matmul(expm(-k * t), x, precision="highest") if k.ndim == 2 else jnp.exp(-k * t) * x
+
+
+def _times(k: Array, x: Quat) -> Quat:
+    return jnp.matmul(k, x, precision="highest") if k.ndim == 2 else k * x
+
+
+def _matrix(k: Array) -> Mat4:
+    return k if k.ndim == 2 else jnp.diag(jnp.broadcast_to(k, (4,)))
+
+
+def _series(coefficients: list[float], z: Quat) -> Quat:
+    total = jnp.full_like(z, coefficients[-1])
+    for coefficient in coefficients[-2::-1]:
+        total = total * z + coefficient
+    return total

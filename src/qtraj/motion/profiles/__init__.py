@@ -1,0 +1,1 @@
+"""Laws of turning about a fixed axis: Φ(t) from limits or from a duration."""

@@ -1,0 +1,136 @@
+"""S-curve turns: the fastest from rest to rest under limits of rate, acceleration and jerk."""
+
+import math
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.foundation.arrays import real_scalar
+from qtraj.foundation.document import storable
+from qtraj.foundation.types import ArrayInput, Flag, Scalar
+from qtraj.motion.profiles.profile import (
+    AbstractLaw,
+    Profile,
+    fixed_duration,
+    is_turn,
+    known_angle,
+    limit,
+    require_feasible,
+    require_limits,
+    size_of,
+)
+
+JERKS = (1, 0, -1, 0, -1, 0, 1)
+"""The jerk of the seven pieces, over its limit."""
+
+
+@storable
+class SCurve(AbstractLaw):
+    """Seven pieces of constant jerk: the acceleration is a trapezoid, or a triangle where its limit is not reached.
+
+    `max_rate` [rad/s] may be None; `max_acceleration` [rad/s²]; `max_jerk` [rad/s³]. With a `duration` [s] the coast
+    is slower instead: jerk, and acceleration where the rate needs it, stay full.
+
+    **Raises:** ValueError for values that are not positive; in `profile` for a duration that is too short.
+    """
+
+    max_rate: Scalar | None
+    max_acceleration: Scalar
+    max_jerk: Scalar
+    duration: Scalar | None
+
+    def __init__(
+        self,
+        max_rate: ArrayInput | None,
+        max_acceleration: ArrayInput,
+        max_jerk: ArrayInput,
+        duration: ArrayInput | None = None,
+    ):
+        self.max_rate = limit(max_rate)
+        self.max_acceleration = real_scalar(max_acceleration, "max_acceleration")
+        self.max_jerk = real_scalar(max_jerk, "max_jerk")
+        self.duration = limit(duration)
+        require_limits(max_rate=self.max_rate, max_acceleration=self.max_acceleration, max_jerk=self.max_jerk)
+        require_limits(duration=self.duration)
+
+    def profile(self, angle: ArrayInput) -> Profile:
+        profile, minimal = _profile(self, known_angle(angle))
+        require_feasible(profile, minimal, self.duration, "S-curve")
+        return profile
+
+
+@eqx.filter_jit
+def _profile(law: SCurve, total: Scalar) -> tuple[Profile, Scalar]:
+    """The profile, and the least duration."""
+    a, j = law.max_acceleration.astype(total.dtype), law.max_jerk.astype(total.dtype)
+    size = size_of(total)
+    rate, coasting = _peak_rate(size, a, j), jnp.asarray(False)
+    if law.max_rate is not None:
+        top = law.max_rate.astype(total.dtype)
+        coasting = rate > top
+        rate = jnp.where(coasting, top, rate)
+    ramp, full = _ramp(rate, a, j)
+    coast = jnp.where(coasting, size / rate - full, 0.0)
+    minimal = duration = jnp.where(is_turn(total), 2 * full + coast, 0.0)
+    feasible = jnp.asarray(True)
+    if law.duration is not None:
+        duration, feasible = fixed_duration(law.duration.astype(total.dtype), minimal)
+        ramp, full = _ramp(_rate_in_time(size, duration, a, j), a, j)
+        coast = jnp.maximum(duration - 2 * full, 0.0)
+    first_half = jnp.stack([ramp, full - 2 * ramp, ramp, coast])
+    return _chain(total, duration, first_half, j / size, feasible), minimal
+
+
+def _peak_rate(angle: Scalar, a: Scalar, j: Scalar) -> Scalar:
+    """The rate reached without a coast: v·Ta(v) = Φ."""
+    long = angle >= 2 * a * (a / j) ** 2
+    flat = 2 * angle / (a / j + jnp.sqrt((a / j) ** 2 + 4 * angle / a))
+    return jnp.where(long, flat, (angle * (angle * (j / 4))) ** (1 / 3))
+
+
+def _ramp(rate: Scalar, a: Scalar, j: Scalar) -> tuple[Scalar, Scalar]:
+    """The times Tj of growing acceleration and Ta to the given rate."""
+    pointed = rate < a * (a / j)
+    corner = jnp.sqrt(jnp.where(pointed, rate / j, 1.0))
+    return jnp.where(pointed, corner, a / j), jnp.where(pointed, 2 * corner, a / j + rate / a)
+
+
+def _rate_in_time(angle: Scalar, duration: Scalar, a: Scalar, j: Scalar) -> Scalar:
+    """The coast rate v with Φ/v + Ta(v) = T, the smaller of two.
+
+    Where the acceleration limit counts, a quadratic. Otherwise 2x³/√J − Tx² + Φ = 0 in x = √v, whose root is
+    (T√J/6)(1 − cos δ + √3 sin δ) with sin(3δ/2) = √(27Φ/(JT³)) (Viète).
+    """
+    pointed = (angle <= 2 * a * (a / j) ** 2) | (duration >= angle * (j / a) / a + 2 * a / j)
+    left = jnp.where(pointed, duration, duration - a / j)
+    square = left**2 - 4 * angle / a
+    root = jnp.sqrt(jnp.where(pointed | (square <= 0), 1.0, square))
+    flat = 2 * angle / (left + jnp.where(square <= 0, 0.0, root))
+    sine = jnp.sqrt(jnp.where(pointed, 27 * (angle / duration) / (j * duration**2), 0.5))
+    third = jnp.arcsin(jnp.minimum(sine, 1.0)) / 3
+    x = 2 * jnp.sin(third) * (jnp.sin(third) + math.sqrt(3) * jnp.cos(third)) * jnp.sqrt(j) * duration / 6
+    return jnp.where(pointed, x**2, flat)
+
+
+def _chain(total: Scalar, duration: Scalar, ramp: Float[Array, "4"], jerk: Scalar, feasible: Flag) -> Profile:
+    """The seven pieces of a unit turn from their widths up to the middle and the jerk over the angle [1/s³]."""
+    widths = jnp.concatenate([ramp, ramp[2::-1]])
+    before = jnp.cumsum(ramp) - ramp
+    # Acceleration, rate and angle gained in each piece, and what has been gained before it.
+    bends = jerk * jnp.asarray(JERKS, jerk.dtype) * widths
+    accelerations = jnp.cumsum(bends) - bends
+    quickenings = (accelerations + bends / 2) * widths
+    rates = jnp.cumsum(quickenings) - quickenings
+    powers = jnp.stack([rates * widths, accelerations * widths**2 / 2, bends * widths**2 / 6], axis=1)
+    turned = jnp.sum(powers, axis=1)
+    angles = jnp.cumsum(turned) - turned
+    return Profile(
+        total=total,
+        duration=duration,
+        starts=jnp.concatenate([before, duration - jnp.cumsum(ramp)[2::-1]]),
+        widths=widths,
+        pieces=jnp.concatenate([angles[:, None], powers], axis=1),
+        end_rate=jnp.zeros_like(total),
+        feasible=feasible,
+    )

@@ -1,0 +1,1 @@
+"""Attitude programs: what the attitude shall be at each instant."""

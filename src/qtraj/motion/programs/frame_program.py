@@ -1,0 +1,105 @@
+"""The attitude program of a path's frame: natural, upright or rotation-minimizing (paper S's trihedron as λ⁰)."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.lax import stop_gradient
+from jaxtyping import Array, Float
+
+from qtraj.algebra import rotation
+from qtraj.foundation.arrays import as_float, one_instant
+from qtraj.foundation.document import storable
+from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike
+from qtraj.motion.attitude import AbstractProgram, Attitude
+from qtraj.motion.programs import rotation_minimizing
+from qtraj.motion.programs.rotation_minimizing import RotationMinimizing
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.trihedral import AbstractFrame, Natural, trihedral
+
+NODES = 513
+"""Instants, equally spaced, between which the sign of the quaternion is followed (and a rotation-minimizing frame)."""
+
+ROUNDING = 16
+"""Anchors that only tell a sign are rounded to this part of one, which makes stored programs short."""
+
+
+@storable
+class FrameProgram(AbstractProgram):
+    """The frame of a path as a program: λ⁰ world-from-frame, ω⁰ and ε⁰ in closed form, in the frame's own axes.
+
+    The quaternion has scalar part ≥ 0 at t = 0 and is continuous in t, also as a function of one instant: its sign is
+    that of the nearest of the `anchors` (n, 4), quaternions at n equal steps from 0 to the duration, which are followed
+    once, when the program is made (and stored with it). A frame may turn by π between two anchors: 512π rad in all.
+    Where the frame itself is undefined (the natural one where the path is straight, the upright one along its up
+    direction, any where the path stops) there is no attitude: the natural frame flips by π across an inflection.
+
+    Make the program inside the function that is differentiated or vmapped over paths. Outside [0, duration] the path
+    goes on by its own rule, and so does the program.
+
+    **Raises:** ValueError for a frame that is none, a rotation-minimizing frame whose `initial` does not fit the path,
+    or anchors of another shape.
+    """
+
+    path: AbstractHodograph
+    frame: AbstractFrame | RotationMinimizing
+    anchors: Float[Array, "n 4"]
+
+    def __init__(
+        self,
+        path: AbstractHodograph,
+        frame: AbstractFrame | RotationMinimizing | None = None,
+        anchors: ArrayInput | None = None,
+    ):
+        self.path = path
+        self.frame = Natural() if frame is None else frame
+        if not isinstance(self.frame, AbstractFrame | RotationMinimizing):
+            raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
+        if isinstance(self.frame, RotationMinimizing):
+            rotation_minimizing.require_initial(path, self.frame.initial)
+        self.anchors = _anchors(path, self.frame) if anchors is None else as_float(anchors)
+        if self.anchors.ndim != 2 or self.anchors.shape[0] < 2 or self.anchors.shape[1] != 4:
+            raise ValueError(f"anchors must have shape (n, 4) with n ≥ 2, but {self.anchors.shape} was given")
+
+    @property
+    def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The duration of the path [s]."""
+        return self.path.duration
+
+    def __call__(self, t: ScalarLike) -> Attitude:
+        return _attitude(self, one_instant(t).astype(self.path.duration.dtype))
+
+
+@eqx.filter_jit
+def _attitude(program: FrameProgram, t: Scalar) -> Attitude:
+    last = program.anchors.shape[0] - 1
+    place = stop_gradient(jnp.round(jnp.clip(t / program.duration, 0.0, 1.0) * last))
+    anchor = program.anchors[place.astype(int)]
+    if isinstance(program.frame, RotationMinimizing):
+        return rotation_minimizing.attitude(program.path, t, program.duration * (place / last), anchor)
+    frame = trihedral(program.path, t, program.frame)
+    q = frame.quaternion()
+    return Attitude(jnp.where(q @ anchor < 0, -q, q), frame.rate, frame.acceleration)
+
+
+def _anchors(path: AbstractHodograph, frame: AbstractFrame | RotationMinimizing) -> Float[Array, "n 4"]:
+    if isinstance(frame, RotationMinimizing):
+        return _minimizing_anchors(path, _minimizing_start(path, frame.initial))
+    return _sign_anchors(path, frame)
+
+
+_minimizing_start = eqx.filter_jit(rotation_minimizing.start)
+
+
+@eqx.filter_jit
+def _minimizing_anchors(path: AbstractHodograph, start: Quat) -> Float[Array, "n 4"]:
+    return rotation_minimizing.nodes(path, start, _times(path))
+
+
+@eqx.filter_jit
+def _sign_anchors(path: AbstractHodograph, frame: AbstractFrame) -> Float[Array, "n 4"]:
+    quaternions = jax.vmap(lambda t: trihedral(path, t, frame).quaternion())(_times(path))
+    return stop_gradient(jnp.round(ROUNDING * rotation.continuous(quaternions)) / ROUNDING)
+
+
+def _times(path: AbstractHodograph) -> Float[Array, " n"]:
+    return path.duration * jnp.linspace(0.0, 1.0, NODES, dtype=path.duration.dtype)

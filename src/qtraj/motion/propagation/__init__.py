@@ -1,0 +1,1 @@
+"""λ(t) where the rate ω(t) is known."""

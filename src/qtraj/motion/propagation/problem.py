@@ -1,0 +1,153 @@
+"""What a propagation is given, checked and in one dtype; the rate at the nodes of its steps; the steps multiplied."""
+
+import contextlib
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
+
+from qtraj.foundation.arrays import as_float, concrete, real_vector, require_finite, require_positive
+from qtraj.foundation.types import ArrayInput, Quat, Scalar
+from qtraj.motion.propagation import mesh as meshes
+from qtraj.motion.propagation.gauss_legendre import GaussLegendre
+from qtraj.motion.propagation.increment import (
+    AbstractIncrement,
+    accumulate,
+    from_body,
+    increments,
+    require_axes,
+    to_body,
+)
+from qtraj.motion.propagation.mesh import Errors, Mesh, Taken
+
+TOLERANCE = 1e-12
+"""[rad] Over the whole propagation, in float64."""
+
+TOLERANCE_FLOAT32 = 1e-5
+"""[rad] The same in float32, about a hundred roundings."""
+
+Rate = Callable[..., Any]
+
+
+class Problem(eqx.Module):
+    """The checked arguments of `propagate`."""
+
+    omega: Rate
+    q0: Quat
+    times: Float[Array, " n"]
+    tolerance: Scalar
+    method: AbstractIncrement
+    axes: str = eqx.field(static=True)
+
+    @property
+    def intervals(self) -> int:
+        """How many there are between the output times."""
+        return self.times.shape[0] - 1
+
+
+def checked(
+    omega: Rate,
+    q0: ArrayInput,
+    times: ArrayInput,
+    method: AbstractIncrement | None,
+    axes: str,
+    tolerance: ArrayInput | None,
+) -> Problem:
+    """The problem in one dtype, defaults filled in (ValueError for bad input)."""
+    require_axes(axes)
+    with at_once():
+        times, q0 = output_times(times), initial_quaternion(q0)
+        dtype = common_dtype(times, q0)
+        if tolerance is None:
+            tolerance = TOLERANCE if dtype == jnp.float64 else TOLERANCE_FLOAT32
+        tolerance = as_float(tolerance).astype(dtype)
+        require_positive(tolerance, "the tolerance", "rad")
+        method = GaussLegendre() if method is None else method
+        return Problem(omega, q0.astype(dtype), times.astype(dtype), tolerance, method, axes)
+
+
+def at_once() -> contextlib.AbstractContextManager:
+    """Lets a program that is being traced compute what it knows already."""
+    staged = concrete(jnp.zeros(())) is None
+    return jax.ensure_compile_time_eval() if staged else contextlib.nullcontext()
+
+
+def output_times(times: ArrayInput) -> Float[Array, " n"]:
+    """Times as a vector; ValueError where they are not finite and strictly increasing (known values only)."""
+    times = as_float(times)
+    if times.ndim != 1 or times.shape[0] == 0:
+        raise ValueError(f"times must be a vector of at least one instant, but have shape {times.shape}")
+    require_finite(times, "times")
+    known = concrete(times)
+    if known is not None and np.any(late := np.diff(known) <= 0):
+        i = int(np.argmax(late))
+        raise ValueError(
+            f"times must increase strictly, but times[{i}] = {known[i]:.9g} s is followed by {known[i + 1]:.9g} s"
+        )
+    return times
+
+
+def initial_quaternion(q0: ArrayInput) -> Quat:
+    """q0 as a vector of four finite numbers, not all zero (ValueError)."""
+    q0 = real_vector(q0, "the initial quaternion", 4)
+    known = concrete(q0)
+    if known is not None and not known.any():
+        raise ValueError("the initial quaternion must not be zero: it would have no attitude")
+    return q0
+
+
+def common_dtype(*arrays: Array) -> np.dtype:
+    """The widest float among them (JAX's own rule refuses to mix under strict promotion)."""
+    return functools.reduce(np.promote_types, (x.dtype for x in arrays))
+
+
+def solve(problem: Problem, mesh: Mesh) -> Float[Array, "n 4"]:
+    """The quaternions at the output times, by the steps of `mesh`."""
+    taken = _take(problem.omega, problem.times, mesh, problem.method.nodes)
+    qs = _multiply(problem.method, problem.axes, problem.q0, taken)
+    return _pick(problem.intervals, mesh, problem.q0, qs)
+
+
+def step_errors(problem: Problem, mesh: Mesh) -> Errors:
+    """How wrong the steps of `mesh` are; constants to differentiation."""
+    taken = _take(problem.omega, problem.times, mesh, meshes.estimate_nodes(problem.method))
+    return _compare(problem.method, mesh.count, taken)
+
+
+# Programs of their own: only the first depends on ω and on the number of output times, and it compiles fast.
+
+
+@eqx.filter_jit
+def _take(omega: Rate, times: Array, mesh: Mesh, nodes: Float[ArrayLike, " s"]) -> Taken:
+    start, h = meshes.spans(mesh, times)
+    end = start + h
+    before = jnp.maximum(start, end - 4 * float(jnp.finfo(h.dtype).eps) * jnp.abs(end))  # a jump at the end is no part
+    at = jnp.minimum(start[:, None] + jnp.outer(h, jnp.asarray(nodes, h.dtype)), before[:, None])
+    rates = jax.vmap(jax.vmap(lambda t: jnp.asarray(omega(t))))(at)
+    if rates.shape[2:] not in ((3,), (4,)):
+        raise ValueError(
+            f"omega(t) must have shape (3,), or (4,) with the scalar part first, but has shape {rates.shape[2:]}"
+        )
+    return Taken(rates.astype(h.dtype), start, h)
+
+
+@eqx.filter_jit
+def _multiply(method: AbstractIncrement, axes: str, q0: Quat, taken: Taken) -> Float[Array, "n 4"]:
+    q0, rates = to_body(q0, taken.rates, axes)
+    return from_body(accumulate(q0, *increments(method, rates, taken.h)), axes)
+
+
+@eqx.filter_jit
+def _pick(intervals: int, mesh: Mesh, q0: Quat, qs: Array) -> Float[Array, "n 4"]:
+    return jnp.concatenate([q0[None], qs[meshes.last_steps(mesh, intervals)]])
+
+
+@eqx.filter_jit
+def _compare(method: AbstractIncrement, count: Array, taken: Taken) -> Errors:
+    return meshes.estimate(method, taken, count)

@@ -1,0 +1,128 @@
+"""λ(t) from a known ω(t), in steps that are computed all at once and multiplied in parallel.
+
+Outside `jit` the steps are chosen for the tolerance, also under `grad`, `jvp` and `jacfwd`: the choice depends only on
+values, and derivatives are those of the propagation with the chosen steps. A jitted program that knows ω and the times
+chooses them while it is traced. Where ω or the times are traced themselves (parameters of ω under `jit` or `vmap`),
+the choice is made at run time within a fixed number of slots, `max_steps`, each of which costs as much as a step;
+`steps` is cheaper there: so many equal steps in each interval.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax.lax import stop_gradient
+from jaxtyping import Array, Float, Int
+
+from qtraj.foundation.arrays import concrete
+from qtraj.foundation.types import ArrayInput, Flag, Scalar
+from qtraj.motion.propagation import plan
+from qtraj.motion.propagation.increment import AbstractIncrement
+from qtraj.motion.propagation.mesh import Errors
+from qtraj.motion.propagation.problem import Problem, Rate, checked, solve, step_errors
+
+
+class PropagationResult(eqx.Enumeration):
+    """How a propagation ended; `PropagationResult[item]` is the text."""
+
+    successful = "the propagation reached its tolerance"
+    tolerance_not_reached = (
+        "propagation did not reach the tolerance: raise `max_steps` (or `steps`) or the tolerance, or use a method of "
+        "higher order"
+    )
+    not_finite = "propagation met a rate that is NaN or infinite"
+
+
+class Propagation(eqx.Module):
+    """Attitudes at the output times, and how good they are.
+
+    `quaternion` (n, 4) at `times` (n,) [s]; `estimate` [rad] of the error of the last attitude and of ln|λ|², with
+    round-off; `steps`, how many were taken; `result`, a `PropagationResult`, by the error without round-off.
+    """
+
+    times: Float[Array, " n"]
+    quaternion: Float[Array, "n 4"]
+    estimate: Scalar
+    steps: Int[Array, ""]
+    result: PropagationResult
+
+
+def propagate(
+    omega: Rate,
+    q0: ArrayInput,
+    times: ArrayInput,
+    method: AbstractIncrement | None = None,
+    axes: str = "body",
+    tolerance: ArrayInput | None = None,
+    *,
+    steps: int | None = None,
+    max_steps: int | None = None,
+) -> Float[Array, "n 4"]:
+    """The quaternions (n, 4) at `times` (n,) [s] of the motion 2λ̇ = λ∘ω(t) with λ(times[0]) = q0.
+
+    `omega(t)` [rad/s] is (3,), or (4,) with the scalar part ω0 = d/dt ln|λ|² first, in body axes, or in inertial ones
+    for `axes="inertial"` (2λ̇ = ω∘λ). `q0` (4,) may have any length but zero; it is kept, times exp ½∫ω0, to round-off.
+    `method`: `GaussLegendre(stages=8)` unless given, or `Magnus(order)`. The steps are chosen for a total error of
+    `tolerance` [rad], 1e-12 in float64 and 1e-5 in float32 unless given; `times` only say where output is wanted.
+    An event in ω that is much shorter than an eighth of the span can fall between the nodes: put a time into it.
+
+    `steps` fixes the number of steps in each interval instead, and nothing is estimated.
+
+    **Raises:** ValueError for times that are not finite and strictly increasing, a q0 that is zero or not finite, a
+    rate of another shape, other axes. RuntimeError where the tolerance is not reached in `max_steps` steps (2¹⁸; for a
+    traced rate see `plan.traced_slots`) or the rate is not finite. `propagate_with_estimate` reports these instead.
+    """
+    problem = checked(omega, q0, times, method, axes, tolerance)
+    if problem.intervals == 0:
+        return problem.q0[None]
+    if steps is not None:
+        return solve(problem, plan.fixed(problem, steps))
+    mesh, errors = plan.adaptive(problem, max_steps)
+    reached = _reached(problem, errors)
+    if concrete(reached) is None:
+        return _result(problem, errors).error_if(solve(problem, mesh), ~reached)
+    if not reached:
+        raise RuntimeError(
+            f"{PropagationResult[_result(problem, errors)]} (the error estimate is {float(errors.truncation):.3g} rad "
+            f"in {int(mesh.count)} steps, the tolerance {float(stop_gradient(problem.tolerance)):.3g} rad)"
+        )
+    return solve(problem, mesh)
+
+
+def propagate_with_estimate(
+    omega: Rate,
+    q0: ArrayInput,
+    times: ArrayInput,
+    method: AbstractIncrement | None = None,
+    axes: str = "body",
+    tolerance: ArrayInput | None = None,
+    *,
+    steps: int | None = None,
+    max_steps: int | None = None,
+) -> Propagation:
+    """As `propagate`, with an error estimate, also for given `steps`; a failure is in the `result`, never raised."""
+    problem = checked(omega, q0, times, method, axes, tolerance)
+    if problem.intervals == 0:
+        nothing, none = jnp.zeros_like(problem.tolerance), jnp.zeros((), jnp.int32)
+        return Propagation(problem.times, problem.q0[None], nothing, none, PropagationResult.successful)
+    if steps is None:
+        mesh, errors = plan.adaptive(problem, max_steps)
+    else:
+        mesh = plan.fixed(problem, steps)
+        errors = step_errors(problem, mesh)
+    return Propagation(
+        times=problem.times,
+        quaternion=solve(problem, mesh),
+        estimate=errors.bound,
+        steps=mesh.count,
+        result=_result(problem, errors),
+    )
+
+
+def _reached(problem: Problem, errors: Errors) -> Flag:
+    return errors.truncation <= stop_gradient(problem.tolerance)
+
+
+def _result(problem: Problem, errors: Errors) -> PropagationResult:
+    failure = PropagationResult.where(
+        jnp.isfinite(errors.truncation), PropagationResult.tolerance_not_reached, PropagationResult.not_finite
+    )
+    return PropagationResult.where(_reached(problem, errors), PropagationResult.successful, failure)

@@ -1,0 +1,137 @@
+"""Attitude kinematics for diffrax: a term for 2λ̇ = λ∘ω(t) and a Magnus solver that keeps |λ|.
+
+    term = AttitudeTerm(omega)                      # or axes="inertial"
+    diffrax.diffeqsolve(term, QuaternionMagnus(), t0, t1, dt0, λ0, stepsize_controller=diffrax.PIDController(…))
+
+Any other diffrax solver takes the term too. For a rate that is known without the attitude `qtraj.propagate` is faster;
+this is for events, dense output, or a solve that diffrax already runs. `atol` is absolute: scale it by |λ0|.
+This module imports diffrax, and is therefore not imported by the package itself.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.algebra import quaternion, rotation
+from qtraj.foundation.types import Quat, Scalar, ScalarLike
+from qtraj.motion.propagation.increment import require_axes
+from qtraj.motion.propagation.lagrange import lagrange
+from qtraj.motion.propagation.magnus import sixth_order
+
+_GAUSS = (0.5 - math.sqrt(15) / 10, 0.5, 0.5 + math.sqrt(15) / 10)
+_KNOTS = (0.0, *_GAUSS, 1.0)
+_WEIGHTS = (0.0, 5 / 18, 8 / 18, 5 / 18, 0.0)
+_SIMPSON = (1 / 6, 0.0, 4 / 6, 0.0, 1 / 6)
+
+
+class AttitudeTerm(diffrax.AbstractTerm):
+    """2λ̇ = λ∘ω(t) in body axes, 2λ̇ = ω(t)∘λ in inertial ones; `omega(t)` [rad/s] is (3,), or (4,) scalar part first.
+
+    Let `omega` be an equinox Module for gradients with respect to its parameters. ValueError for other axes.
+    """
+
+    omega: Callable[..., Any]
+    axes: str = eqx.field(static=True, default="body")
+
+    def __check_init__(self):
+        require_axes(self.axes)
+
+    def vf(self, t: ScalarLike, y: Quat, args: Any) -> Quat:
+        """λ̇ [1/s]."""
+        return quaternion.derivative(y, jnp.asarray(self.omega(t), y.dtype), self.axes)
+
+    def contr(self, t0: Any, t1: Any, **kwargs: Any) -> tuple[Any, Any]:
+        """The time between t0 and t1 [s], and the same with a minus for inertial axes.
+
+        A solver sees its term wrapped, by nothing but these methods: the second number tells it the axes.
+        """
+        return t1 - t0, (t1 - t0 if self.axes == "body" else t0 - t1)
+
+    def prod(self, vf: Quat, control: tuple[Any, Any]) -> Quat:
+        """λ̇ times the time."""
+        return vf * jnp.asarray(control[0], vf.dtype)
+
+
+class QuaternionMagnus(diffrax.AbstractAdaptiveSolver):
+    """The Magnus expansion of order 6 as a diffrax solver for an `AttitudeTerm`; |λ| is kept to round-off.
+
+    Four evaluations of the rate per step. The error estimate is of order 4: the embedded expansion for the turning of
+    the axis, Simpson's rule for the integral of the rate. Dense output is of order 5. Not for `BacksolveAdjoint`.
+    """
+
+    term_structure: ClassVar[Any] = AttitudeTerm
+    interpolation_cls: ClassVar[Any] = property(lambda self: AttitudeInterpolation)
+
+    def order(self, terms: Any) -> int:
+        return 6
+
+    def error_order(self, terms: Any) -> int:
+        return 5
+
+    def init(self, terms: Any, t0: Any, t1: Any, y0: Quat, args: Any) -> Quat:
+        return _rate(terms, t0, y0, args)
+
+    def step(
+        self, terms: Any, t0: Any, t1: Any, y0: Quat, args: Any, solver_state: Quat, made_jump: Any
+    ) -> tuple[Quat, Quat, dict[str, Any], Quat, Any]:
+        h, signed = (jnp.asarray(x, y0.dtype) for x in terms.contr(t0, t1))
+        side = jnp.sign(h) * jnp.sign(signed)
+        first = jax.lax.cond(made_jump, lambda: _rate(terms, t0, y0, args), lambda: solver_state)
+        later = jnp.stack([t0 + c * (t1 - t0) for c in _KNOTS[1:-1]] + [t1])
+        others = jax.vmap(lambda t: _rate(terms, t, y0, args))(later)
+        rates = jnp.concatenate([first[None], others]).at[:, 1:].multiply(side)
+        end, error = _magnus_step(_body_form(y0, side), rates, h)
+        dense_info = {"y0": y0, "rates": rates, "h": h, "side": side}
+        return _body_form(end, side), _body_form(error, side), dense_info, others[-1], diffrax.RESULTS.successful
+
+    def func(self, terms: Any, t0: Any, y0: Quat, args: Any) -> Quat:
+        return terms.vf(t0, y0, args)
+
+
+class AttitudeInterpolation(diffrax.AbstractLocalInterpolation):
+    """λ within a step: the same expansion over part of it, with the rate by a quartic through the step's five values.
+
+    `rates` are those of the body form; `h` is negative where time runs backwards.
+    """
+
+    t0: Any
+    t1: Any
+    y0: Quat
+    rates: Float[Array, "5 4"]
+    h: Scalar
+    side: Scalar
+
+    def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Quat:
+        """λ at t0, or its change from t0 to t1."""
+        if t1 is not None:
+            return self.evaluate(t1) - self.evaluate(t0)
+        whole = jnp.asarray(self.t1 - self.t0, self.y0.dtype)
+        part = jnp.where(whole == 0, 0.0, jnp.asarray(t0 - self.t0, whole.dtype) / jnp.where(whole == 0, 1.0, whole))
+        knots = jnp.asarray(_KNOTS, whole.dtype)
+        rates = jax.vmap(lambda c: lagrange(c * part, knots) @ self.rates)(knots)
+        return _body_form(_magnus_step(_body_form(self.y0, self.side), rates, part * self.h)[0], self.side)
+
+
+def _rate(terms: Any, t: Any, y: Quat, args: Any) -> Quat:
+    """ω(t) with its scalar part: 2λ̇ at λ = 1, in either axes."""
+    return 2 * terms.vf(t, jnp.zeros_like(y).at[0].set(1.0), args)
+
+
+def _magnus_step(start: Quat, rates: Float[Array, "5 4"], h: Scalar) -> tuple[Quat, Quat]:
+    """λ after a step in body axes, and its error estimate ½λ∘(e0, e), from the rates at `_KNOTS`."""
+    weights = jnp.asarray(_WEIGHTS, h.dtype)
+    vector, embedded = sixth_order(rates[1:4, 1:], h)
+    check = h * ((weights - jnp.asarray(_SIMPSON, h.dtype)) @ rates)
+    end = jnp.exp(0.5 * h * (weights @ rates[:, 0])) * quaternion.product(start, rotation.from_rotation_vector(vector))
+    return end, 0.5 * quaternion.product(end, check.at[1:].add(vector - embedded))
+
+
+def _body_form(q: Quat, side: Scalar) -> Quat:
+    """q for body axes (side 1), its conjugate for inertial axes (side −1), which obeys the body form with −ω."""
+    return q.at[1:].multiply(side)

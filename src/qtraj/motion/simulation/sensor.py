@@ -1,0 +1,185 @@
+"""What the on-board computer knows of the body: measured attitude and rate, or gyros alone.
+
+|λ| and ω0 are the computer's own and known to it exactly; errors affect the attitude and the physical rate. A sensor
+may keep a memory between samples.
+"""
+
+import abc
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Int, PyTree, UInt32
+
+from qtraj.algebra.quaternion import exp, product
+from qtraj.foundation.arrays import as_float, concrete, require_finite
+from qtraj.foundation.document import storable
+from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
+from qtraj.motion.simulation.actuator import Sampling, sampling_instants
+
+Key = UInt32[Array, "2"]
+Memory = PyTree[Array]
+
+
+class AbstractSensor(eqx.Module):
+    """The way from the true state to the state that the law sees."""
+
+    sampling: eqx.AbstractVar[Sampling | None]
+
+    @abc.abstractmethod
+    def start(self, quaternion: Quat, rate: Quat) -> Memory:
+        """The memory before the first sample, from the true initial state."""
+
+    @abc.abstractmethod
+    def measure(
+        self, k: Int[Array, ""], elapsed: Scalar, quaternion: Quat, rate: Quat, memory: Memory
+    ) -> tuple[Quat, Quat, Memory]:
+        """The λ and ω (4,) that sample number `k` shows, `elapsed` [s] after the one before, and the new memory."""
+
+
+@storable
+class Sensor(AbstractSensor):
+    """Measures attitude and rate, each with a constant bias and white noise.
+
+    `rate_bias` (3,), `rate_noise` (standard deviation per sample) [rad/s]; `attitude_bias` (3,), `attitude_noise`
+    [rad], as small turns in body axes. `key`: a key of `jax.random`, needed for noise. `sampling` [s]: a period or
+    instants, as of an `Actuator`; each sample renews the command, which is held in between. Without it the sensor is
+    continuous, and can have no noise: continuous white noise has no finite variance.
+
+    **Raises:** ValueError for noise without key or sampling, or for negative noise.
+    """
+
+    rate_bias: Vec3
+    rate_noise: Scalar
+    attitude_bias: Vec3
+    attitude_noise: Scalar
+    sampling: Sampling | None
+    key: Key | None
+
+    def __init__(
+        self,
+        rate_bias: ArrayInput = (0.0, 0.0, 0.0),
+        rate_noise: ArrayInput = 0.0,
+        attitude_bias: ArrayInput = (0.0, 0.0, 0.0),
+        attitude_noise: ArrayInput = 0.0,
+        sampling: ArrayInput | None = None,
+        key: ArrayInput | jax.Array | None = None,
+    ):
+        self.rate_bias, self.attitude_bias = _three(rate_bias, "rate_bias"), _three(attitude_bias, "attitude_bias")
+        self.rate_noise, self.attitude_noise = _noise(rate_noise), _noise(attitude_noise)
+        self.sampling = sampling_instants(sampling)
+        self.key = _key(key)
+        if self.key is None and (_noisy(self.rate_noise) or _noisy(self.attitude_noise)):
+            raise ValueError("noise needs a key: pass key=jax.random.key(seed)")
+        if self.key is not None and self.sampling is None:
+            raise ValueError("noise needs sampling: pass its period [s]; a continuous sensor can have a bias only")
+
+    def start(self, quaternion: Quat, rate: Quat) -> Memory:
+        return None
+
+    def measure(
+        self, k: Int[Array, ""], elapsed: Scalar, quaternion: Quat, rate: Quat, memory: Memory
+    ) -> tuple[Quat, Quat, Memory]:
+        dtype = quaternion.dtype
+        turn, extra = self.attitude_bias.astype(dtype), self.rate_bias.astype(dtype)
+        if self.key is not None:
+            noise = jax.random.normal(jax.random.fold_in(_wrapped(self.key), k), (2, 3), dtype)
+            turn = turn + self.attitude_noise.astype(dtype) * noise[0]
+            extra = extra + self.rate_noise.astype(dtype) * noise[1]
+        return product(quaternion, exp(0.5 * turn)), rate.at[1:].add(extra), memory
+
+
+@storable
+class Gyros(AbstractSensor):
+    """Gyros alone: the on-board computer propagates λ from sampled rates (paper C, section 2 and remark 1).
+
+    `sampling` [s]: a period or instants. `bias` (3,), `noise` (standard deviation per sample) [rad/s]; `key` as of
+    `Sensor`. `attitude_error` (3,) [rad]: of the first λ, as a small turn in body axes. Between two samples the
+    computer takes the rate as linear, which under a held acceleration it is: then the propagation errs by O(h⁵) a step.
+
+    **Raises:** ValueError for noise without a key, or negative noise.
+    """
+
+    sampling: Sampling | None
+    bias: Vec3
+    noise: Scalar
+    attitude_error: Vec3
+    key: Key | None
+
+    def __init__(
+        self,
+        sampling: ArrayInput,
+        bias: ArrayInput = (0.0, 0.0, 0.0),
+        noise: ArrayInput = 0.0,
+        attitude_error: ArrayInput = (0.0, 0.0, 0.0),
+        key: ArrayInput | jax.Array | None = None,
+    ):
+        instants = sampling_instants(sampling)
+        if instants is None:
+            raise ValueError("a strapdown computer needs sampling: pass its period [s]")
+        self.sampling = instants
+        self.bias, self.attitude_error = _three(bias, "bias"), _three(attitude_error, "attitude_error")
+        self.noise = _noise(noise)
+        self.key = _key(key)
+        if self.key is None and _noisy(self.noise):
+            raise ValueError("noise needs a key: pass key=jax.random.key(seed)")
+
+    def start(self, quaternion: Quat, rate: Quat) -> Memory:
+        known = product(quaternion, exp(0.5 * self.attitude_error.astype(quaternion.dtype)))
+        return known, self._gyro(jnp.asarray(0), rate)
+
+    def measure(
+        self, k: Int[Array, ""], elapsed: Scalar, quaternion: Quat, rate: Quat, memory: Memory
+    ) -> tuple[Quat, Quat, Memory]:
+        known, before = memory
+        now = self._gyro(k, rate)
+        known = propagate_linear_rate(known, before, now, elapsed)
+        return known, now, (known, now)
+
+    def _gyro(self, k: Int[Array, ""], rate: Quat) -> Quat:
+        reading = rate.at[1:].add(self.bias.astype(rate.dtype))
+        if self.key is None:
+            return reading
+        noise = jax.random.normal(jax.random.fold_in(_wrapped(self.key), k), (3,), rate.dtype)
+        return reading.at[1:].add(self.noise.astype(rate.dtype) * noise)
+
+
+def propagate_linear_rate(quaternion: Quat, before: Quat, now: Quat, elapsed: Scalar) -> Quat:
+    """λ after `elapsed` [s] of a body rate (4,) that went linearly from `before` to `now`: Magnus of order 4."""
+    increment = 0.5 * elapsed * (before + now)
+    turn = increment[1:] + elapsed * elapsed / 12 * jnp.cross(before[1:], now[1:])
+    return jnp.exp(0.5 * increment[0]) * product(quaternion, exp(0.5 * turn))
+
+
+def _three(x: ArrayInput, name: str) -> Vec3:
+    vector = as_float(x)
+    if vector.shape != (3,):
+        raise ValueError(f"{name} must have shape (3,), but an array of shape {vector.shape} was given")
+    require_finite(vector, name)
+    return vector
+
+
+def _noise(x: ArrayInput) -> Scalar:
+    x = as_float(x)
+    known = concrete(x)
+    if x.ndim or (known is not None and not known >= 0):
+        raise ValueError(f"a standard deviation must be one number, zero or positive, but {x} was given")
+    return x
+
+
+def _noisy(noise: Scalar) -> bool:
+    known = concrete(noise)
+    return known is None or bool(known > 0)
+
+
+def _key(key: ArrayInput | jax.Array | None) -> Key | None:
+    """The two words of a key: they can be stored, a typed key cannot."""
+    if key is None:
+        return None
+    if isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
+        return jax.random.key_data(key)
+    return jnp.asarray(key, dtype=jnp.uint32)
+
+
+def _wrapped(key: Key) -> jax.Array:
+    return jax.random.wrap_key_data(key)

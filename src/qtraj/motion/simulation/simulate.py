@@ -1,0 +1,124 @@
+"""The closed loop: a program, a law, and the body between them, with what disturbs, measures and acts."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from qtraj.algebra.quaternion import conjugate, norm_squared, product
+from qtraj.algebra.vector import norm
+from qtraj.foundation.arrays import as_float
+from qtraj.foundation.types import ArrayInput, Quat, Scalar
+from qtraj.motion.attitude import AbstractProgram, Attitude
+from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
+from qtraj.motion.simulation import ode, solution
+from qtraj.motion.simulation.actuator import Actuator
+from qtraj.motion.simulation.disturbance import AbstractDisturbance, DisturbanceAcceleration
+from qtraj.motion.simulation.kinematics import initial_state, tolerances
+from qtraj.motion.simulation.loop import Loop, renewal_instants, run
+from qtraj.motion.simulation.ode import MAX_STEPS, Method, Tolerances
+from qtraj.motion.simulation.sensor import AbstractSensor
+from qtraj.motion.simulation.solution import Solution
+
+NEAR = 0.1
+"""An error quaternion that shrinks below this part of itself (and of 1) is worth a word: the gain grew by 100."""
+
+
+def simulate(
+    program: AbstractProgram,
+    law: AbstractLaw,
+    quaternion: ArrayInput,
+    rate: ArrayInput,
+    times: ArrayInput,
+    disturbance: AbstractDisturbance | Callable[..., Any] | None = None,
+    sensor: AbstractSensor | None = None,
+    actuator: Actuator | None = None,
+    solver: Any = None,
+    rtol: ArrayInput = 1e-10,
+    atol: ArrayInput = 1e-12,
+    *,
+    jumps: ArrayInput | None = None,
+    adjoint: Any = None,
+    max_steps: int = MAX_STEPS,
+    throw: bool = False,
+) -> Solution:
+    """The motion of a body that `law` makes follow `program`, from `quaternion` (4,) and body `rate` (4,) [rad/s].
+
+    `times` (n,) [s]: instants of the program's own time, increasing; the first is that of the initial state.
+    `disturbance`: a `DisturbanceTorque`, a `DisturbanceAcceleration`, or a function t → (3,) [rad/s²] in body axes.
+    `sensor`: `Sensor` or `Gyros`; None knows all. `actuator`: limits and hold. If sensor or actuator samples, the
+    command is renewed at its instants only, one solve from each to the next. Tolerances, `solver`, `jumps` (instants
+    where program or disturbance jump), `adjoint`, `max_steps` and `throw` are those of `integrate`. Of a `RateLaw` the
+    rate is the command: `rate` gives its dtype only, and there can be no disturbance.
+
+    Every `command` is the one the actuator gives, without the disturbance, and at a renewal the new one. The body is
+    assumed to supply the commanded acceleration: `dynamics.torque` tells the torque for that.
+
+    **Raises:** ValueError as `integrate`; for a disturbance or a strapdown computer with a rate law; where sensor and
+    actuator sample differently; for a period that is traced. RuntimeError with `throw`.
+    """
+    quaternion, rate, times = initial_state(quaternion, rate, times)
+    loop = Loop(program, law, _disturbance(disturbance), sensor, Actuator() if actuator is None else actuator)
+    result = _simulate(
+        loop,
+        quaternion,
+        rate,
+        times,
+        renewal_instants(loop, times),
+        None if jumps is None else as_float(jumps).astype(times.dtype),
+        tolerances(rtol, atol, times),
+        Method(solver, adjoint, max_steps),
+    )
+    if throw:
+        result.check()
+    return result
+
+
+@eqx.filter_jit
+def _simulate(
+    loop: Loop,
+    quaternion: Quat,
+    rate: Quat,
+    times: Float[Array, " n"],
+    renewals: Float[Array, " m"] | None,
+    jumps: Float[Array, " k"] | None,
+    allowed: Tolerances,
+    method: Method,
+) -> Solution:
+    states, code = run(loop, quaternion, rate, times, renewals, jumps, allowed, method)
+    references = jax.vmap(lambda t: loop.reference(t, times.dtype))(times)
+    errors = jax.vmap(loop.law.deviation)(references, states.quaternion)
+    angles = jax.vmap(_angle)(references, states.quaternion)
+    code = _judged(loop.law, code, references, states.quaternion)
+    return Solution(times, states.quaternion, states.rate, code, states.command, errors, angles)
+
+
+def _angle(reference: Attitude, quaternion: Quat) -> Scalar:
+    """The angle of the turn from the program to the body, 0 … π."""
+    mu = product(conjugate(reference.quaternion), quaternion)
+    return 2 * jnp.arctan2(norm(mu[1:]), jnp.abs(mu[0]))
+
+
+def _judged(
+    law: AbstractLaw, code: Int[Array, ""], references: Attitude, quaternions: Float[Array, "n 4"]
+) -> Int[Array, ""]:
+    """The outcome, refined for laws that have a pole at μ = 0."""
+    if not isinstance(law, AccelerationLaw | RateLaw):
+        return code
+    lengths = jnp.sqrt(jax.vmap(norm_squared)(quaternions))
+    least = jnp.nanmin(lengths)
+    far = jnp.sum(references.quaternion[0] * quaternions[0]) < 0
+    passed = (code == ode.FINISHED) & (least < NEAR * jnp.minimum(lengths[0], 1.0))
+    stuck = (code != ode.FINISHED) & far
+    return jnp.where(passed, solution.NEAR_ZERO, jnp.where(stuck, solution.FAR_SHEET, code))
+
+
+def _disturbance(
+    disturbance: AbstractDisturbance | Callable[..., Any] | None,
+) -> AbstractDisturbance | None:
+    if disturbance is None or isinstance(disturbance, AbstractDisturbance):
+        return disturbance
+    return DisturbanceAcceleration(disturbance)

@@ -1,0 +1,323 @@
+"""Turn profiles: limits, minimal times, derivatives and gradients, at regime boundaries and at Φ = 0 too."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from qtraj.foundation.document import load, save
+from qtraj.motion.profiles.s_curve import SCurve
+from qtraj.motion.profiles.smooth_step import Cubic, Quintic, Septic
+from qtraj.motion.profiles.time_optimal import TimeOptimal
+
+ROUND_OFF = 1e-11  # relative, of a chain of pieces
+FINITE_DIFFERENCE = 2e-6  # of central differences with a step of 1e-6
+DEGREE = math.pi / 180
+
+FROM_LIMITS = {
+    "time-optimal": lambda v, a, j: TimeOptimal(v, a),
+    "bang-bang": lambda v, a, j: TimeOptimal(None, a),
+    "s-curve": SCurve,
+    "cubic": lambda v, a, j: Cubic(max_rate=v, max_acceleration=a),
+    "quintic": lambda v, a, j: Quintic(max_rate=v, max_acceleration=a, max_jerk=j),
+    "septic": lambda v, a, j: Septic(max_rate=v, max_acceleration=a, max_jerk=j),
+}
+IN_TIME = {
+    "time-optimal": lambda v, a, j, T: TimeOptimal(v, a, duration=T),
+    "s-curve": lambda v, a, j, T: SCurve(v, a, j, duration=T),
+    "quintic": lambda v, a, j, T: Quintic(T, v, a, j),
+}
+
+
+def motion(profile, t):
+    return profile.derivatives(t, 3)
+
+
+def sample(profile):
+    """Φ … Φ⃛ and their t-derivatives at instants over the profile, with the profile."""
+    times = profile.duration * jnp.linspace(0.0, 1.0, 401)
+    return profile, *jax.vmap(lambda t: jax.jvp(lambda t: motion(profile, t), (t,), (jnp.ones_like(t),)))(times)
+
+
+def sampled(make, *arguments):
+    """`sample` of the profile that `make` gives for each row of the arguments, as NumPy arrays."""
+    return jax.tree.map(np.asarray, jax.jit(jax.vmap(lambda *x: sample(make(*x))))(*arguments))
+
+
+def check_consistency(profiles, values, slopes, acceleration):
+    """Each row is the derivative of the one before, and the angle is the integral of the rate, without a jump."""
+    np.testing.assert_allclose(slopes[:, :-1, :3], values[:, :-1, 1:], rtol=ROUND_OFF, atol=1e-9)
+    step = profiles.duration[:, None] / 400
+    trapezoids = step * (values[:, 1:, 1] + values[:, :-1, 1]) / 2
+    bound = step**2 / 4 * acceleration[:, None] + 1e-14  # the trapezoid's error under this limit
+    assert np.all(np.abs(np.diff(values[:, :, 0], axis=1) - trapezoids) <= bound)
+
+
+def cases(count=60, seed=3):
+    """Random angles, rates, accelerations and jerks, in every regime."""
+    rng = np.random.default_rng(seed)
+    angle = math.pi * rng.uniform(0.001, 1.0, count)
+    return angle, *np.exp(rng.uniform(math.log(0.03), math.log(5.0), (3, count)))
+
+
+@pytest.mark.parametrize("name", FROM_LIMITS)
+def test_minimal_profiles_touch_their_limits_and_keep_them(name):
+    angle, v, a, j = cases()
+    profiles, values, slopes = sampled(lambda angle, *limits: FROM_LIMITS[name](*limits).profile(angle), angle, v, a, j)
+    check_consistency(profiles, values, slopes, a)
+    np.testing.assert_allclose(values[:, 0, :2], 0, atol=1e-15)
+    np.testing.assert_allclose(values[:, -1, 0], angle, rtol=1e-15)
+    np.testing.assert_array_equal(values[:, -1, 1:], 0)
+    limits = np.stack([v, a, j], axis=1)
+    used = np.abs(values[:, :, 1:]).max(axis=1) / limits
+    counted = {"time-optimal": [0, 1], "bang-bang": [1], "cubic": [0, 1]}.get(name, [0, 1, 2])
+    assert np.all(used[:, counted] <= 1 + ROUND_OFF)
+    assert np.all(used[:, counted].max(axis=1) >= 1 - 1e-4)  # the grid may miss the peak of a polynomial
+
+
+@pytest.mark.parametrize(
+    ("law", "angle", "duration"),
+    [
+        (TimeOptimal(DEGREE, 0.05 * DEGREE), 90 * DEGREE, 110.0),
+        (TimeOptimal(DEGREE, 0.05 * DEGREE), 10 * DEGREE, math.sqrt(800)),  # 28.284 s
+        (TimeOptimal(None, 1.0), math.pi, 3.5449077018110318),
+        (TimeOptimal(math.inf, 1.0), math.pi / 2, 2.5066282746310002),
+        (TimeOptimal(1.0, 1.0, start_rate=1.0, end_rate=1.0), 2.5, 2.5),
+        (TimeOptimal(1.0, 1.0, start_rate=-1.0), 0.0, 1 + math.sqrt(2)),  # out for 1 s, back in √2
+        (TimeOptimal(1.0, 1.0), -2.5, 3.5),
+        (SCurve(10.0, 10.0, 2.0), 1.0, 4 * 0.25 ** (1 / 3)),
+        (SCurve(1.0, 10.0, 4.0), 2.0, 3.0),
+        (SCurve(1.0, 0.5, 1.0), 4.0, 6.5),
+        (SCurve(10.0, 1.0, 1.0), 6.0, 6.0),
+        (Cubic(max_rate=1.5), 1.0, 1.0),
+        (Cubic(max_acceleration=6.0), 4.0, 2.0),
+        (Quintic(max_acceleration=10 / math.sqrt(3)), 1.0, 1.0),
+        (Quintic(max_rate=1.875, max_jerk=60.0), 8.0, 8.0),
+        (Septic(max_jerk=52.5), 8.0, 2.0),
+        (Septic(max_acceleration=84 * math.sqrt(5) / 25), 1.0, 1.0),
+        (Septic(duration=7.0), 1.0, 7.0),
+    ],
+    ids=lambda x: type(x).__name__ if not isinstance(x, float) else None,
+)
+def test_durations(law, angle, duration):
+    np.testing.assert_allclose(law.profile(angle).duration, duration, rtol=1e-14)
+
+
+def test_end_rates_are_met_in_the_least_time():
+    rng = np.random.default_rng(5)
+    angle, a = rng.uniform(-3, 3, 60), rng.uniform(0.2, 3, 60)
+    v0, v1 = rng.uniform(-1, 1, (2, 60))
+
+    def fastest(v0, v1, v, a, angle):
+        return TimeOptimal(v, a, v0, v1).profile(angle)
+
+    # A rate limit of 100 is out of reach.
+    both = [np.concatenate([x, y]) for x, y in ((v0, v1), (v1, v0), (100 + 0 * a, 1 + 0 * a), (a, a), (angle, angle))]
+    profiles, values, slopes = sampled(fastest, *both)
+    check_consistency(profiles, values, slopes, both[3])
+    np.testing.assert_allclose(values[:, 0, 1], both[0], atol=1e-14)
+    np.testing.assert_array_equal(values[:, -1, :3], np.stack([both[4], both[1], 0 * both[1]], axis=1))
+    assert np.all(np.abs(values[:, :, 2]) <= both[3][:, None] * (1 + ROUND_OFF))
+    assert np.abs(values[60:, :, 1]).max() <= 1 + ROUND_OFF
+
+    free, limited = profiles.duration[:60], profiles.duration[60:]
+    # In time T exactly the angles mT ± (AT²/4 − Δ²/4A) and between can be turned: the least T is at one end of it.
+    spread = np.abs(angle - (v0 + v1) / 2 * free)
+    np.testing.assert_allclose(spread, a * free**2 / 4 - (v1 - v0) ** 2 / (4 * a), rtol=1e-9, atol=1e-12)
+    # Backwards in time the turn is the same: the second half swaps the end rates, and has a limit.
+    unlimited = values[:60, :, 1].max(axis=1) < 1
+    unlimited &= values[:60, :, 1].min(axis=1) > -1
+    assert 10 < unlimited.sum() < 50
+    np.testing.assert_allclose(limited[unlimited], free[unlimited], rtol=1e-12)
+    assert np.all(limited[~unlimited] > free[~unlimited])
+
+
+@pytest.mark.parametrize("name", IN_TIME)
+def test_fixed_durations_keep_the_limits(name):
+    def make(angle, v, a, j, factor):
+        least = FROM_LIMITS[name](v, a, j).profile(angle).duration
+        return IN_TIME[name](v, a, j, factor * least).profile(angle)
+
+    angle, v, a, j = (np.tile(x, 4) for x in cases(seed=8))
+    factor = np.repeat([1.0, 1.02, 1.7, 12.0], 60)
+    profiles, values, slopes = sampled(make, angle, v, a, j, factor)
+    assert np.all(profiles.feasible)
+    check_consistency(profiles, values, slopes, a)
+    # The last piece arrives by its own polynomial.
+    np.testing.assert_allclose(profiles.pieces.sum(axis=2)[:, -1], 1, rtol=1e-12)
+    used = np.abs(values[:, :, 1:]).max(axis=1) / np.stack([v, a, j], axis=1)
+    assert np.all(used[:, : 2 if name == "time-optimal" else 3] <= 1 + ROUND_OFF)
+    least, fastest, _ = sampled(
+        lambda angle, *x: FROM_LIMITS[name](*x).profile(angle), *(x[:60] for x in (angle, v, a, j))
+    )
+    np.testing.assert_allclose(profiles.duration, factor * np.tile(least.duration, 4), rtol=1e-15)
+    np.testing.assert_allclose(values[:60, :, :2], fastest[:, :, :2], rtol=1e-6, atol=1e-6)
+
+
+def test_a_fixed_duration_meets_end_rates():
+    def make(duration):
+        return TimeOptimal(1.0, 1.0, start_rate=0.5, end_rate=-0.25, duration=duration).profile(1.0)
+
+    profiles, values, slopes = sampled(make, np.array([9.0, 20.0]))
+    check_consistency(profiles, values, slopes, np.ones(2))
+    np.testing.assert_allclose(values[:, [0, -1], 1], [[0.5, -0.25]] * 2, atol=1e-14)
+    np.testing.assert_allclose(profiles.pieces[:, -1].sum(axis=1), 1.0, rtol=1e-12)
+    assert np.abs(values[:, :, 2]).max() <= 1 + ROUND_OFF
+    after = TimeOptimal(1.0, 1.0, 0.5, 0.5).profile(1.0)
+    assert motion(after, after.duration * 1.001).tolist() == [1, 0, 0, 0]
+
+
+@pytest.mark.parametrize("name", IN_TIME)
+def test_a_duration_too_short_is_refused_with_the_least_one(name):
+    least = float(FROM_LIMITS[name](1.0, 0.7, 2.0).profile(2.0).duration)
+    with pytest.raises(ValueError, match=f"needs at least {least:.16g}"[:28]):
+        IN_TIME[name](1.0, 0.7, 2.0, 0.999 * least).profile(2.0)
+    traced = jax.jit(lambda T: IN_TIME[name](1.0, 0.7, 2.0, T).profile(2.0))
+    assert not traced(0.5 * least).feasible
+    np.testing.assert_allclose(traced(0.5 * least).duration, least, rtol=1e-15)
+
+
+def test_rates_that_leave_no_time_to_wait_are_refused():
+    with pytest.raises(ValueError, match="no time to wait"):
+        TimeOptimal(2.0, 1.0, start_rate=1.0, end_rate=1.0, duration=1.0).profile(0.1)
+
+
+def outputs(name, x):
+    """Duration, angle, rate and acceleration at one instant from (Φ, V, A, J) or (Φ, V, A, J, T)."""
+    laws = FROM_LIMITS if x.shape == (4,) else IN_TIME
+    profile = laws[name](*x[1:]).profile(x[0])
+    return jnp.concatenate([profile.duration[None], profile.derivatives(0.83, 2)])
+
+
+@pytest.mark.parametrize(
+    ("name", "points"),
+    [
+        ("time-optimal", [(2.0, 0.9, 1.1, 3.0), (0.7, 2.0, 1.1, 3.0)]),
+        ("s-curve", [(2.0, 0.8, 1.1, 3.0), (2.0, 0.8, 1.1, 0.7), (0.3, 2.0, 1.1, 3.0), (3.0, 2.0, 1.0, 3.0)]),
+        ("quintic", [(1.0, 0.9, 9.9, 30.0), (1.0, 9.0, 1.9, 70.0), (1.0, 9.0, 9.9, 7.0)]),
+        ("time-optimal", [(1.0, 0.9, 1.1, 3.0, 3.3), (1.0, 0.9, 1.1, 3.0, 2.3)]),
+        ("s-curve", [(1.0, 0.9, 1.1, 30.0, 3.3), (1.0, 0.9, 1.1, 1.1, 6.0)]),
+        ("quintic", [(1.0, 0.9, 9.1, 50.0, 4.0)]),
+    ],
+)
+def test_gradients(name, points):
+    def f(x):
+        return outputs(name, x)
+
+    @jax.jit
+    @jax.vmap
+    def both(x):
+        return jax.jacfwd(f)(x), jax.jacrev(f)(x)
+
+    h, points = 1e-6, np.array(points)
+    steps = h * np.eye(points.shape[1])
+    values = jax.jit(jax.vmap(jax.vmap(jax.vmap(f))))(points[:, None, None] + np.stack([steps, -steps])[None])
+    forward, reverse = both(points)
+    difference = np.swapaxes(values[:, 0] - values[:, 1], 1, 2) / (2 * h)
+    np.testing.assert_allclose(forward, difference, rtol=FINITE_DIFFERENCE, atol=FINITE_DIFFERENCE)
+    np.testing.assert_allclose(reverse, forward, rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("name", "points"),
+    [
+        ("time-optimal", [(0.8, 0.8, 0.8, 1.0)]),  # Φ = V²/A
+        ("s-curve", [(3.0, 1.0, 1.0, 1.0), (2.0, 5.0, 1.0, 1.0)]),  # VJ = A², Φ = 2A³/J²
+    ],
+)
+def test_gradients_agree_on_both_sides_of_a_regime_boundary(name, points):
+    points = np.array(points)[:, None]
+    h = 1e-7
+    around = points + h * np.concatenate([np.zeros((1, 4)), np.eye(4), -np.eye(4)])
+    duration = jax.value_and_grad(lambda x: outputs(name, x)[0])
+    values, gradients = (np.asarray(x) for x in jax.jit(jax.vmap(jax.vmap(duration)))(around))
+    assert np.isfinite(gradients).all()
+    np.testing.assert_allclose(gradients, np.broadcast_to(gradients[:, :1], gradients.shape), atol=1e-5)
+    np.testing.assert_allclose(values[:, 1:5] - values[:, :1], h * gradients[:, 0], atol=1e-12)
+    np.testing.assert_allclose(values[:, 5:] - values[:, :1], -h * gradients[:, 0], atol=1e-12)
+
+
+AT_ZERO = {
+    "time-optimal": TimeOptimal(1.0, 1.0),
+    "s-curve": SCurve(1.0, 1.0, 1.0),
+    "quintic": Quintic(max_acceleration=1.0),
+    "time-optimal in time": TimeOptimal(1.0, 1.0, duration=2.0),
+    "s-curve in time": SCurve(1.0, 1.0, 1.0, duration=2.0),
+    "quintic in time": Quintic(duration=2.0),
+    "given end rates": TimeOptimal(1.0, 1.0, start_rate=0.0, end_rate=0.0),
+}
+
+
+@pytest.mark.parametrize("name", AT_ZERO)
+def test_no_angle(name):
+    law = AT_ZERO[name]
+
+    def f(x):
+        profile = law.profile(x)
+        return jnp.concatenate([profile.duration[None], profile.derivatives(0.7, 2)])
+
+    h = 1e-10  # the profiles are smooth in Φ at a fixed instant, but their switches move as √Φ or ∛Φ
+    values = jax.jit(jax.vmap(f))(np.array([0.0, h, -h]))
+    forward, reverse = jax.jit(lambda x: (jax.jacfwd(f)(x), jax.jacrev(f)(x)))(0.0)
+    np.testing.assert_array_equal(values[0], [0.0 if law.duration is None else 2.0, 0, 0, 0])
+    np.testing.assert_array_equal(forward, reverse)
+    # Without a fixed duration the turn is over at once: Φ(t) = Φ.
+    difference = np.array([0.0, 1, 0, 0]) if law.duration is None else (values[1] - values[2]) / (2 * h)
+    np.testing.assert_allclose(forward, difference, atol=1e-4)
+
+
+def test_outside_its_duration_a_turn_waits_and_holds():
+    profile = SCurve(1.0, 1.0, 1.0).profile(0.5)
+    assert motion(profile, -1.0).tolist() == [0, 0, 0, 0]
+    assert motion(profile, 1e6).tolist() == [0.5, 0, 0, 0]
+    assert motion(profile, profile.duration).tolist() == [0.5, 0, 0, 0]
+    assert np.isnan(motion(profile, math.nan)[0])
+
+
+def test_at_a_switch_the_later_side_counts():
+    profile = TimeOptimal(1.0, 0.5).profile(5.0)
+    assert [float(profile.acceleration(t)) for t in (0.0, 2.0, 5.0, 7.0)] == [0.5, 0.0, -0.5, 0.0]
+
+
+def test_single_precision():
+    for law in (TimeOptimal(1.0, 1.0), SCurve(1.0, 1.0, 1.0), Septic(max_acceleration=1.0)):
+        profile = law.profile(np.float32(1e-9))
+        angle = profile.angle(0.5 * profile.duration)
+        assert angle.dtype == np.float32
+        np.testing.assert_allclose(angle, 0.5e-9, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [lambda: TimeOptimal(0.3, 0.2, start_rate=0.1), *(lambda m=m: m(0.3, 0.2, 0.1, 99.0) for m in IN_TIME.values())],
+)
+@pytest.mark.parametrize("suffix", [".toml", ".json"])
+def test_laws_and_profiles_are_stored_exactly(make, suffix, tmp_path):
+    law = make()
+    for thing in (law, law.profile(0.7)):
+        save(thing, tmp_path / f"x{suffix}")
+        again = load(tmp_path / f"x{suffix}")
+        assert jax.tree.structure(again) == jax.tree.structure(thing)
+        assert jax.tree.all(jax.tree.map(np.array_equal, again, thing))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: TimeOptimal(-1.0, 1.0), "max_rate must be positive"),
+        (lambda: TimeOptimal(1.0, 0.0), "max_acceleration must be positive"),
+        (lambda: TimeOptimal(1.0, math.inf), "max_acceleration must be positive and finite"),
+        (lambda: TimeOptimal(1.0, 1.0, end_rate=-1.5), "end_rate is -1.5 rad/s"),
+        (lambda: TimeOptimal(1.0, 1.0, start_rate=math.nan), "start_rate must be finite"),
+        (lambda: SCurve(1.0, 1.0, math.nan), "max_jerk must be positive"),
+        (lambda: Quintic(), "needs a duration"),
+        (lambda: Cubic(duration=0.0), "duration must be positive"),
+        (lambda: Cubic(duration=1.0).profile(math.nan), "angle of a turn must be finite"),
+        (lambda: Cubic(duration=1.0).profile([1.0, 2.0]), "one angle"),
+    ],
+)
+def test_bad_input_is_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()

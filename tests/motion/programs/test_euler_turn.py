@@ -1,0 +1,204 @@
+"""Euler turns: SciPy as the oracle, kinematics as laws, equal attitudes and half turns as singular points."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from qtraj.algebra import quaternion
+from qtraj.foundation.document import load
+from qtraj.motion.profiles.s_curve import SCurve
+from qtraj.motion.profiles.smooth_step import Quintic, Septic
+from qtraj.motion.profiles.time_optimal import TimeOptimal
+from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
+
+ROUND_OFF = 2e-14
+GRADIENT = 1e-8  # of central differences of a smooth function of size 1, step 1e-5, relative to its third derivative
+
+
+def kinematics(program, t):
+    """The attitude at `t`, 2λ̇ − λ∘ω and ω̇ − ε."""
+    at, along = jax.jvp(program, (t,), (jnp.ones_like(t),))
+    return at, along.quaternion - quaternion.derivative(at.quaternion, at.rate), along.rate - at.acceleration
+
+
+def quaternions(*shape, seed=1):
+    q = np.random.default_rng(seed).normal(size=(*shape, 4))
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+
+
+def test_a_thousand_turns_agree_with_scipy():
+    starts, ends = quaternions(1000), quaternions(1000, seed=2)
+    lengths = np.random.default_rng(3).uniform(0.1, 9, (2, 1000, 1))
+
+    @jax.jit
+    @jax.vmap
+    def turns(start, end):
+        program = EulerTurn(start, end, TimeOptimal(0.5, 0.3))
+        times = program.duration * jnp.asarray([0.0, 0.21, 0.5, 0.83, 1.0, 1.5])
+        angles = jax.vmap(lambda t: program.profile.derivatives(t, 2))(times)
+        return jax.vmap(lambda t: kinematics(program, t))(times), angles, program.end, program.angle
+
+    (at, quaternion_gap, rate_gap), angles, end, angle = jax.tree.map(
+        np.asarray, turns(lengths[0] * starts, lengths[1] * ends)
+    )
+    first, last = (Rotation.from_quat(q, scalar_first=True) for q in (starts, ends))
+    vectors = (first.inv() * last).as_rotvec()
+    axes = vectors / np.linalg.norm(vectors, axis=1)[:, None]
+    np.testing.assert_allclose(angle, np.linalg.norm(vectors, axis=1), atol=ROUND_OFF)
+    for k in range(6):
+        expected = first * Rotation.from_rotvec(angles[:, k, :1] * axes)
+        gap = (Rotation.from_quat(at.quaternion[:, k], scalar_first=True).inv() * expected).magnitude()
+        assert gap.max() < ROUND_OFF
+        np.testing.assert_allclose(at.rate[:, k], angles[:, k, 1:2] * axes, atol=ROUND_OFF)
+        np.testing.assert_allclose(at.acceleration[:, k], angles[:, k, 2:] * axes, atol=ROUND_OFF)
+    np.testing.assert_allclose(quaternion_gap, 0, atol=ROUND_OFF)
+    np.testing.assert_allclose(rate_gap, 0, atol=ROUND_OFF)
+    # It starts at the start, ends at the end or its negative, the nearer one, and stays there at rest.
+    np.testing.assert_allclose(at.quaternion[:, 0], starts, atol=ROUND_OFF)
+    sign = np.where(np.sum(starts * ends, axis=1) < 0, -1.0, 1.0)[:, None]
+    np.testing.assert_allclose(end, sign * ends, atol=ROUND_OFF)
+    np.testing.assert_allclose(at.quaternion[:, 4], end, atol=ROUND_OFF)
+    np.testing.assert_array_equal(at.quaternion[:, 5], at.quaternion[:, 4])
+    np.testing.assert_array_equal([at.rate[:, 5], at.acceleration[:, 4]], 0)
+
+
+def test_the_axis_in_body_and_inertial_axes():
+    start, end = quaternions(2)
+    program = EulerTurn(3 * start, end, SCurve(1.0, 1.0, 1.0))
+    inertial = (
+        Rotation.from_quat(end, scalar_first=True) * Rotation.from_quat(start, scalar_first=True).inv()
+    ).as_rotvec()
+    np.testing.assert_allclose(program.angle * program.axis("inertial"), inertial, atol=ROUND_OFF)
+    np.testing.assert_allclose(
+        quaternion.rotate(jnp.asarray(end), program.axis()), program.axis("inertial"), atol=ROUND_OFF
+    )
+    with pytest.raises(ValueError, match="axes must be"):
+        program.axis("world")
+
+
+BASE = np.array([0.5, -0.5, 0.1, 0.7])
+HALF = np.array([0.0, 0.6, 0.0, 0.8])  # a half turn about its vector part
+
+
+@pytest.mark.parametrize("law", [Quintic(duration=2.0), TimeOptimal(3.0, 3.0, duration=2.5), SCurve(2.0, 3.0, 9.0)])
+def test_equal_attitudes(law):
+    def f(end, t):
+        at = EulerTurn(BASE, end, law)(t)
+        return jnp.concatenate([at.quaternion, at.rate])
+
+    ends, h, t = np.stack([2 * BASE, -2 * BASE]), 1e-7, 0.9
+    resting = np.concatenate([BASE / np.linalg.norm(BASE), np.zeros(3)])
+    both = jax.vmap(lambda e: (f(e, t), jax.jacfwd(f)(e, t), jax.jacrev(f)(e, t)))
+    values, forward, reverse = jax.jit(both)(ends)
+    np.testing.assert_allclose(values, [resting, resting], atol=ROUND_OFF)
+    np.testing.assert_allclose(forward, reverse, atol=1e-12)
+    assert np.isfinite(forward).all()
+    if law.duration is None:  # the turn is over at once; a difference would see it begin
+        return
+    steps = h * np.concatenate([np.eye(4), -np.eye(4)])
+    near = jax.jit(jax.vmap(jax.vmap(lambda e: f(e, t))))(ends[:, None] + steps)
+    difference = np.swapaxes(near[:, :4] - near[:, 4:], 1, 2) / (2 * h)
+    # The switches of the time-optimal law move as Φ.
+    np.testing.assert_allclose(forward, difference, atol=1e-3 if law.duration == 2.5 else 1e-7)
+    assert np.abs(forward[:, 4:]).max() > 0.1
+
+
+def test_half_turns():
+    start = BASE / np.linalg.norm(BASE)
+    end = np.asarray(quaternion.product(jnp.asarray(start), jnp.asarray(HALF)))
+
+    def f(end):
+        program = EulerTurn(start, end, Septic(duration=2.0))
+        at = program(0.8)
+        return jnp.concatenate([at.quaternion, at.rate, program.angle[None]])
+
+    values, gradient, reverse = jax.jit(lambda e: (f(e), jax.jacfwd(f)(e), jax.jacrev(f)(e)))(end)
+    np.testing.assert_allclose(values[-1], math.pi, atol=ROUND_OFF)
+    np.testing.assert_allclose(values[4:7] / np.linalg.norm(values[4:7]), HALF[1:], atol=ROUND_OFF)
+    np.testing.assert_allclose(gradient, reverse, atol=1e-12)
+    assert np.isfinite(gradient).all()
+    # Towards the shorter side the derivative is one-sided; across the axis of the turn it is an ordinary one.
+    side, h = np.asarray(quaternion.product(jnp.asarray(start), jnp.asarray([0.0, 0.0, 1.0, 0.0]))), 1e-6
+    f = jax.jit(f)
+    np.testing.assert_allclose(gradient @ side, (f(end + h * side) - f(end - h * side)) / (2 * h), atol=1e-8)
+
+
+def test_gradients_of_a_turn():
+    law = SCurve(0.9, 0.7, 2.0)
+    x = np.concatenate([BASE, [0.1, 0.9, -0.3, 0.4]])
+
+    def f(x):
+        program = EulerTurn(x[:4], x[4:], law)
+        at = program(1.3)
+        return jnp.concatenate([at.quaternion, at.rate, at.acceleration, program.duration[None]])
+
+    forward, reverse = jax.jit(lambda x: (jax.jacfwd(f)(x), jax.jacrev(f)(x)))(x)
+    h = 1e-5
+    near = jax.jit(jax.vmap(f))(x + h * np.concatenate([np.eye(8), -np.eye(8)]))
+    np.testing.assert_allclose(forward, (near[:8] - near[8:]).T / (2 * h), atol=GRADIENT)
+    np.testing.assert_allclose(reverse, forward, atol=1e-12)
+
+
+def test_end_rates_along_the_axis():
+    start, end = quaternions(2, seed=9)
+    program = EulerTurn(start, end, TimeOptimal(1.0, 0.5, start_rate=0.2, end_rate=-0.1))
+    np.testing.assert_allclose(program(0.0).rate, 0.2 * program.axis(), atol=ROUND_OFF)
+    np.testing.assert_allclose(program(program.duration).rate, -0.1 * program.axis(), atol=ROUND_OFF)
+    np.testing.assert_allclose(program(program.duration).quaternion, program.end, atol=ROUND_OFF)
+
+
+def test_a_chain_passes_its_attitudes_at_rest():
+    attitudes = quaternions(6, seed=4) * np.array([1.0, -2.0, 1.0, 0.5, -1.0, 1.0])[:, None]
+    attitudes[3] = -attitudes[2]  # no turn at all in between
+    chain = TurnChain(attitudes, SCurve(1.0, 0.8, 2.0))
+    times = np.asarray(chain.times)
+    singles = jax.vmap(lambda a, b: EulerTurn(a, b, chain.law)(0.3).quaternion)
+    durations = jax.vmap(lambda a, b: EulerTurn(a, b, chain.law).duration)
+    np.testing.assert_allclose(np.diff(times), jax.jit(durations)(attitudes[:-1], attitudes[1:]), rtol=1e-13)
+    assert times[2] == times[3]
+
+    def at_times(chain, times):
+        return jax.vmap(lambda t: kinematics(chain, t))(times)
+
+    grid = np.linspace(0, times[-1], 2001)
+    at, quaternion_gap, rate_gap = jax.jit(at_times)(chain, np.concatenate([times, grid]))
+    np.testing.assert_allclose(np.abs(np.sum(at.quaternion[:6] * attitudes, axis=1)), np.linalg.norm(attitudes, axis=1))
+    np.testing.assert_allclose(at.rate[:6], 0, atol=ROUND_OFF)
+    np.testing.assert_allclose(quaternion_gap, 0, atol=ROUND_OFF)
+    np.testing.assert_allclose(rate_gap, 0, atol=ROUND_OFF)
+    steps = np.linalg.norm(np.diff(at.quaternion[6:], axis=0), axis=1)
+    assert steps.max() <= 0.5 * np.linalg.norm(at.rate, axis=1).max() * grid[1] * 1.001  # the sign is continuous
+    alone, within = jax.jit(singles)(attitudes[:-1], attitudes[1:])[4], chain(times[4] + 0.3).quaternion
+    np.testing.assert_allclose(alone * np.sign(alone @ within), within, atol=ROUND_OFF)
+
+
+@pytest.mark.parametrize("suffix", [".toml", ".json"])
+def test_programs_are_stored_exactly(suffix, tmp_path):
+    law = TimeOptimal(0.3, 0.2)
+    for program in (EulerTurn(BASE, HALF, law), TurnChain([BASE, HALF, -BASE], law)):
+        program.save(tmp_path / f"program{suffix}")
+        again = load(tmp_path / f"program{suffix}")
+        assert jax.tree.structure(again) == jax.tree.structure(program)
+        assert jax.tree.all(jax.tree.map(np.array_equal, again, program))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: EulerTurn([0.0, 0, 0, 0], BASE, Quintic(1.0)), "start_q: quaternion 0 is zero"),
+        (lambda: EulerTurn(BASE, [1.0, 0, 0], Quintic(1.0)), r"end_q must have shape \(4,\)"),
+        (lambda: EulerTurn(BASE, [math.nan, 0, 0, 0], Quintic(1.0)), "end_q must be finite"),
+        (lambda: EulerTurn(BASE, HALF, TimeOptimal(1.0, 1.0, duration=0.1)), "needs at least"),
+        (lambda: TurnChain([BASE], Quintic(1.0)), "at least two quaternions"),
+        (lambda: TurnChain([BASE, 0 * BASE], Quintic(1.0)), "quaternion 1 is zero"),
+        (lambda: TurnChain([BASE, BASE, HALF], SCurve(1.0, 1.0, 1.0, duration=1.0)), "needs at least"),
+        (lambda: TurnChain([BASE, HALF], TimeOptimal(1.0, 1.0, end_rate=0.0)), "rests at each attitude"),
+    ],
+)
+def test_bad_input_is_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()

@@ -1,0 +1,160 @@
+"""The rotation spline: SciPy's RotationSpline, run to convergence, is the oracle."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from qtraj.algebra import quaternion
+from qtraj.foundation.document import load
+from qtraj.motion.programs import rotation_spline
+from qtraj.motion.programs.table_program import TableProgram
+
+SPLINE = 1e-11  # agreement of values, rates and accelerations of size 1 to 10 once both iterations have converged
+
+
+@pytest.fixture
+def converged(monkeypatch):
+    """SciPy stops at 1e-9 or after ten iterations: let it go on."""
+    monkeypatch.setattr(RotationSpline, "TOL", 1e-15)
+    monkeypatch.setattr(RotationSpline, "MAX_ITER", 300)
+
+
+def table(count, step, seed=6):
+    """Times from 0, attitudes about `step` rad apart, and the same as quaternions of any length and sign."""
+    rng = np.random.default_rng(seed)
+    rotations = [Rotation.random(random_state=5)]
+    for vector in rng.normal(size=(count - 1, 3)):
+        rotations.append(rotations[-1] * Rotation.from_rotvec(step * vector))
+    rotations = Rotation.concatenate(rotations)
+    times = np.concatenate([[0.0], np.cumsum(rng.uniform(0.4, 1.5, count - 1))])
+    sizes = rng.uniform(0.3, 3, count) * rng.choice([-1, 1], count)
+    return times, rotations, sizes[:, None] * rotations.as_quat(scalar_first=True)
+
+
+@jax.jit
+def evaluated(program, times):
+    """Attitudes, and how far 2λ̇ = λ∘ω and ω̇ = ε are from true."""
+
+    def one(t):
+        at, along = jax.jvp(program, (t,), (jnp.ones_like(t),))
+        return at, along.quaternion - quaternion.derivative(at.quaternion, at.rate), along.rate - at.acceleration
+
+    return jax.vmap(one)(times)
+
+
+@pytest.mark.parametrize(("count", "step"), [(2, 1.0), (12, 0.2), (12, 0.9)])
+def test_agrees_with_scipy(count, step, converged):
+    times, rotations, quaternions = table(count, step)
+    program = TableProgram(times + 7.5, quaternions)  # time is counted from the first
+    np.testing.assert_allclose(program.duration, times[-1], rtol=1e-15)
+    t = np.concatenate([times, np.linspace(0, times[-1], 313 - count)])
+    at, quaternion_gap, rate_gap = evaluated(program, t)
+    expected = RotationSpline(times, rotations)
+    gap = Rotation.from_quat(at.quaternion, scalar_first=True).inv() * expected(t)
+    assert gap.magnitude().max() < SPLINE
+    np.testing.assert_allclose(at.rate, expected(t, 1), atol=SPLINE)
+    np.testing.assert_allclose(at.acceleration[:-1], expected(t, 2)[:-1], atol=10 * SPLINE)
+    np.testing.assert_allclose(quaternion_gap, 0, atol=1e-14)
+    np.testing.assert_allclose(rate_gap, 0, atol=1e-13)
+    np.testing.assert_allclose(np.linalg.norm(at.quaternion, axis=1), 1, atol=1e-14)
+    assert np.sum(at.quaternion[count:-1] * at.quaternion[count + 1 :], axis=1).min() > 0.99
+    first = quaternions[0] / np.linalg.norm(quaternions[0])
+    np.testing.assert_allclose(at.quaternion[0], first, atol=1e-15)
+
+
+def test_acceleration_is_continuous_far_beyond_small_steps():
+    times, _, quaternions = table(12, 1.3, seed=2)
+    program = TableProgram(times, quaternions)
+    before, after = (evaluated(program, times[1:-1] + side)[0] for side in (-1e-9, 1e-9))
+    np.testing.assert_allclose(before.acceleration, after.acceleration, atol=1e-6)
+    np.testing.assert_allclose(before.rate, after.rate, atol=1e-6)
+    assert np.abs(after.acceleration).max() > 1
+
+
+def test_a_steady_turn_is_reproduced():
+    times = np.linspace(0.0, 2.0, 12) ** 2
+    rate = np.array([0.3, -1.0, 0.4])
+    program = TableProgram(times, Rotation.from_rotvec(times[:, None] * rate).as_quat(scalar_first=True))
+    at, _, _ = evaluated(program, np.linspace(-1, 5, 313))  # the end pieces go on
+    np.testing.assert_allclose(at.rate, np.tile(rate, (313, 1)), atol=1e-13)
+    np.testing.assert_allclose(at.acceleration, 0, atol=1e-11)  # the first intervals are short
+    still = TableProgram([0, 1, 2], [[2, 0, 0, 0]] * 3)(0.4)
+    assert still.quaternion.tolist() == [1, 0, 0, 0]
+    assert still.rate.tolist() == [0, 0, 0]
+
+
+def test_gradients_with_respect_to_the_table():
+    times, _, quaternions = table(5, 0.6)
+    direction = np.random.default_rng(1).normal(size=(5, 5))
+
+    weights = np.random.default_rng(2).normal(size=10)
+
+    def f(table):
+        at = TableProgram(times + 0.1 * table[:, 0], table[:, 1:])(0.4 * times[-1])
+        return weights @ jnp.concatenate([at.quaternion, at.rate, at.acceleration])
+
+    h, x = 1e-5, np.concatenate([0 * quaternions[:, :1], quaternions], axis=1)
+    value = jax.jit(f)
+    difference = (value(x + h * direction) - value(x - h * direction)) / (2 * h)
+    np.testing.assert_allclose(np.sum(jax.jit(jax.grad(f))(x) * direction), difference, rtol=1e-7, atol=1e-7)
+
+
+def test_first_and_second_derivatives_of_the_rates_are_exact():
+    turns, change = np.random.default_rng(4).normal(size=(2, 2, 3)) * 0.6
+    widths = np.array([0.5, 0.8])
+
+    def f(s):
+        return rotation_spline.knot_rates(turns + s * change, widths * (1 + 0.2 * s))[0]
+
+    def first(s):
+        return jax.jvp(f, (s,), (1.0,))[1]
+
+    h = 1e-4
+    below, value, above = jax.jit(jax.vmap(f))(np.array([-h, 0.0, h]))
+    slope, bend = jax.jit(lambda s: jax.jvp(first, (s,), (1.0,)))(0.0)
+    np.testing.assert_allclose(slope, (above - below) / (2 * h), rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(bend, (above - 2 * value + below) / h**2, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("suffix", [".toml", ".json"])
+def test_is_stored_exactly(suffix, tmp_path):
+    times, _, quaternions = table(12, 0.6)
+    program = TableProgram(times, quaternions)
+    program.save(tmp_path / f"program{suffix}")
+    assert jax.tree.all(jax.tree.map(np.array_equal, load(tmp_path / f"program{suffix}"), program))
+
+
+def test_single_precision():
+    times, _, quaternions = (np.asarray(x, np.float32) if isinstance(x, np.ndarray) else x for x in table(12, 0.6))
+    program = TableProgram(times, quaternions)
+    expected = TableProgram(times.astype(float), quaternions.astype(float))
+    t = np.linspace(0, float(times[-1]), 313).astype(np.float32)
+    at, same = evaluated(program, t)[0], evaluated(expected, t.astype(float))[0]
+    assert at.acceleration.dtype == np.float32
+    np.testing.assert_allclose(at.acceleration, same.acceleration, rtol=1e-4, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("times", "quaternions", "message"),
+    [
+        ([0.0], [[1.0, 0, 0, 0]], "at least two quaternions"),
+        ([0.0, 1.0], [[1.0, 0, 0], [1.0, 0, 0]], "at least two quaternions"),
+        ([0.0, 1.0, 2.0], [[1.0, 0, 0, 0]] * 2, "one time for each attitude"),
+        ([0.0, 1.0, 1.0], [[1.0, 0, 0, 0]] * 3, "time 2 is 1 s after 1 s"),
+        ([0.0, math.nan], [[1.0, 0, 0, 0]] * 2, "times of a table program must be finite"),
+        ([0.0, 1.0], [[1.0, 0, 0, 0], [0.0, 0, 0, 0]], "quaternion 1 is zero"),
+        ([0.0, 1.0], [[1.0, 0, 0, 0], [math.inf, 0, 0, 0]], "attitudes of a table program must be finite"),
+    ],
+)
+def test_bad_input_is_refused(times, quaternions, message):
+    with pytest.raises(ValueError, match=message):
+        TableProgram(times, quaternions)
+
+
+def test_given_rates_must_fit():
+    with pytest.raises(ValueError, match="one row for each attitude"):
+        TableProgram([0.0, 1.0], [[1.0, 0, 0, 0]] * 2, rates=[[0.0, 0, 0]])

@@ -1,0 +1,243 @@
+"""λ(t) from a known ω(t): the figures of coning, the laws of |λ| and of axes, tolerances kept or honestly missed."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import qtraj as qt
+from qtraj.motion.propagation.gauss_legendre import GaussLegendre
+from qtraj.motion.propagation.magnus import Magnus
+from qtraj.motion.propagation.mesh import uniform
+from qtraj.motion.propagation.problem import checked, solve
+from qtraj.motion.propagation.propagate import PropagationResult, propagate, propagate_with_estimate
+
+from ...path.test_reference import CASES, build
+from .coning import FAST, SLOW, Coning, angles
+
+TOLERANCE = 1e-12
+"""[rad] The default, and what a closed form in float64 leaves of it."""
+ROUND_OFF = 1e-14
+REFERENCE_ROUND_OFF = 3e-14
+"""[rad] Of the closed form itself: one rounding of a phase of 65 rad."""
+FACTOR = 2.0
+"""Between a published figure and ours."""
+ORDER_MARGIN = 0.4
+"""By which the observed order may fall short: the coarsest steps see a sizeable part of a cone."""
+
+EVALUATIONS = (48, 96, 192, 384, 768)
+TABLE = {
+    Magnus(4): (4.2e-4, 2.6e-5, 1.6e-6, 1.0e-7, 6.3e-9),
+    Magnus(6): (1.0e-5, 2.0e-7, 3.4e-9, 5.3e-11, 8.4e-13),
+    GaussLegendre(4): (2.6e-6, 1.1e-8, 4.2e-11, 1.6e-13, 7e-16),
+    GaussLegendre(8): (1.7e-10, 3.0e-15),
+}
+FAST_TABLE = {Magnus(6): {192: 5.0e-3, 768: 1.3e-6, 3072: 3.1e-10}, GaussLegendre(8): {192: 3.6e-11, 768: 1e-14}}
+QUATERNION = np.array([0.1, -0.7, 0.5, 0.4])
+TIMES = np.array([0.0, 0.4, 1.0, 2.5])
+
+
+def final_errors(coning, end, method, evaluations):
+    """By so many evaluations of the rate in equal steps; the empty slots save compilations."""
+    times = np.array([0.0, end])
+    problem = checked(coning, coning.quaternions([0.0])[0], times, method, "body", None)
+    steps = [count // len(method.nodes) for count in evaluations]
+    qs = [solve(problem, uniform(1, count, max(steps), problem.times.dtype))[-1] for count in steps]
+    return angles(np.stack(qs), coning.quaternions(np.full(len(qs), end)))
+
+
+@pytest.mark.parametrize("method", TABLE, ids=str)
+def test_the_table_of_coning(method):
+    """β = 10°, Ω = 0.74π, 10 s; and the orders that follow from it."""
+    errors = final_errors(SLOW, 10.0, method, EVALUATIONS[: len(TABLE[method])])
+    np.testing.assert_array_less(errors, FACTOR * np.array(TABLE[method]) + ROUND_OFF)
+    np.testing.assert_array_less(np.array(TABLE[method]) / FACTOR, errors + ROUND_OFF)
+    regular = errors[errors > 10 * ROUND_OFF]
+    assert np.all(np.log2(regular[:-1] / regular[1:]) > method.order - ORDER_MARGIN)
+
+
+@pytest.mark.parametrize("method", FAST_TABLE, ids=str)
+def test_the_table_of_fast_coning(method):
+    """β = 50°, Ω = 2π, 10.3 s. The last figure of Gauss–Legendre is round-off, and so may be ours."""
+    figures = np.array(list(FAST_TABLE[method].values()))
+    errors = final_errors(FAST, 10.3, method, FAST_TABLE[method])
+    np.testing.assert_array_less(errors, FACTOR * figures + REFERENCE_ROUND_OFF)
+    np.testing.assert_array_less(figures / FACTOR, errors + REFERENCE_ROUND_OFF)
+
+
+@pytest.mark.parametrize(
+    ("method", "tolerance"),
+    [(GaussLegendre(8), 1e-4), (GaussLegendre(8), 1e-8), (GaussLegendre(8), 1e-12), (Magnus(6), 1e-5)],
+    ids=str,
+)
+def test_the_tolerance_is_kept_and_the_estimate_true(method, tolerance):
+    times = np.array([0.0, 0.5, 10.3])
+    q0 = FAST.quaternions([0.0])[0]
+    solution = propagate_with_estimate(FAST, q0, times, method, tolerance=tolerance)
+    error = angles(solution.quaternion, FAST.quaternions(times))[-1]
+    assert solution.result == PropagationResult.successful
+    assert error <= solution.estimate + REFERENCE_ROUND_OFF
+    assert solution.estimate < min(1.5 * tolerance, 20 * error + 30 * ROUND_OFF)
+    np.testing.assert_array_equal(propagate(FAST, q0, times, method, tolerance=tolerance), solution.quaternion)
+
+
+def test_times_are_output_instants_only():
+    """Uneven times that begin anywhere: λ(times[0]) = q0, and every instant is as good as the last."""
+    times = np.array([5.0, 5.001, 5.8, 6.0, 9.7, 9.70001, 15.3])
+    qs = propagate(FAST, FAST.quaternions([5.0])[0], times)
+    assert angles(qs, FAST.quaternions(times)).max() < TOLERANCE
+    np.testing.assert_array_equal(qs[0], FAST.quaternions([5.0])[0])
+    np.testing.assert_array_equal(propagate(FAST, QUATERNION, [5.0]), QUATERNION[None])
+
+
+def test_body_and_inertial_axes_agree():
+    q0 = FAST.quaternions([0.0])[0]
+    body, inertial = propagate(FAST, q0, TIMES), propagate(FAST.inertial, q0, TIMES, axes="inertial")
+    np.testing.assert_allclose(inertial, body, rtol=0, atol=TOLERANCE)
+    assert np.abs(propagate(FAST.inertial, q0, TIMES) - body)[-1].max() > 0.1  # the axes are told apart
+
+
+@pytest.mark.parametrize("axes", ["body", "inertial"])
+@pytest.mark.parametrize("scale", [1.0, -3.0, 1e-3, 1e6])
+def test_the_scalar_part_is_the_law_of_the_length(axes, scale):
+    """|λ|² = |λ0|² exp ∫ω0, in either axes, and the attitude does not see ω0."""
+
+    def omega(t):
+        return jnp.concatenate([jnp.sin(3 * t)[None], FAST(t)])
+
+    q0 = scale * QUATERNION
+    qs = propagate(omega, q0, TIMES, axes=axes)
+    growth = (1 - np.cos(3 * TIMES)) / 3
+    np.testing.assert_allclose(np.sum(qs**2, axis=1), np.sum(q0**2) * np.exp(growth), rtol=TOLERANCE, atol=0)
+    plain = propagate(FAST, q0, TIMES, axes=axes)
+    np.testing.assert_allclose(np.linalg.norm(plain, axis=1), np.linalg.norm(q0), rtol=ROUND_OFF, atol=0)
+    np.testing.assert_allclose(qs, plain * np.exp(growth / 2)[:, None], rtol=0, atol=TOLERANCE * np.linalg.norm(qs[-1]))
+
+
+class TrihedralRate(eqx.Module):
+    """ω⁰ of the natural trihedral; a Module, so that one compilation serves many paths."""
+
+    path: qt.SpiralHelix
+
+    def __call__(self, t):
+        return qt.trihedral(self.path, t).rate
+
+
+trihedral_quaternion = jax.jit(lambda path, t: qt.trihedral(path, t).quaternion())
+
+
+@pytest.mark.parametrize("case", CASES, ids=[f"{i}-{c['kind']}" for i, c in enumerate(CASES)])
+def test_trihedral_is_the_flow_of_its_own_rate(case):
+    """Integrating the trihedral's rate from its first attitude reproduces its last, at any scale of λ."""
+    path = build(case)
+    times = np.array([0.0, float(path.duration)])
+    first, last = (trihedral_quaternion(path, jnp.asarray(t)) for t in times)
+    for scale in (1.0, -3.0, 1e-3, 1e6):
+        qs = propagate(TrihedralRate(path), scale * first, times)
+        assert angles(qs[-1:], last[None]) < TOLERANCE
+        np.testing.assert_allclose(np.linalg.norm(qs, axis=1), abs(scale), rtol=ROUND_OFF, atol=0)
+
+
+@pytest.mark.parametrize("switch", [1.2345, 0.7, 1.5])
+def test_a_switch_between_the_nodes_is_seen(switch):
+    """A rate that jumps at 1.2345 s does so 3e-6 s from the end of a step, where Gauss points do not reach."""
+
+    def omega(t):
+        return jnp.where(t < switch, 1.0, -1.0) * jnp.asarray([1.0, 2.0, -2.0]) / 3
+
+    times = np.array([0.0, 3.0])
+    angle = switch - (3.0 - switch)
+    expected = qt.rotation.from_rotation_vector(jnp.asarray(angle * np.array([1.0, 2.0, -2.0]) / 3))
+    qs = propagate(omega, [1.0, 0, 0, 0], times)
+    assert angles(qs[-1:], expected[None]) < TOLERANCE
+    known = propagate_with_estimate(omega, [1.0, 0, 0, 0], np.array([0.0, switch, 3.0]))
+    assert angles(known.quaternion[-1:], expected[None]) < TOLERANCE
+    assert known.steps == 8  # the switch is an output time: nothing had to be searched
+
+
+def test_a_missed_tolerance_is_never_silent():
+    q0 = FAST.quaternions([0.0])[0]
+    times = np.array([0.0, 10.3])
+    with pytest.raises(RuntimeError, match=r"did not reach the tolerance: raise `max_steps`.* 8 steps"):
+        propagate(FAST, q0, times, max_steps=20)
+    solution = propagate_with_estimate(FAST, q0, times, max_steps=20)
+    assert solution.result == PropagationResult.tolerance_not_reached
+    assert "max_steps" in PropagationResult[solution.result]
+    assert solution.estimate > 0.1 * angles(solution.quaternion, FAST.quaternions(times))[-1] > TOLERANCE
+    fixed = propagate_with_estimate(FAST, q0, times, steps=24)
+    assert fixed.result == PropagationResult.tolerance_not_reached
+    assert fixed.estimate == pytest.approx(3.6e-11, rel=1.0)
+    with pytest.raises(RuntimeError, match="NaN or infinite"):
+        propagate(lambda t: FAST(t) / (t - t), q0, times)
+
+
+def test_under_jit_and_vmap():
+    """A traced rate is planned at run time, each lane for itself."""
+    times = np.array([0.0, 1.0, 2.0])
+    speeds = jnp.asarray([1.0, 16.0])
+
+    @jax.jit
+    @jax.vmap
+    def traced(speed):
+        coning = eqx.tree_at(lambda c: c.speed, FAST, speed)
+        return propagate_with_estimate(coning, QUATERNION, times, max_steps=64)
+
+    batch = traced(speeds)
+    plain = jnp.stack([propagate(Coning(50.0, speed), QUATERNION, times) for speed in speeds])
+    np.testing.assert_allclose(batch.quaternion, plain, rtol=0, atol=TOLERANCE)
+    assert (batch.result == PropagationResult.successful).all()
+    assert batch.steps[0] < batch.steps[1]
+
+
+def test_a_traced_quaternion_is_planned_while_tracing():
+    """The number of steps is known then: the program has no search in it, and no slots to spare."""
+    plain, known = propagate_with_estimate(FAST, QUATERNION, TIMES), []
+
+    @jax.jit
+    def staged(q):
+        solution = propagate_with_estimate(FAST, q, TIMES)
+        known.append(int(solution.steps))
+        return solution.quaternion
+
+    np.testing.assert_allclose(staged(jnp.asarray(2 * QUATERNION)), 2 * plain.quaternion, rtol=0, atol=TOLERANCE)
+    assert known == [plain.steps]
+
+
+def test_a_missed_tolerance_under_jit_raises():
+    run = eqx.filter_jit(lambda coning: propagate(coning, QUATERNION, [0.0, 10.3], max_steps=8))
+    with pytest.raises(RuntimeError, match="did not reach the tolerance"):
+        run(FAST).block_until_ready()
+
+
+def test_float32():
+    coning = Coning(50.0, 2 * np.pi, jnp.float32)
+    times = np.linspace(0.0, 3.0, 4, dtype=np.float32)
+    qs = propagate(coning, coning.quaternions([0.0])[0].astype(np.float32), times)
+    assert qs.dtype == jnp.float32
+    assert angles(np.asarray(qs, float), FAST.quaternions(times)).max() < 1e-5
+    np.testing.assert_allclose(np.linalg.norm(qs, axis=1), 1.0, rtol=1e-6, atol=0)
+    staged = jax.jit(lambda q: propagate(coning, q, times))(qs[0])
+    np.testing.assert_allclose(staged, qs, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"times": [0.0, 1.0, 1.0]}, r"times\[1\] = 1 s is followed by 1 s"),
+        ({"times": [[0.0, 1.0]]}, "vector of at least one instant"),
+        ({"times": []}, "vector of at least one instant"),
+        ({"times": [0.0, np.nan]}, "times must be finite"),
+        ({"q0": np.zeros(4)}, "must not be zero"),
+        ({"q0": np.ones(3)}, r"shape \(4,\)"),
+        ({"axes": "world"}, "'body' or 'inertial', but 'world'"),
+        ({"omega": lambda t: jnp.ones(5)}, r"omega\(t\) must have shape"),
+        ({"tolerance": 0.0}, "tolerance must be positive"),
+        ({"steps": 0}, "at least one step"),
+        ({"max_steps": 2}, "fewer than the 3 intervals"),
+    ],
+)
+def test_bad_input(change, message):
+    arguments = {"omega": FAST, "q0": QUATERNION, "times": TIMES} | change
+    with pytest.raises(ValueError, match=message):
+        propagate(**arguments)
