@@ -24,9 +24,12 @@ from qtraj.motion.programs.rotation_minimizing import RotationMinimizing
 from qtraj.motion.programs.table_program import TableProgram
 from qtraj.motion.propagation.gauss_legendre import GaussLegendre
 from qtraj.motion.propagation.magnus import Magnus
-from qtraj.motion.propagation.propagate import propagate
+from qtraj.motion.propagation.propagate import Propagation, propagate, propagate_with_estimate
 from qtraj.motion.propagation.strapdown import propagate_samples
+from qtraj.motion.simulation.actuator import Actuator
+from qtraj.motion.simulation.disturbance import DisturbanceAcceleration, DisturbanceTorque
 from qtraj.motion.simulation.kinematics import integrate
+from qtraj.motion.simulation.sensor import Gyros, Sensor
 from qtraj.motion.simulation.simulate import simulate
 from qtraj.motion.simulation.solution import Solution
 from qtraj.path.boundary import BoundaryState
@@ -41,26 +44,32 @@ __all__ = [
     "AbstractHodograph",
     "AbstractProgram",
     "AccelerationLaw",
+    "Actuator",
     "Attitude",
     "BoundaryState",
     "Certificate",
     "Cubic",
     "Curve",
+    "DisturbanceAcceleration",
+    "DisturbanceTorque",
     "EulerTurn",
     "FrameProgram",
     "GaussLegendre",
     "GeometricFeedback",
+    "Gyros",
     "Limits",
     "LogarithmicFeedback",
     "Magnus",
     "Natural",
     "Placement",
+    "Propagation",
     "QuaternionFeedback",
     "Quintic",
     "RateLaw",
     "Residual",
     "RotationMinimizing",
     "SCurve",
+    "Sensor",
     "Septic",
     "Solution",
     "SpiralHelix",
@@ -83,6 +92,7 @@ __all__ = [
     "peak",
     "propagate",
     "propagate_samples",
+    "propagate_with_estimate",
     "quaternion",
     "read_track",
     "rotation",
