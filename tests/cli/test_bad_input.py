@@ -66,7 +66,7 @@ BAD = {
     "a purpose of nothing": (STATES + "[purpose]\nspeed = 'comfort'\n", ["purpose.speed", "[limits] has no 'speed'"]),
     "a window backwards": (
         TRACK.replace("[limits]", "window = [5, 1]\n[limits]"),
-        ["'track.window' holds [5.0, 1.0]", "t0 < t1"],
+        ["[track]: the key 'window' holds [5.0, 1.0]", "t0 < t1"],
     ),
     "a window outside": (
         TRACK.replace("[limits]", "window = [5, 50]\n[limits]"),
@@ -135,7 +135,7 @@ def test_bad_scenarios(qtraj, folder, content):
     assert sorted(folder.iterdir()) == before
 
 
-@pytest.mark.parametrize("command", ["tune", "evaluate"])
+@pytest.mark.parametrize("command", ["tune", "evaluate", "turn", "track"])
 def test_files_that_cannot_be_read(qtraj, folder, command):
     for name, fragment in (("nothing.toml", "No such file"), ("", "Is a directory")):
         result = qtraj(command, folder / name, "--out", folder / "out")
@@ -145,10 +145,11 @@ def test_files_that_cannot_be_read(qtraj, folder, command):
         assert not (folder / "out").exists()
 
 
-def test_an_out_that_is_a_file_is_refused_before_any_work(qtraj, folder):
+@pytest.mark.parametrize("command", ["tune", "turn", "track"])
+def test_an_out_that_is_a_file_is_refused_before_any_work(qtraj, folder, command):
     (folder / "out").write_text("mine")
     for out in (folder / "out", folder / "out" / "deeper"):
-        result = qtraj("tune", "--out", out)
+        result = qtraj(command, "--out", out)
         assert result.exit_code == 2
         assert "a folder to write into was expected" in result.stderr
     assert (folder / "out").read_text() == "mine"
@@ -176,6 +177,8 @@ def test_a_stored_document_that_is_no_path(qtraj, folder):
         ["tune", "--nonsense"],
         ["evaluate"],
         ["evaluate", "x", "--samples", "1"],
+        ["turn", "--samples", "1"],
+        ["track", "--samples", "5"],
         ["sing"],
     ],
 )

@@ -8,7 +8,7 @@ import pytest
 import xarray
 
 import qtraj as qt
-from qtraj.cli.evaluation import instants
+from qtraj.cli.evaluation.work import instants
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -12,9 +12,10 @@ import pytest
 from rich.console import Console
 
 import qtraj as qt
-from qtraj.cli import evaluation, output, session, terminal
+from qtraj.cli import output, session, terminal
 from qtraj.cli.content import finite
-from qtraj.cli.report import column_table
+from qtraj.cli.evaluation import work as evaluation
+from qtraj.cli.layout import column_table
 
 SOURCE = Path(__file__).parents[2] / "src"
 HELIX = Path(__file__).parents[2] / "examples" / "helix.toml"
@@ -91,9 +92,11 @@ def test_progress_is_shown_on_a_terminal(monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "fragments"),
     [
-        ([], ["tune", "evaluate", "Example"]),
+        ([], ["tune", "evaluate", "turn", "track", "Example"]),
         (["tune"], ["--out", "--json", "--motion", "--objective", "Example"]),
         (["evaluate"], ["--samples", "--step", "--out", "--json", "Example"]),
+        (["turn"], ["--samples", "--out", "--json", "Example"]),
+        (["track"], ["--out", "--json", "Example"]),
     ],
 )
 def test_help_has_an_example_within_80_columns(qtraj, monkeypatch, arguments, fragments):

@@ -14,10 +14,11 @@ from rich.console import Console
 from scipy.interpolate import CubicSpline
 
 import qtraj as qt
-from qtraj.cli.job import Choice, lay, saved_path
-from qtraj.cli.report import print_tuning
+from qtraj.cli.tuning.job import Choice, lay, saved_path
+from qtraj.cli.tuning.report import print_tuning
 from qtraj.design.certificate import sampled_certificate
 from qtraj.io.scenario import DEFAULT, read_scenario
+from qtraj.io.scenario_model import Scenario
 
 ROOT = Path(__file__).parents[2]
 DATA, EXAMPLES = ROOT / "src" / "qtraj" / "io" / "data", ROOT / "examples"
@@ -209,12 +210,14 @@ def test_the_examples_run(qtraj, tmp_path, name):
 
 
 def test_no_example_is_left_out():
+    """Those of `turn` and `track` are run where these commands are tested."""
     scenarios = {"turn_from_recording", "helix_slower", "ramp_from_states"}
-    assert {file.stem for file in EXAMPLES.glob("*.toml")} == scenarios | {"helix"}
+    others = {"turn_through_attitudes", "track_ramp", "track_disturbed"}
+    assert {file.stem for file in EXAMPLES.glob("*.toml")} == scenarios | others | {"helix", "slew"}
 
 
 def test_the_command_line_may_choose_motion_and_objective():
-    ramp = read_scenario(EXAMPLES / "ramp_from_states.toml")
+    ramp = read_scenario(EXAMPLES / "ramp_from_states.toml", Scenario)
     job = lay(ramp, Choice("hermite", "smoothest"))
     assert (job.motion, job.objective, job.duration) == ("hermite", "smoothest", None)
     # A polynomial angle meets both V_φ from the start.
@@ -224,7 +227,7 @@ def test_the_command_line_may_choose_motion_and_objective():
 
 
 def test_a_path_keeps_its_turns_and_its_duration():
-    job = lay(read_scenario(EXAMPLES / "helix_slower.toml"), Choice("hermite"))
+    job = lay(read_scenario(EXAMPLES / "helix_slower.toml", Scenario), Choice("hermite"))
     assert job.turn == pytest.approx(float(job.path.turn), rel=1e-15)
     assert job.duration == 24.0
 
@@ -240,6 +243,8 @@ def test_an_objective_that_the_limits_do_not_bound_is_bad_input(qtraj, tmp_path)
 def test_the_dataset_says_where_it_comes_from(default_run):
     notes = default_run.dataset.attrs
     assert notes["source"] == f"qtraj {qt.__version__}"
-    assert notes["scenario_sha256"] == read_scenario(DEFAULT).hash == default_run.content["scenario"]["sha256"]
+    assert (
+        notes["scenario_sha256"] == read_scenario(DEFAULT, Scenario).hash == default_run.content["scenario"]["sha256"]
+    )
     assert "CC BY 4.0" in notes["recording"]
     assert notes["tuning_status"] == "converged"

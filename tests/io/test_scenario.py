@@ -6,10 +6,19 @@ from pathlib import Path
 
 import pytest
 
-from qtraj.io.scenario import DEFAULT, read_scenario
+from qtraj.io.scenario import DEFAULT, TRACK, TURN, read_scenario
 from qtraj.io.scenario_model import LimitsPart, Scenario, TunePart
+from qtraj.io.tracking_model import TrackingScenario
+from qtraj.io.turn_model import TurnScenario
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+MODELS = {
+    "turn": TurnScenario,
+    "turn_through_attitudes": TurnScenario,
+    "track": TrackingScenario,
+    "track_ramp": TrackingScenario,
+    "track_disturbed": TrackingScenario,
+}
 STATES = """
 [start]
 position = [12, 0.0, 0.0]
@@ -24,13 +33,13 @@ velocity = [-4.5, 0.0, 0.2]
 def read(tmp_path):
     def read(text):
         (tmp_path / "s.toml").write_text(text, encoding="utf-8")
-        return read_scenario(tmp_path / "s.toml")
+        return read_scenario(tmp_path / "s.toml", Scenario)
 
     return read
 
 
 def test_the_embedded_scenario():
-    given = read_scenario(DEFAULT)
+    given = read_scenario(DEFAULT, Scenario)
     scenario = given.scenario
     assert scenario.limits.given() == {"curvature": 1 / 22.5, "lateral_acceleration": 1.5}
     assert scenario.purpose.keys() == scenario.limits.given().keys()
@@ -42,18 +51,19 @@ def test_the_embedded_scenario():
 
 def test_the_source_is_that_of_the_recording_itself():
     """The attribution in the scenario has the words of the comment in the recording."""
-    given = read_scenario(DEFAULT)
+    given = read_scenario(DEFAULT, Scenario)
     comment = given.beside(given.scenario.track.file).read_text().splitlines()
     [attribution] = [line for line in comment if line.startswith("# Source: ")]
     words = attribution.removeprefix("# Source: ").rstrip(".")
     assert words in given.scenario.track.source
 
 
-@pytest.mark.parametrize("file", [DEFAULT, *sorted(EXAMPLES.glob("*.toml"))], ids=lambda file: file.stem)
+@pytest.mark.parametrize("file", [DEFAULT, TURN, TRACK, *sorted(EXAMPLES.glob("*.toml"))], ids=lambda file: file.stem)
 def test_the_hash_is_that_of_the_bytes(file):
     if "format" in tomllib.loads(file.read_text(encoding="utf-8")):
-        return  # a saved path, not a scenario
-    assert read_scenario(file).hash == hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+        return  # a saved path or program, not a scenario
+    model = MODELS.get(file.stem, Scenario)
+    assert read_scenario(file, model).hash == hashlib.sha256(file.read_bytes()).hexdigest()[:16]
 
 
 def test_what_is_left_out_has_defaults(read):
@@ -73,7 +83,8 @@ def test_a_byte_order_mark_is_no_error(read):
     assert read("\ufeff" + STATES).scenario.end is not None
 
 
-def test_every_key_says_what_it_expects():
+@pytest.mark.parametrize("model", [Scenario, TurnScenario, TrackingScenario])
+def test_every_key_says_what_it_expects(model):
     def descend(model):
         for name, field in model.model_fields.items():
             yield model.__name__, name, field.description
@@ -81,7 +92,7 @@ def test_every_key_says_what_it_expects():
                 if isinstance(part, type) and hasattr(part, "model_fields"):
                     yield from descend(part)
 
-    assert [entry for entry in descend(Scenario) if not entry[2] and entry[1] != "tune"] == []
+    assert [entry for entry in descend(model) if not entry[2] and entry[1] != "tune"] == []
 
 
 def test_several_faults_are_counted_and_the_misspelt_key_comes_first(read):

@@ -4,7 +4,9 @@ import typer
 
 from qtraj._version import __version__
 from qtraj.cli.evaluate import evaluate
+from qtraj.cli.track import track
 from qtraj.cli.tune import tune
+from qtraj.cli.turn import turn
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -14,6 +16,8 @@ app = typer.Typer(
 )
 app.command(epilog="Example:  qtraj tune turn.toml --out results")(tune)
 app.command(epilog="Example:  qtraj evaluate turn.toml --samples 11")(evaluate)
+app.command(epilog="Example:  qtraj turn quarter.toml --out results")(turn)
+app.command(epilog="Example:  qtraj track loop.toml --out results")(track)
 
 
 def _version(wanted: bool) -> bool:

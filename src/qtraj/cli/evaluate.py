@@ -25,8 +25,8 @@ def evaluate(
     scalar first, body to world.
     """
     with guarded():  # imports here, so that --help need not wait for pydantic and xarray
-        from qtraj.cli.evaluation import run
-        from qtraj.cli.tabulate import print_table
+        from qtraj.cli.evaluation.tabulate import print_table
+        from qtraj.cli.evaluation.work import run
 
         content = run(scenario, samples, step, out)
     if as_json:

@@ -43,9 +43,9 @@ def tune(
     (tuning.png, tuning.svg). Exit code 1 where the limits are not met.
     """
     with guarded():  # imports here, so that --help need not wait for pydantic, xarray and matplotlib
-        from qtraj.cli.job import Choice
-        from qtraj.cli.report import print_tuning
-        from qtraj.cli.tuning import run
+        from qtraj.cli.tuning.job import Choice
+        from qtraj.cli.tuning.report import print_tuning
+        from qtraj.cli.tuning.work import run
 
         choice = Choice(motion and motion.value, objective and objective.value)
         content, met = run(scenario, out, choice)

@@ -1,27 +1,35 @@
-"""Scenarios: a path, its limits and what tuning is to do, as a TOML file."""
+"""Scenarios, what a command is to do, as TOML files."""
 
 import hashlib
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Generic, TypeVar
 
 from pydantic import ValidationError
 
 from qtraj.io.scenario_fault import explain
-from qtraj.io.scenario_model import Scenario
+from qtraj.io.scenario_part import Part
 
-DEFAULT = Path(__file__).parent / "data" / "default.toml"
-"""The embedded scenario: a recorded right-angle turn that a longer vehicle is to drive, with standing passengers."""
+DATA = Path(__file__).parent / "data"
+DEFAULT = DATA / "default.toml"
+"""Embedded, for `tune`: a recorded right-angle turn that a longer vehicle is to drive, with standing passengers."""
+TURN = DATA / "turn.toml"
+"""Embedded, for `turn`: a quarter turn of a spacecraft within limits of rate and acceleration."""
+TRACK = DATA / "track.toml"
+"""Embedded, for `track`: the same turn, followed from a wrong attitude by the law of the second paper."""
 
 HASH_DIGITS = 16
 
+S = TypeVar("S", bound=Part)
+
 
 @dataclass(frozen=True)
-class ScenarioFile:
+class ScenarioFile(Generic[S]):
     """A scenario with the file it stands in; `hash` is the SHA-256 of the file's bytes, 16 hexadecimal digits."""
 
     file: Path
-    scenario: Scenario
+    scenario: S
     hash: str
 
     def beside(self, name: str) -> Path:
@@ -29,8 +37,8 @@ class ScenarioFile:
         return self.file.parent / name
 
 
-def read_scenario(file: Path | str) -> ScenarioFile:
-    """The scenario in a TOML file.
+def read_scenario(file: Path | str, model: type[S]) -> ScenarioFile[S]:
+    """The scenario of a kind, such as `scenario_model.Scenario`, in a TOML file.
 
     **Raises:** OSError where the file cannot be read; ValueError with one message that names the file and, for bad
     syntax, line and column, else the key, what it holds and what was expected.
@@ -39,9 +47,9 @@ def read_scenario(file: Path | str) -> ScenarioFile:
     content = path.read_bytes()
     data = _parse(path, content)
     try:
-        scenario = Scenario.model_validate(data)
+        scenario = model.model_validate(data)
     except ValidationError as error:
-        raise ValueError(explain(path, error)) from None
+        raise ValueError(explain(path, error, model)) from None
     return ScenarioFile(path, scenario, content_hash(content))
 
 

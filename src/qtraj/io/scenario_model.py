@@ -1,29 +1,27 @@
-"""The keys of a scenario file, each with what it may hold.
-
-The `description` of a key completes the sentence "expected …": it is what a message says when the value is another.
-"""
+"""The keys of a path scenario, for `qtraj tune` and `qtraj evaluate`, each with what it may hold."""
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
-Wholes = Annotated[int, Field(ge=0)]
-Text = Annotated[str, Field(min_length=1)]
+from qtraj.io.scenario_part import (
+    POSITIVE_SECONDS,
+    TEXT,
+    THREE,
+    Number,
+    Part,
+    Positive,
+    Quaternion,
+    Text,
+    Vector,
+    Wholes,
+)
 
 Motion = Literal["uniform", "hermite"]
 Objective = Literal["nearest", "fastest", "smoothest"]
 
 MOTION = "'uniform' or 'hermite'"
 OBJECTIVE = "'nearest', 'fastest' or 'smoothest'"
-
-
-class Part(BaseModel):
-    """A table of a scenario file: unknown keys, other types and infinite numbers are refused."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 class TrackPart(Part):
@@ -42,7 +40,7 @@ class TrackPart(Part):
     @model_validator(mode="after")
     def _ordered(self) -> "TrackPart":
         if self.window is not None and not self.window[0] < self.window[1]:
-            raise ValueError(f"the key 'track.window' holds {self.window}, but expected [t0, t1] with t0 < t1")
+            raise ValueError(f"the key 'window' holds {self.window}, but expected [t0, t1] with t0 < t1")
         return self
 
 
@@ -60,16 +58,16 @@ class FitPart(Part):
 class StatePart(Part):
     """[start] or [end]: a boundary state in world axes."""
 
-    position: Vector = Field(description="three finite numbers [x, y, z] [m]")
-    velocity: Vector = Field(description="three finite numbers [x, y, z] [m/s]")
-    acceleration: Vector | None = Field(default=None, description="three finite numbers [x, y, z] [m/s²]")
+    position: Vector = Field(description=f"{THREE} [m]")
+    velocity: Vector = Field(description=f"{THREE} [m/s]")
+    acceleration: Vector | None = Field(default=None, description=f"{THREE} [m/s²]")
 
 
 class PlacementPart(Part):
     """[placement]: where the axis of the path stands."""
 
-    origin: Vector = Field(description="three finite numbers [x, y, z] [m], a point of the axis")
-    orientation: Annotated[list[Number], Field(min_length=4, max_length=4)] | None = Field(
+    origin: Vector = Field(description=f"{THREE} [m], a point of the axis")
+    orientation: Quaternion | None = Field(
         default=None,
         description="a quaternion of four finite numbers, scalar first, from the path's axes to the world's",
     )
@@ -98,22 +96,22 @@ class TunePart(Part):
 
     objective: Objective = Field(default="nearest", description=OBJECTIVE)
     motion: Motion = Field(default="uniform", description=MOTION)
-    duration: Positive | None = Field(default=None, description="a positive finite number [s]")
+    duration: Positive | None = Field(default=None, description=POSITIVE_SECONDS)
     turns: Wholes | None = Field(default=None, description="a whole number, 0 or more")
 
 
 class Scenario(Part):
     """A scenario: one path (a track, two boundary states, or a saved path), limits, and what tuning is to do."""
 
-    name: Text | None = Field(default=None, description="a text")
-    description: Text | None = Field(default=None, description="a text")
+    name: Text | None = Field(default=None, description=TEXT)
+    description: Text | None = Field(default=None, description=TEXT)
     track: TrackPart | None = Field(default=None, description="a table [track]")
     fit: FitPart | None = Field(default=None, description="a table [fit]")
     start: StatePart | None = Field(default=None, description="a table [start]")
     end: StatePart | None = Field(default=None, description="a table [end]")
     path: Text | None = Field(default=None, description="the name of a saved path, relative to the scenario")
     placement: PlacementPart | None = Field(default=None, description="a table [placement]")
-    duration: Positive | None = Field(default=None, description="a positive finite number [s]")
+    duration: Positive | None = Field(default=None, description=POSITIVE_SECONDS)
     turns: Wholes | None = Field(default=None, description="a whole number, 0 or more")
     limits: LimitsPart = Field(default=LimitsPart(), description="a table [limits]")
     purpose: dict[str, Text] = Field(default_factory=dict, description="a table [purpose] of texts, one for each limit")

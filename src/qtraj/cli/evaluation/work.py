@@ -6,13 +6,16 @@ from typing import Any
 import numpy as np
 
 from qtraj.batch.evaluate import evaluate
-from qtraj.cli.content import fit_content, provenance, scenario_content
-from qtraj.cli.job import is_saved, lay, saved_path
+from qtraj.cli.columns import write_csv
+from qtraj.cli.content import provenance, scenario_content
+from qtraj.cli.evaluation.tabulate import HEADERS, OUTPUTS, table_content
 from qtraj.cli.output import check_folder, write_all
-from qtraj.cli.tabulate import OUTPUTS, table_content, write_csv
 from qtraj.cli.terminal import watching
+from qtraj.cli.tuning.content import fit_content
+from qtraj.cli.tuning.job import is_saved, lay, saved_path
 from qtraj.io.dataset import CONVENTIONS, write_netcdf
 from qtraj.io.scenario import content_hash, read_scenario
+from qtraj.io.scenario_model import Scenario
 from qtraj.path.spiral_helix import SpiralHelix
 
 SAMPLES = 25
@@ -35,11 +38,12 @@ def run(file: Path, samples: int | None, step: float | None, out: Path | None) -
         table = evaluate(path, times, OUTPUTS, continuous=True)
         content = table_content(path, table, about, fit)
         if out is not None:
+            columns = {name: np.asarray(getattr(table, name)) for name in HEADERS}
             dataset = table.to_xarray()
             dataset.attrs |= {k: v for k, v in CONVENTIONS.items() if k != "layout"} | provenance(file, about)
             writers = {
                 "table.nc": lambda file: write_netcdf(dataset, file),
-                "table.csv": lambda file: write_csv(table, file),
+                "table.csv": lambda file: write_csv(columns, HEADERS, file),
             }
             content["files"] = [str(written) for written in write_all(out, writers)]
     return content
@@ -72,6 +76,6 @@ def _path(file: Path) -> tuple[SpiralHelix, dict[str, Any], dict[str, Any] | Non
     if is_saved(file):
         known = {"file": str(file), "sha256": content_hash(file.read_bytes())}
         return saved_path(file), known | dict.fromkeys(("name", "description", "source")), None
-    given = read_scenario(file)
+    given = read_scenario(file, Scenario)
     job = lay(given)
     return job.path, scenario_content(given), fit_content(job)

@@ -3,14 +3,14 @@
 import math
 from typing import Any
 
-from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from qtraj.cli.layout import facts_table, heading, number, plain_table, print_files, print_scenario, verdict
+
 COMPONENTS = {"V_rho": "V_ρ", "V_phi": "V_φ", "V_h": "V_h"}
 ENDS = {"start": "A", "end": "B"}
-STYLES = {"met": "green", "binds": "bold green"}
 MET = ("proved", "sampled")
 
 
@@ -22,24 +22,14 @@ def print_tuning(console: Console, content: dict[str, Any]) -> None:
     _print_limits(console, content["limits"])
     _print_boundary(console, content["boundary"])
     tuning = content["tuning"]
-    _heading(console, f"Result: objective '{tuning['objective']}', motion '{tuning['motion']}'")
+    heading(console, f"Result: objective '{tuning['objective']}', motion '{tuning['motion']}'")
     console.print(Text(tuning["result"]))
     print_files(console, content["files"])
 
 
-def print_scenario(console: Console, scenario: dict[str, Any]) -> None:
-    """Name, description, source and file of a scenario."""
-    console.print(Text(scenario["name"] or scenario["file"], style="bold"))
-    if scenario["description"]:
-        console.print(Text(scenario["description"]))
-    if scenario["source"]:
-        console.print(Text(f"Source: {scenario['source']}"))
-    console.print(Text(f"Scenario: {scenario['file']} (sha256 {scenario['sha256']})"), soft_wrap=True)
-
-
 def print_fit(console: Console, fit: dict[str, Any]) -> None:
     """The fitted spiral-helix against its recording."""
-    _heading(console, "Fitted spiral-helix against the recording")
+    heading(console, "Fitted spiral-helix against the recording")
     degrees = math.degrees
     x, y = fit["axis"]
     rows = [
@@ -53,26 +43,20 @@ def print_fit(console: Console, fit: dict[str, Any]) -> None:
     ]
     if fit["direction_rms"] is not None:
         rows.insert(2, ("direction", f"{degrees(fit['direction_rms']):.2f}° RMS"))
-    table = _table("", "")
-    table.show_header = False
-    for name, text in rows:
-        table.add_row(name, text)
-    console.print(table)
+    console.print(facts_table(rows))
     if fit["message"]:
         console.print(Text(f"Note: {fit['message']}", style="yellow"))
 
 
 def _print_limits(console: Console, limits: dict[str, dict[str, Any]]) -> None:
-    _heading(console, "Limits before and after")
-    table = _table("limit", "path", right=("value", "limit", "margin", "at [s]"), last=("",))
+    heading(console, "Limits before and after")
+    table = plain_table("limit", "path", right=("value", "limit", "margin", "at [s]"), last=("",))
     for name, entry in limits.items():
         unit = f"[{entry['unit'] or '-'}]"
         for label, when in ((name, "before"), (unit, "after")):
             found = entry[when]
-            verdict = _verdict(found)
-            numbers = (_number(found["value"]), _number(entry["limit"]), _margin(found["margin"]))
-            ending = Text(verdict, STYLES.get(verdict, "bold red"))
-            table.add_row(Text(label), when, *numbers, _number(found["time"], 4), ending)
+            numbers = (number(found["value"]), number(entry["limit"]), _margin(found["margin"]))
+            table.add_row(Text(label), when, *numbers, number(found["time"], 4), verdict(_verdict(found)))
         table.add_section()
     console.print(table)
     for name, entry in limits.items():
@@ -81,9 +65,9 @@ def _print_limits(console: Console, limits: dict[str, dict[str, Any]]) -> None:
 
 
 def _print_boundary(console: Console, boundary: dict[str, Any]) -> None:
-    _heading(console, "Boundary velocities before and after")
+    heading(console, "Boundary velocities before and after")
     before, after = boundary["before"], boundary["after"]
-    table = _table("", right=("before", "after", "change"), last=("unit",))
+    table = plain_table("", right=("before", "after", "change"), last=("unit",))
     for end, letter in ENDS.items():
         for name, symbol in COMPONENTS.items():
             _compare(table, f"{symbol} at {letter}", before[end][name], after[end][name], "m/s")
@@ -99,19 +83,6 @@ def _print_boundary(console: Console, boundary: dict[str, Any]) -> None:
         console.print(Text(f"Given were (V_ρ, V_φ, V_h) = ({start}) m/s at A and ({end}) m/s at B."))
 
 
-def print_files(console: Console, files: list[str]) -> None:
-    """The files that were written, one to a line."""
-    if files:
-        _heading(console, "Files written")
-    for file in files:
-        console.print(Text(file), soft_wrap=True)
-
-
-def column_table(*names: str) -> Table:
-    """An empty table of numbers."""
-    return _table(right=names)
-
-
 def _compare(table: Table, label: str, before: float, after: float, unit: str) -> None:
     was, now, change = (round(x, 4) + 0.0 for x in (before, after, after - before))  # no -0.0000
     table.add_row(Text(label), f"{was:.4f}", f"{now:.4f}", f"{change:+.4f}", Text(unit))
@@ -123,22 +94,5 @@ def _verdict(found: dict[str, Any]) -> str:
     return "binds" if found["binding"] else "met"
 
 
-def _number(value: float | None, digits: int = 6) -> str:
-    return "-" if value is None else f"{value:.{digits}g}"
-
-
 def _margin(value: float | None) -> str:
     return "-" if value is None else f"{value:+.3g}"
-
-
-def _heading(console: Console, text: str) -> None:
-    console.print()
-    console.print(Text(text, style="bold"))
-
-
-def _table(*names: str, right: tuple[str, ...] = (), last: tuple[str, ...] = ()) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-    for name in (*names, *right, *last):
-        # Folded where a terminal is narrow: a number is never cut short.
-        table.add_column(Text(name), justify="right" if name in right else "left", overflow="fold")
-    return table

@@ -3,14 +3,16 @@
 from pathlib import Path
 from typing import Any
 
-from qtraj.cli.content import provenance, scenario_content, tune_content
-from qtraj.cli.job import Choice, Job, is_saved, lay
+from qtraj.cli.content import provenance, scenario_content
 from qtraj.cli.output import Writer, check_folder, write_all
 from qtraj.cli.terminal import Watch, watching
+from qtraj.cli.tuning.content import tune_content
+from qtraj.cli.tuning.job import Choice, Job, is_saved, lay
 from qtraj.design.certificate import Certificate, sampled_certificate
 from qtraj.design.tune import Tuned, tune
 from qtraj.io.dataset import path_dataset, write_netcdf
 from qtraj.io.scenario import DEFAULT, ScenarioFile, read_scenario
+from qtraj.io.scenario_model import Scenario
 from qtraj.viz.figures import save, tuning_figure
 
 
@@ -26,7 +28,7 @@ def run(file: Path | None, out: Path, choice: Choice) -> tuple[dict[str, Any], b
             raise ValueError(
                 f"{file}: a saved path has no limits: write a scenario with path = '{file.name}' and [limits]"
             )
-        given = read_scenario(DEFAULT if file is None else file)
+        given = read_scenario(DEFAULT if file is None else file, Scenario)
         job, before, best = solve(given, choice, watch)
         content = tune_content(given, job, before, best)
         watch.say("writing")
@@ -34,7 +36,7 @@ def run(file: Path | None, out: Path, choice: Choice) -> tuple[dict[str, Any], b
     return content, best.converged and best.certificate.met
 
 
-def solve(given: ScenarioFile, choice: Choice, watch: Watch) -> tuple[Job, Certificate, Tuned]:
+def solve(given: ScenarioFile[Scenario], choice: Choice, watch: Watch) -> tuple[Job, Certificate, Tuned]:
     """The job of a scenario, the findings on its path, and the outcome of its tuning.
 
     **Raises:** OSError or ValueError, naming the scenario, for bad input.
@@ -53,7 +55,7 @@ def solve(given: ScenarioFile, choice: Choice, watch: Watch) -> tuple[Job, Certi
     return job, before, best
 
 
-def _writers(given: ScenarioFile, job: Job, best: Tuned) -> dict[str, Writer]:
+def _writers(given: ScenarioFile[Scenario], job: Job, best: Tuned) -> dict[str, Writer]:
     """The files to write, by name."""
     attributes = provenance(given.file, scenario_content(given)) | {
         "tuning_objective": job.objective,

@@ -58,7 +58,7 @@ class Job:
         }
 
 
-def lay(given: ScenarioFile, choice: Choice = Choice()) -> Job:
+def lay(given: ScenarioFile[Scenario], choice: Choice = Choice()) -> Job:
     """The job of a scenario.
 
     **Raises:** OSError for a file that cannot be read; ValueError, naming the scenario, for data that make no path.
@@ -104,7 +104,7 @@ def saved_path(file: Path) -> SpiralHelix:
     return path
 
 
-def _fitted(given: ScenarioFile, scenario: Scenario, motion: str) -> tuple[SpiralHelix, Track]:
+def _fitted(given: ScenarioFile[Scenario], scenario: Scenario, motion: str) -> tuple[SpiralHelix, Track]:
     part = scenario.track
     if part is None:
         raise ValueError("there is no [track] to fit")

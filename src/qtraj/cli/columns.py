@@ -1,0 +1,15 @@
+"""Columns of numbers as a text file."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+
+def write_csv(columns: Mapping[str, np.ndarray], headers: Mapping[str, Sequence[str]], file: Path) -> None:
+    """The columns that `headers` names, (n,) or (n, m) with a header for each component, floats exactly."""
+    parts = [np.asarray(columns[name], dtype=float) for name in headers]
+    table = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
+    header = ",".join(name for names in headers.values() for name in names)
+    rows = (",".join(map(repr, row)) for row in table.tolist())
+    file.write_text("\n".join([header, *rows, ""]), encoding="utf-8")

@@ -1,0 +1,121 @@
+"""What the commands print alike on the terminal, readable at 80 columns: headings, tables, scenario, files."""
+
+import math
+from collections.abc import Container, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+MOST_ROWS = 100
+"""A longer table of numbers shows its first and last rows alone."""
+
+VERDICTS = {"met": "green", "binds": "bold green"}
+
+
+def print_scenario(console: Console, scenario: dict[str, Any]) -> None:
+    """Name, description, source and file of a scenario."""
+    console.print(Text(scenario["name"] or scenario["file"], style="bold"))
+    if scenario["description"]:
+        console.print(Text(scenario["description"]))
+    if scenario["source"]:
+        console.print(Text(f"Source: {scenario['source']}"))
+    console.print(Text(f"Scenario: {scenario['file']} (sha256 {scenario['sha256']})"), soft_wrap=True)
+
+
+def print_files(console: Console, files: list[str]) -> None:
+    """The files that were written, one to a line."""
+    if files:
+        heading(console, "Files written")
+    for file in files:
+        console.print(Text(file), soft_wrap=True)
+
+
+def heading(console: Console, text: str) -> None:
+    """A title above a table, after an empty line."""
+    console.print()
+    console.print(Text(text, style="bold"))
+
+
+def verdict(text: str) -> Text:
+    """'met', 'binds', or what is wrong, in its colour."""
+    return Text(text, VERDICTS.get(text, "bold red"))
+
+
+def number(value: float | None, digits: int = 6) -> str:
+    """A number, or a dash for none."""
+    return "-" if value is None else f"{value:.{digits}g}"
+
+
+def plain_table(*names: str, right: tuple[str, ...] = (), last: tuple[str, ...] = ()) -> Table:
+    """An empty table; the columns named in `right` hold numbers."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    for name in (*names, *right, *last):
+        # Folded where a terminal is narrow: a number is never cut short.
+        table.add_column(Text(name), justify="right" if name in right else "left", overflow="fold")
+    return table
+
+
+def facts_table(rows: Sequence[tuple[str, str]]) -> Table:
+    """Names and what there is to say of each, without a header."""
+    table = plain_table("", "")
+    table.show_header = False
+    for name, text in rows:
+        table.add_row(Text(name), Text(text))
+    return table
+
+
+def column_table(*names: str) -> Table:
+    """An empty table of numbers."""
+    return plain_table(right=names)
+
+
+def numbers_table(
+    columns: Mapping[str, np.ndarray],
+    headers: Mapping[str, Sequence[str]],
+    known: Mapping[str, np.ndarray],
+    significant: Container[str] = (),
+) -> Table:
+    """The columns that `headers` names, each with as many decimals as tell its values apart.
+
+    Values are (n,) or (n, m), with a header for each component; where `known[name]` is false a dash stands. Those of
+    `significant` columns, which span many orders of magnitude, have four digits each instead.
+    """
+    cells: list[list[str]] = []
+    for name in headers:
+        values = columns[name].reshape(len(columns[name]), -1).T
+        here = known.get(name, np.ones(len(columns[name]), bool))
+        write = _digits if name in significant else _decimals
+        cells += [write(column, here) for column in values]
+    table = column_table(*[header for names in headers.values() for header in names])
+    rows = list(zip(*cells, strict=True))
+    if len(rows) > MOST_ROWS:
+        rows = [*rows[: MOST_ROWS // 2], tuple("…" for _ in rows[0]), *rows[-(MOST_ROWS // 2) :]]
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _digits(values: np.ndarray, known: np.ndarray) -> list[str]:
+    """One column with four digits of each value."""
+    return [number(v, 4) if ok and np.isfinite(v) else "-" for v, ok in zip(values.tolist(), known, strict=True)]
+
+
+def _decimals(values: np.ndarray, known: np.ndarray) -> list[str]:
+    """One column with as many decimals as tell its values apart, six at most."""
+    good = values[known & np.isfinite(values)]
+    size = float(np.abs(good).max(initial=0.0))
+    spread = float(np.ptp(good)) if good.size else 0.0
+    before_point = 1 + max(0, _magnitude(size))
+    decimals = min(max(4 - _magnitude(spread or size), 0), 6, max(10 - before_point, 0))
+    return [
+        f"{round(float(v), decimals) + 0.0:.{decimals}f}" if ok and np.isfinite(v) else "-"
+        for v, ok in zip(values, known, strict=True)
+    ]
+
+
+def _magnitude(x: float) -> int:
+    return math.floor(math.log10(x)) if x > 0 else 0

@@ -1,0 +1,91 @@
+"""The program that `qtraj track` follows."""
+
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from qtraj.cli.tuning.job import is_saved, lay, saved_path
+from qtraj.cli.turning.job import jumps, turn_program
+from qtraj.foundation.document import load
+from qtraj.io.scenario import ScenarioFile, read_scenario
+from qtraj.io.scenario_model import Scenario
+from qtraj.io.tracking_model import ProgramPart, TrackingScenario
+from qtraj.motion.attitude import AbstractProgram
+from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
+from qtraj.motion.programs.frame_program import FrameProgram
+from qtraj.motion.programs.rotation_minimizing import RotationMinimizing
+from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.trihedral import AbstractFrame, Natural, Upright, trihedral
+
+CHECKED = 257
+"""Equally spaced instants at which a frame must exist."""
+
+
+def program_of(given: ScenarioFile[TrackingScenario]) -> AbstractProgram:
+    """The program of a scenario.
+
+    **Raises:** OSError for a file that cannot be read; ValueError for data that make no program.
+    """
+    part = given.scenario.program
+    if part.turn is not None:
+        return turn_program(part.turn, given.scenario.angles)
+    if part.path is not None:
+        return _framed(_path(given.beside(part.path)), part)
+    return _saved(given.beside(str(part.file)))
+
+
+def holds(program: AbstractProgram) -> bool:
+    """Whether the program rests after its duration: then it may be followed for longer."""
+    return isinstance(program, EulerTurn | TurnChain)
+
+
+def program_jumps(program: AbstractProgram) -> np.ndarray | None:
+    """The instants at which the program's acceleration may jump [s]; None for none."""
+    return np.array(jumps(program)) if isinstance(program, EulerTurn | TurnChain) else None
+
+
+def described(part: ProgramPart, program: AbstractProgram) -> str:
+    """What the program is, in words."""
+    if part.path is not None:
+        return f"{(part.frame or 'natural').replace('_', '-')} frame of {part.path}"
+    if part.file is not None:
+        return f"{type(program).__name__} of {part.file}"
+    return "chain of turns" if isinstance(program, TurnChain) else "turn"
+
+
+def _path(file: Path) -> SpiralHelix:
+    return saved_path(file) if is_saved(file) else lay(read_scenario(file, Scenario)).path
+
+
+def _framed(path: SpiralHelix, part: ProgramPart) -> FrameProgram:
+    frame: Any = Natural()
+    if part.frame == "upright":
+        frame = Upright() if part.up is None else Upright(part.up)
+    elif part.frame == "rotation_minimizing":
+        return FrameProgram(path, RotationMinimizing())
+    times = jnp.linspace(0.0, path.duration, CHECKED)
+    defined = np.asarray(_defined(path, frame, times))
+    if not defined.all():
+        when = float(times[int(np.argmin(defined))])
+        raise ValueError(
+            f"the {part.frame or 'natural'} frame of this path does not exist at t = {when:.6g} s (no motion, or no "
+            "bend): take frame = 'upright' or 'rotation_minimizing'"
+        )
+    return FrameProgram(path, frame)
+
+
+def _saved(file: Path) -> AbstractProgram:
+    stored = load(file)
+    if not isinstance(stored, AbstractProgram):
+        raise ValueError(f"{file}: a saved program was expected, but the file holds a {type(stored).__name__}")
+    return stored
+
+
+@eqx.filter_jit
+def _defined(path: SpiralHelix, frame: AbstractFrame, times: Float[Array, " n"]) -> Bool[Array, " n"]:
+    return jax.vmap(lambda t: trihedral(path, t, frame).defined)(times)

@@ -1,0 +1,108 @@
+"""What `tune` has to say, as plain data: the JSON output, and what the tables on the terminal are made from."""
+
+from typing import Any
+
+from qtraj._version import __version__
+from qtraj.cli.content import finite, scenario_content
+from qtraj.cli.tuning.job import Job
+from qtraj.design.certificate import Certificate
+from qtraj.design.limits import UNITS
+from qtraj.design.tune import Tuned
+from qtraj.io.scenario import ScenarioFile
+from qtraj.path.boundary import BoundaryState, cylindrical
+from qtraj.path.placement import Placement
+from qtraj.path.spiral_helix import SpiralHelix
+
+COMPONENTS = ("V_rho", "V_phi", "V_h")
+
+
+def tune_content(given: ScenarioFile, job: Job, before: Certificate, best: Tuned) -> dict[str, Any]:
+    """The whole outcome of a tuning, of JSON's types only (None where a number is not finite)."""
+    content = {
+        "qtraj": __version__,
+        "command": "tune",
+        "scenario": scenario_content(given),
+        "fit": fit_content(job),
+        "limits": {name: _limit(name, before, best.certificate, given.scenario.purpose) for name in before.status},
+        "boundary": _boundary(job, best),
+        "tuning": {
+            "objective": job.objective,
+            "motion": job.motion,
+            "value": float(best.objective),
+            "status": best.status,
+            "iterations": best.iterations,
+            "result": best.result,
+        },
+    }
+    return finite(content)
+
+
+def fit_content(job: Job) -> dict[str, Any] | None:
+    """The fitted path against its recording; None for a path that was not fitted."""
+    found = job.residual
+    if found is None or job.track is None:
+        return None
+    placement = job.path.placement or Placement()
+    numbers = {
+        "samples": found.samples,
+        "horizontal_rms": found.horizontal_rms,
+        "vertical_rms": found.vertical_rms,
+        "maximum": found.maximum,
+        "velocity_rms": found.velocity_rms,
+        "direction_rms": found.direction_rms,
+        "recorded_turn": found.turn,
+        "turn": job.path.turn,
+        "radius_min": found.radius_min,
+        "radius_max": found.radius_max,
+        "duration": job.path.duration,
+    }
+    plain = {name: None if value is None else float(value) for name, value in numbers.items()}
+    return plain | {
+        "samples": int(found.samples),
+        "axis": [float(x) for x in placement.origin[:2]],
+        "converged": bool(found.converged),
+        "message": found.message,
+    }
+
+
+def _limit(name: str, before: Certificate, after: Certificate, purpose: dict[str, str]) -> dict[str, Any]:
+    return {
+        "unit": UNITS[name],
+        "purpose": purpose.get(name),
+        "limit": before.worst[name][2],
+        "before": _finding(name, before),
+        "after": _finding(name, after),
+    }
+
+
+def _finding(name: str, certificate: Certificate) -> dict[str, Any]:
+    time, value, _ = certificate.worst[name]
+    return {
+        "value": value,
+        "time": time,
+        "margin": certificate.margin(name),
+        "status": certificate.status[name],
+        "binding": name in certificate.binding,
+    }
+
+
+def _boundary(job: Job, best: Tuned) -> dict[str, Any]:
+    """Cylindrical velocities as given, before (those of the path on which tuning starts) and after."""
+    given = {"start": _components(job.start, job.path.placement), "end": _components(job.end, job.path.placement)}
+    return {"given": given, "before": _ends(job.path), "after": _ends(best.path)}
+
+
+def _ends(path: SpiralHelix) -> dict[str, Any]:
+    duration = float(path.duration)
+    return {
+        "start": _components(path.state(0.0), path.placement),
+        "end": _components(path.state(path.duration), path.placement),
+        "duration": duration,
+        "mean_rate": float(path.turn) / duration,
+        "length": float(path.length()),
+    }
+
+
+def _components(state: BoundaryState, placement: Placement | None) -> dict[str, float]:
+    velocity = cylindrical(state, placement).velocity
+    return {name: float(v) for name, v in zip(COMPONENTS, velocity, strict=True)}

@@ -1,0 +1,93 @@
+"""What `qtraj turn` has to say, as plain data: the JSON output, and what the tables on the terminal are made from."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from qtraj._version import __version__
+from qtraj.cli.content import finite, scenario_content
+from qtraj.cli.turning.job import Leg, fastest_law, turn_limits
+from qtraj.cli.turning.peaks import judged
+from qtraj.io.instants import Column
+from qtraj.io.scenario import ScenarioFile
+from qtraj.io.turn_model import TurnScenario
+
+JERKY = ("time_optimal",)
+"""Laws whose acceleration jumps within the turn: their jerk is no number."""
+
+
+def turn_content(
+    given: ScenarioFile[TurnScenario], turns: Sequence[Leg], times: np.ndarray, columns: Mapping[str, Column]
+) -> dict[str, Any]:
+    """The whole outcome, of JSON's types only; angles in radians."""
+    scenario = given.scenario
+    names = ["max_rate", "max_acceleration", *(["max_jerk"] if scenario.law.kind not in JERKY else [])]
+    limits = judged(turns, turn_limits(scenario.law, scenario.angles), names)
+    least = _least_duration(scenario, turns)
+    content = {
+        "qtraj": __version__,
+        "command": "turn",
+        "scenario": scenario_content(given),
+        "law": scenario.law.kind,
+        "turns": [_turn(leg) for leg in turns],
+        "angle": sum(float(leg.profile.total) for leg in turns),
+        "duration": turns[-1].end,
+        "least_duration": least,
+        "end": _end(scenario, turns[-1]),
+        "limits": limits,
+        "met": all(entry["status"] != "broken" for entry in limits.values()),
+        "result": _result(limits, least),
+        "units": {"time": "s"} | {name: column.unit for name, column in columns.items()},
+        "columns": {"time": times.tolist()} | {name: column.values.tolist() for name, column in columns.items()},
+        "files": [],
+    }
+    return finite(content)
+
+
+def _turn(leg: Leg) -> dict[str, Any]:
+    return {
+        "angle": float(leg.profile.total),
+        "axis_body": np.asarray(leg.turn.axis("body")).tolist(),
+        "axis_inertial": np.asarray(leg.turn.axis("inertial")).tolist(),
+        "start": leg.start,
+        "duration": float(leg.profile.duration),
+        "switches": leg.switches(),
+    }
+
+
+def _least_duration(scenario: TurnScenario, turns: Sequence[Leg]) -> float | None:
+    """The least time within the limits where a longer one was asked for."""
+    law = fastest_law(scenario.law, scenario.angles)
+    if law is None or scenario.law.duration is None:
+        return None
+    return sum(float(law.profile(leg.profile.total).duration) for leg in turns)
+
+
+def _end(scenario: TurnScenario, last: Leg) -> dict[str, Any]:
+    """The quaternion at which the program ends, and its sign against the given one."""
+    reached = np.asarray(last.turn.end)
+    wanted = scenario.end.unit_quaternion(scenario.angles)
+    sign = 1 if wanted is None or float(reached @ np.asarray(wanted)) >= 0 else -1
+    return {"quaternion": reached.tolist(), "sign": sign}
+
+
+def _result(limits: dict[str, dict[str, Any]], least: float | None) -> str:
+    broken = [name for name, entry in limits.items() if entry["status"] == "broken"]
+    if broken:
+        worst = ", ".join(
+            f"{name} by {100 * (limits[name]['value'] / limits[name]['limit'] - 1):.3g} %" for name in broken
+        )
+        within = "" if least is None else f" Within the limits it takes {least:.9g} s or more."
+        return f"limits are broken: {worst}.{within} Allow more time, or raise the limits."
+    binding = [name for name, entry in limits.items() if entry["binding"]]
+    if binding:
+        return f"all limits are met; {_listed(binding)} {'binds' if len(binding) == 1 else 'bind'}."
+    given = [name for name, entry in limits.items() if entry["limit"] is not None]
+    spare = "" if least is None or math.isclose(least, 0.0) else f" The turn could be over in {least:.9g} s."
+    return f"all limits are met, with room to spare.{spare}" if given else "there are no limits to meet."
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))

@@ -1,0 +1,102 @@
+"""From the tables of a turn to its program and the profiles of its turns."""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from qtraj.io.attitude_part import KnownAttitudePart, radians
+from qtraj.io.scenario_part import given
+from qtraj.io.turn_model import END_RATES, LIMITS, NEEDED, TurnLawPart, TurnPart
+from qtraj.motion.profiles.profile import AbstractLaw, Profile
+from qtraj.motion.profiles.s_curve import SCurve
+from qtraj.motion.profiles.smooth_step import Cubic, Quintic, Septic
+from qtraj.motion.profiles.time_optimal import TimeOptimal
+from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
+
+SMOOTH = {"cubic": Cubic, "quintic": Quintic, "septic": Septic}
+SAME = 1e-9
+"""Of a duration: switches closer than this are one."""
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One turn of a program, from `start` [s] on."""
+
+    start: float
+    turn: EulerTurn
+    profile: Profile
+
+    @property
+    def end(self) -> float:
+        """When it is over [s]."""
+        return self.start + float(self.profile.duration)
+
+    def switches(self) -> list[float]:
+        """The instants within the turn at which the law passes from one piece to the next [s]."""
+        starts, widths = np.asarray(self.profile.starts), np.asarray(self.profile.widths)
+        duration = float(self.profile.duration)
+        inner = [float(t) for t in starts[widths > 0] if SAME * duration < t < (1 - SAME) * duration]
+        return [self.start + t for k, t in enumerate(inner) if k == 0 or t - inner[k - 1] > SAME * duration]
+
+
+def turn_program(part: TurnPart, angles: str) -> EulerTurn | TurnChain:
+    """The program of the tables of a turn: one turn, or a chain by way of [[via]].
+
+    **Raises:** ValueError for an Euler sequence that is none, or a duration in which no such turn is possible.
+    """
+    attitudes = [_attitude(table, angles) for table in (part.start, *part.via, part.end)]
+    try:
+        law = turn_law(part.law, angles)
+        return TurnChain(np.stack(attitudes), law) if part.via else EulerTurn(attitudes[0], attitudes[1], law)
+    except ValueError as error:
+        raise ValueError(f"[law]: {error}") from error
+
+
+def turn_law(part: TurnLawPart, angles: str) -> AbstractLaw:
+    """The law of a table [law]; a polynomial of fixed duration without its limits, which are judged afterwards."""
+    if part.duration is not None and part.kind not in NEEDED:
+        return SMOOTH[part.kind](duration=part.duration)
+    return _limited(part, angles, part.duration)
+
+
+def fastest_law(part: TurnLawPart, angles: str) -> AbstractLaw | None:
+    """The law that takes the least time within the limits; None where none is given."""
+    return _limited(part, angles, None) if given(part, *LIMITS) else None
+
+
+def turn_limits(part: TurnLawPart, angles: str) -> dict[str, float]:
+    """The limits that are given, by name, in radians."""
+    return {name: radians(angles) * getattr(part, name) for name in given(part, *LIMITS)}
+
+
+def legs(program: EulerTurn | TurnChain) -> list[Leg]:
+    """The turns of a program, one after the other."""
+    if isinstance(program, EulerTurn):
+        return [Leg(0.0, program, program.profile)]
+    attitudes = np.asarray(program.attitudes)
+    turns = [EulerTurn(a, b, program.law) for a, b in itertools.pairwise(attitudes)]
+    starts = [float(t) for t in np.asarray(program.times)[:-1]]
+    return [Leg(start, turn, turn.profile) for start, turn in zip(starts, turns, strict=True)]
+
+
+def jumps(program: EulerTurn | TurnChain) -> list[float]:
+    """The instants at which the acceleration of a program, or a derivative of it, may jump, without its start [s]."""
+    return [t for leg in legs(program) for t in (*leg.switches(), leg.end)]
+
+
+def _attitude(part: KnownAttitudePart, angles: str) -> np.ndarray:
+    q = part.unit_quaternion(angles)
+    if q is None:
+        raise ValueError("there is no attitude")
+    return np.asarray(q)
+
+
+def _limited(part: TurnLawPart, angles: str, duration: float | None) -> AbstractLaw:
+    limits = turn_limits(part, angles)
+    if part.kind == "time_optimal":
+        ends = {name: radians(angles) * getattr(part, name) for name in given(part, *END_RATES)}
+        return TimeOptimal(limits.get("max_rate"), limits["max_acceleration"], duration=duration, **ends)
+    if part.kind == "s_curve":
+        return SCurve(limits.get("max_rate"), limits["max_acceleration"], limits["max_jerk"], duration)
+    return SMOOTH[part.kind](duration=duration, **limits)

@@ -1,0 +1,41 @@
+"""Quantities over instants as labelled data: what `qtraj turn` and `qtraj track` write as netCDF."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray
+
+from qtraj._version import __version__
+
+LABELS = {"body": ["x", "y", "z"], "component": ["w", "x", "y", "z"]}
+
+CONVENTIONS = {
+    "quaternion_convention": "scalar first, Hamilton product, body to inertial",
+    "rate_convention": "body axes; of four components the first is the virtual one, d/dt ln|quaternion|²",
+}
+
+
+class Column(NamedTuple):
+    """One quantity: values (n,) or (n, m), unit as netCDF writes it, meaning, and of (n, m) the axis in `LABELS`."""
+
+    values: np.ndarray
+    unit: str
+    meaning: str
+    axis: str | None = None
+
+
+def instants_dataset(
+    times: np.ndarray, columns: Mapping[str, Column], attributes: Mapping[str, Any] | None = None
+) -> xarray.Dataset:
+    """The columns over `times` (n,) [s], with units, meanings and conventions in the attributes (extra `io`)."""
+    variables: dict[str, Any] = {}
+    for name, column in columns.items():
+        axes = () if column.axis is None else (column.axis,)
+        variables[name] = (("time", *axes), column.values, {"units": column.unit, "long_name": column.meaning})
+    used = {column.axis for column in columns.values()}
+    coordinates: dict[str, Any] = {axis: labels for axis, labels in LABELS.items() if axis in used}
+    coordinates["time"] = ("time", times, {"units": "s", "long_name": "time from the start of the program"})
+    return xarray.Dataset(
+        variables, coordinates, {"source": f"qtraj {__version__}", **CONVENTIONS, **(attributes or {})}
+    )

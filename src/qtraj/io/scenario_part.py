@@ -1,0 +1,40 @@
+"""What the keys of all scenario files are made of.
+
+The `description` of a key completes the sentence "expected …": it is what a message says when the value is another.
+"""
+
+import sys
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
+Wholes = Annotated[int, Field(ge=0)]
+Text = Annotated[str, Field(min_length=1)]
+
+Angles = Literal["deg", "rad"]
+
+TEXT = "a text"
+POSITIVE_SECONDS = "a positive finite number [s]"
+THREE = "three finite numbers [x, y, z]"
+ANGLES = "'deg' or 'rad': the unit of every angle in this file, also in rates (per s) and accelerations (per s²)"
+
+
+def is_number(x: Any) -> bool:
+    """Whether a value of a TOML file is a finite number that a float can hold."""
+    return isinstance(x, int | float) and not isinstance(x, bool) and abs(x) <= sys.float_info.max
+
+
+class Part(BaseModel):
+    """A table of a scenario file: unknown keys, other types and infinite numbers are refused."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+def given(part: Part, *names: str) -> list[str]:
+    """Those of the keys that are set."""
+    return [name for name in names if getattr(part, name) is not None]

@@ -1,0 +1,93 @@
+"""The keys of a scenario of `qtraj track`: a program, a law, and what surrounds the body."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from qtraj.io.feedback_part import FeedbackPart
+from qtraj.io.plant_part import ActuatorPart, DisturbancePart, ErrorPart, SensorPart
+from qtraj.io.scenario_part import (
+    ANGLES,
+    POSITIVE_SECONDS,
+    TEXT,
+    THREE,
+    Angles,
+    Part,
+    Positive,
+    Text,
+    Vector,
+    given,
+)
+from qtraj.io.turn_model import TurnPart
+
+Frame = Literal["natural", "upright", "rotation_minimizing"]
+
+FRAME = "'natural', 'upright' or 'rotation_minimizing'"
+SOURCES = "[program.turn], path = 'a path scenario or a saved path', or file = 'a saved program'"
+
+
+class ProgramPart(Part):
+    """[program]: what the attitude shall be."""
+
+    turn: TurnPart | None = Field(default=None, description="a table [program.turn]")
+    path: Text | None = Field(
+        default=None, description="the name of a path scenario or a saved path, relative to the scenario"
+    )
+    frame: Frame | None = Field(default=None, description=FRAME)
+    up: Vector | None = Field(default=None, description=THREE)
+    file: Text | None = Field(default=None, description="the name of a saved program, relative to the scenario")
+
+    @model_validator(mode="after")
+    def _one(self) -> "ProgramPart":
+        sources = given(self, "turn", "path", "file")
+        if len(sources) != 1:
+            found = f"there are several programs ({', '.join(sources)})" if sources else "there is no program"
+            raise ValueError(f"{found}: give one of {SOURCES}")
+        if self.path is None and (extra := given(self, "frame", "up")):
+            raise ValueError(f"the key '{extra[0]}' belongs to a path, and there is none")
+        if self.up is not None and (self.frame != "upright" or not any(self.up)):
+            raise ValueError("the key 'up' belongs to frame = 'upright', and is a direction other than 0")
+        return self
+
+
+class SimulationPart(Part):
+    """[simulation]: times and tolerances."""
+
+    duration: Positive | None = Field(default=None, description=POSITIVE_SECONDS)
+    samples: Annotated[int, Field(ge=2, le=100_000)] = Field(
+        default=601, description="a whole number from 2 to 100000, the instants of the table"
+    )
+    settled: Positive | None = Field(default=None, description="a positive finite angle, within which it has settled")
+    rtol: Annotated[float, Field(ge=1e-14, le=1e-2)] = Field(default=1e-10, description="a number from 1e-14 to 1e-2")
+    atol: Annotated[float, Field(ge=1e-16, le=1e-2)] = Field(default=1e-12, description="a number from 1e-16 to 1e-2")
+
+
+class TrackingScenario(Part):
+    """A scenario of `qtraj track`."""
+
+    name: Text | None = Field(default=None, description=TEXT)
+    description: Text | None = Field(default=None, description=TEXT)
+    angles: Angles = Field(description=ANGLES)
+    program: ProgramPart = Field(description="a table [program]")
+    law: FeedbackPart = Field(description="a table [law]")
+    error: ErrorPart = Field(default=ErrorPart(), description="a table [error]")
+    disturbance: DisturbancePart | None = Field(default=None, description="a table [disturbance]")
+    sensor: SensorPart | None = Field(default=None, description="a table [sensor]")
+    actuator: ActuatorPart | None = Field(default=None, description="a table [actuator]")
+    simulation: SimulationPart = Field(default=SimulationPart(), description="a table [simulation]")
+
+    @model_validator(mode="after")
+    def _suiting(self) -> "TrackingScenario":
+        if self.law.kind == "rate":
+            if self.disturbance is not None:
+                raise ValueError("[disturbance] suits no law of the kind 'rate', which commands the rate itself")
+            if self.sensor is not None and self.sensor.kind == "gyros":
+                raise ValueError("[sensor] of the kind 'gyros' suits no law of the kind 'rate', whose rate jumps")
+            if any(self.error.rate):
+                raise ValueError("the key 'error.rate' suits no law of the kind 'rate', which commands the rate itself")
+        if self.error.gauge == "gibbs" and self.law.kind not in ("body", "inertial"):
+            raise ValueError("error.gauge = 'gibbs' belongs to laws of the kinds 'body' and 'inertial'")
+        samplings = [p.sampling for p in (self.sensor, self.actuator) if p is not None and p.sampling is not None]
+        if len(set(samplings)) > 1:
+            raise ValueError("sensor.sampling and actuator.sampling differ: give both the same period, or one of them")
+        return self

@@ -1,0 +1,143 @@
+"""The figure of a closed loop: error, rate and command over time, with the closed form and the limit."""
+
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import xarray
+from matplotlib.figure import Figure
+
+from qtraj.viz.figures import LIMIT, RC, WIDTH
+from qtraj.viz.turn_figure import COMPONENTS, LINES, frame, title
+
+HEIGHT = 7.6  # [inch]
+CLOSED = {"color": "0.0", "lw": 1.1, "ls": (0, (1, 1.6)), "zorder": 3}
+LENGTH = {"color": "0.2", "lw": 1.2, "alpha": 0.8}
+LEAST_ANGLE = 1e-7  # [°] below it there is round-off only
+SUBSCRIPTS = {"w": "₀", "x": "₁", "y": "₂", "z": "₃"}
+
+
+def track_figure(dataset: xarray.Dataset, settled: float, limit: float | list[float] | None) -> Figure:
+    """Error angle (log) and error quaternion against the closed form; rates; physical and virtual command; |λ|.
+
+    `dataset` is the table of `qtraj track`; `settled` [rad] is marked, and so is the limit of the command [rad…].
+    """
+    with mpl.rc_context(RC):
+        figure = Figure(figsize=(WIDTH, HEIGHT))
+        grid = figure.add_gridspec(3, 2, hspace=0.34, wspace=0.3, left=0.08, right=0.98, top=0.9, bottom=0.065)
+        angle = figure.add_subplot(grid[0, 0])
+        others = [figure.add_subplot(grid[k // 2, k % 2], sharex=angle) for k in range(1, 6)]
+        error, command, virtual, rate, length = others
+        _draw_angle(angle, dataset, settled)
+        _draw_error(error, dataset)
+        _draw_command(command, dataset, limit)
+        _draw_virtual(virtual, dataset)
+        _draw_rate(rate, dataset)
+        _draw_norm(length, dataset)
+        for axes in (angle, *others):
+            frame(axes)
+            axes.tick_params(labelbottom=axes in (rate, length))
+        for axes in (rate, length):
+            axes.set_xlabel("time [s]")
+        figure.align_ylabels([angle, command, rate])
+        figure.align_ylabels([error, virtual, length])
+        figure.suptitle(title(dataset), y=0.985, va="top", fontsize=11, fontweight="bold")
+    return figure
+
+
+def _draw_angle(axes: Any, dataset: xarray.Dataset, settled: float) -> None:
+    time = dataset["time"].values
+    for name, label, line in (
+        ("angle", "simulated", {"color": "#0072B2", "lw": 1.8}),
+        ("closed_form_angle", "closed form", CLOSED),
+    ):
+        if name in dataset:
+            values = np.degrees(dataset[name].values)
+            axes.plot(time, np.where(values > LEAST_ANGLE, values, np.nan), label=label, **line)
+    axes.axhline(np.degrees(settled), color=LIMIT, lw=0.8, ls=(0, (4, 3)), label=f"{np.degrees(settled):.4g}°")
+    axes.set_yscale("log")
+    axes.set_ylabel("error angle [°]")
+    _legend(axes)
+
+
+def _draw_error(axes: Any, dataset: xarray.Dataset) -> None:
+    symbol = {"inertial": "μ*", "additive": "Δ"}.get(dataset.attrs.get("law", ""), "μ")
+    _draw_components(axes, dataset, "error", symbol, "wxyz")
+    if "closed_form_error" in dataset:
+        lines = axes.plot(dataset["time"].values, dataset["closed_form_error"].values, **CLOSED)
+        lines[0].set_label("closed form")
+    axes.set_ylabel("error quaternion [–]")
+    _legend(axes)
+
+
+def _draw_command(axes: Any, dataset: xarray.Dataset, limit: float | list[float] | None) -> None:
+    unit = _unit(dataset)
+    _draw_components(axes, dataset, "command", "ω" if unit == "°/s" else "ε", "xyz", degrees=True)
+    values = np.degrees(dataset["command"].sel(component=["x", "y", "z"]).values)
+    axes.plot(dataset["time"].values, np.linalg.norm(values, axis=1), label="length", **LENGTH)
+    bounds = np.unique(np.degrees([] if limit is None else limit))
+    peak = np.nanmax(np.abs(values), initial=0.0)
+    if bounds.size and bounds.max() <= 3 * max(peak, 1e-12):
+        for k, value in enumerate(bounds):
+            label = "limit " + ", ".join(f"{b:.4g}" for b in bounds) if k == 0 else None
+            axes.axhline(value, color=LIMIT, lw=1.0, ls=(0, (1, 1.5)), label=label)
+            axes.axhline(-value, color=LIMIT, lw=1.0, ls=(0, (1, 1.5)))
+    axes.set_ylabel(f"command [{unit}]")
+    _legend(axes)
+
+
+def _draw_virtual(axes: Any, dataset: xarray.Dataset) -> None:
+    unit = _unit(dataset).replace("°", "1")  # of d/dt ln|λ|² there are no degrees
+    axes.plot(dataset["time"].values, dataset["command"].sel(component="w").values, color=COMPONENTS["w"], lw=1.5)
+    axes.ticklabel_format(axis="y", scilimits=(-3, 4), useMathText=True)
+    axes.set_ylabel(f"virtual command [{unit}]")
+
+
+def _draw_rate(axes: Any, dataset: xarray.Dataset) -> None:
+    _draw_components(axes, dataset, "rate", "ω", "xyz", degrees=True)
+    lines = axes.plot(dataset["time"].values, np.degrees(dataset["program_rate"].values), **CLOSED)
+    lines[0].set_label("program")
+    axes.set_ylabel("body rate [°/s]")
+    _legend(axes)
+
+
+def _draw_norm(axes: Any, dataset: xarray.Dataset) -> None:
+    values = dataset["norm"].values
+    axes.plot(dataset["time"].values, values, color=COMPONENTS["w"], lw=1.5)
+    middle, spread = np.nanmean(values), np.nanmax(values) - np.nanmin(values)
+    if spread < 1e-6 * middle:  # else matplotlib would show round-off as a mountain range
+        axes.set_ylim(0.9 * middle, 1.1 * middle)
+    axes.set_ylabel("length |λ| [–]")
+
+
+def _draw_components(
+    axes: Any, dataset: xarray.Dataset, name: str, symbol: str, labels: str, degrees: bool = False
+) -> None:
+    for label in labels:
+        values = dataset[name].sel(component=label).values
+        axes.plot(
+            dataset["time"].values,
+            np.degrees(values) if degrees else values,
+            color=COMPONENTS[label],
+            ls=LINES[label],
+            lw=1.5,
+            label=symbol + SUBSCRIPTS[label],
+        )
+
+
+def _legend(axes: Any) -> None:
+    """Above the panel, so that it hides nothing."""
+    axes.legend(
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=6,
+        fontsize=7.5,
+        borderaxespad=0.1,
+        handlelength=1.7,
+        columnspacing=1.0,
+        handletextpad=0.5,
+    )
+
+
+def _unit(dataset: xarray.Dataset) -> str:
+    return {"rad s-1": "°/s", "rad s-2": "°/s²"}[dataset["command"].attrs["units"]]
