@@ -111,6 +111,13 @@ def test_gains_from_damping_and_from_weights():
         np.testing.assert_allclose(gains.from_weights(q1, q2, r), (k1, k2), rtol=1e-10)
 
 
+def test_gains_of_single_and_double_precision_mix():
+    for make in (gains.from_settling_time, gains.from_damping):
+        np.testing.assert_allclose(make(np.float32(2.0), 0.5), make(2.0, 0.5), rtol=EXACT)
+    np.testing.assert_allclose(gains.from_weights(np.float32(4.0), 2.0, 1.0), gains.from_weights(4.0, 2.0, 1.0))
+    assert gains.from_damping(np.float32(2.0), np.float32(0.5))[0].dtype == np.float32
+
+
 def test_gains_that_make_no_sense_are_refused():
     for call, message in [
         (lambda: gains.from_settling_time(-1.0), "settling time must be positive"),

@@ -138,6 +138,15 @@ def test_single_precision():
     np.testing.assert_allclose(at.acceleration, same.acceleration, rtol=1e-4, atol=1e-3)
 
 
+def test_precisions_mix():
+    times, _, quaternions = table(5, 0.6)
+    single = TableProgram(times, quaternions.astype(np.float32))
+    again = TableProgram(times.astype(np.float32), quaternions.astype(np.float32), np.asarray(single.rates))
+    assert single(0.5).rate.dtype == np.float64
+    assert again(0.5).rate.dtype == np.float32
+    np.testing.assert_allclose(again(0.5).rate, single(0.5).rate, atol=1e-5)
+
+
 @pytest.mark.parametrize(
     ("times", "quaternions", "message"),
     [

@@ -57,6 +57,13 @@ def test_the_table_of_coning(method):
     assert np.all(np.log2(regular[:-1] / regular[1:]) > method.order - ORDER_MARGIN)
 
 
+@pytest.mark.parametrize(("stages", "steps"), [(1, 2048), (2, 256), (3, 64), (5, 24), (8, 12)])
+def test_the_order_of_collocation_is_twice_the_number_of_stages(stages, steps):
+    errors = final_errors(FAST, 10.3, GaussLegendre(stages), [stages * steps, 2 * stages * steps])
+    assert errors[1] > 10 * REFERENCE_ROUND_OFF
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2 * stages, abs=ORDER_MARGIN)
+
+
 @pytest.mark.parametrize("method", FAST_TABLE, ids=str)
 def test_the_table_of_fast_coning(method):
     """β = 50°, Ω = 2π, 10.3 s. The last figure of Gauss–Legendre is round-off, and so may be ours."""
@@ -115,27 +122,37 @@ def test_the_scalar_part_is_the_law_of_the_length(axes, scale):
     np.testing.assert_allclose(qs, plain * np.exp(growth / 2)[:, None], rtol=0, atol=TOLERANCE * np.linalg.norm(qs[-1]))
 
 
-class TrihedralRate(eqx.Module):
-    """ω⁰ of the natural trihedral; a Module, so that one compilation serves many paths."""
+class ProgramRate(eqx.Module):
+    """ω⁰ of a program; a Module, so that one compilation serves many paths."""
 
-    path: qt.SpiralHelix
+    program: qt.FrameProgram
 
     def __call__(self, t):
-        return qt.trihedral(self.path, t).rate
+        return self.program(t).rate
 
 
-trihedral_quaternion = jax.jit(lambda path, t: qt.trihedral(path, t).quaternion())
+FRAMES = {"natural": qt.Natural(), "upright": qt.Upright(), "minimizing": qt.RotationMinimizing()}
 
 
-@pytest.mark.parametrize("case", CASES, ids=[f"{i}-{c['kind']}" for i, c in enumerate(CASES)])
-def test_trihedral_is_the_flow_of_its_own_rate(case):
-    """Integrating the trihedral's rate from its first attitude reproduces its last, at any scale of λ."""
-    path = build(case)
-    times = np.array([0.0, float(path.duration)])
-    first, last = (trihedral_quaternion(path, jnp.asarray(t)) for t in times)
+def of_one_shape(path):
+    """The same path with room for the polynomials of any: one compilation serves all."""
+    polynomials = (jnp.pad(c, (0, 4 - c.shape[0])) for c in (path.radius, path.angle, path.height))
+    return qt.SpiralHelix(*polynomials, path.duration)
+
+
+ALL = [(i, "natural") for i in range(len(CASES))]
+SOME = [(i, name) for i in range(0, len(CASES), 7) for name in ("upright", "minimizing")]
+
+
+@pytest.mark.parametrize(("index", "name"), ALL + SOME, ids=lambda x: CASES[x]["kind"] if isinstance(x, int) else x)
+def test_trihedral_is_the_flow_of_its_own_rate(index, name):
+    """Integrating the program's rate from its first attitude reproduces its last, sign and all, at any scale of λ."""
+    program = qt.FrameProgram(of_one_shape(build(CASES[index])), FRAMES[name])
+    times = np.array([0.0, float(program.duration)])
+    first, last = (program(t).quaternion for t in times)
     for scale in (1.0, -3.0, 1e-3, 1e6):
-        qs = propagate(TrihedralRate(path), scale * first, times)
-        assert angles(qs[-1:], last[None]) < TOLERANCE
+        qs = propagate(ProgramRate(program), scale * first, times)
+        np.testing.assert_allclose(qs[-1] / scale, last, rtol=0, atol=TOLERANCE)
         np.testing.assert_allclose(np.linalg.norm(qs, axis=1), abs(scale), rtol=ROUND_OFF, atol=0)
 
 
@@ -173,9 +190,9 @@ def test_a_missed_tolerance_is_never_silent():
 
 
 def test_under_jit_and_vmap():
-    """A traced rate is planned at run time, each lane for itself."""
+    """A traced rate is planned at run time, each lane for itself: one that is sick, or too fast, spoils no other."""
     times = np.array([0.0, 1.0, 2.0])
-    speeds = jnp.asarray([1.0, 16.0])
+    speeds = jnp.asarray([1.0, np.nan, 16.0, 1e5])
 
     @jax.jit
     @jax.vmap
@@ -184,10 +201,12 @@ def test_under_jit_and_vmap():
         return propagate_with_estimate(coning, QUATERNION, times, max_steps=64)
 
     batch = traced(speeds)
-    plain = jnp.stack([propagate(Coning(50.0, speed), QUATERNION, times) for speed in speeds])
-    np.testing.assert_allclose(batch.quaternion, plain, rtol=0, atol=TOLERANCE)
-    assert (batch.result == PropagationResult.successful).all()
-    assert batch.steps[0] < batch.steps[1]
+    plain = jnp.stack([propagate(Coning(50.0, speed), QUATERNION, times) for speed in speeds[::2]])
+    np.testing.assert_allclose(batch.quaternion[::2], plain, rtol=0, atol=TOLERANCE)
+    kinds = PropagationResult.successful, PropagationResult.not_finite, PropagationResult.tolerance_not_reached
+    found = [[bool(x) for x in batch.result == kind] for kind in kinds]
+    assert found == [[True, False, True, False], [False, True, False, False], [False, False, False, True]]
+    assert batch.steps[0] < batch.steps[2]
 
 
 def test_a_traced_quaternion_is_planned_while_tracing():

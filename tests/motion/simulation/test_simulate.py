@@ -30,7 +30,7 @@ from ..rigs import Choice, Rest, ThreeAxis, random_gains
 
 AT_DEFAULTS, AT_TIGHT = 1e-9, 1e-11
 """Closed loop against closed form at the default tolerances and at rtol 1e-13."""
-TIMES = np.linspace(0.0, 6.0, 9)
+TIMES = np.linspace(0.0, 6.0, 25)
 KINDS = ("body", "inertial", "additive")
 START = jnp.asarray([0.9, 0.7, -0.5, 0.6])
 RATE = jnp.asarray([0.1, 0.6, -0.4, 0.9])
@@ -61,21 +61,35 @@ def test_every_law_follows_its_closed_form():
             law = Choice(laws, jnp.asarray(index))
             x, v = starts[kind]
             expected = linear_response(k1, k2, x, v, np.zeros(4) if kind == "additive" else IDENTITY)
-            solution = simulate(program, law, START, RATE, TIMES, rtol=1e-13, atol=1e-15)
-            assert solution.successful
-            np.testing.assert_allclose(solution.error, expected, rtol=0, atol=AT_TIGHT)
-            if kind == "body":
-                solution = simulate(program, law, START, RATE, TIMES)
-                np.testing.assert_allclose(solution.error, expected, rtol=0, atol=AT_DEFAULTS)
+            check_against(expected, program, law)
+
+
+def check_against(expected, program, law):
+    """At the default tolerances and at tight ones."""
+    for tolerances, deviation in (({}, AT_DEFAULTS), ({"rtol": 1e-13, "atol": 1e-15}, AT_TIGHT)):
+        solution = simulate(program, law, START, RATE, TIMES, **tolerances)
+        assert solution.successful
+        np.testing.assert_allclose(solution.error, expected, rtol=0, atol=deviation)
+
+
+def test_diagonal_gains_of_their_own_shape():
+    """With an eye on one thing: no full matrix stands in for them."""
+    program, law = ThreeAxis(), AccelerationLaw([2.0, 2.8, 1.8, 2.4], [1.0, 1.96, 0.81, 1.44])
+    at = jax.jit(lambda t: program(t))(0.0)
+    x, v = control.error_quaternion(at, START), control.error_rate(at, START, RATE)
+    check_against(linear_response(np.diag(law.k1), np.diag(law.k2), x, v, IDENTITY), program, law)
 
 
 def test_the_rate_law_follows_its_closed_form():
-    program, law = ThreeAxis(), RateLaw(1.2)
-    solution = simulate(program, law, START, RATE, TIMES)
+    """Scalar, diagonal and full gains, of one shape: one compilation for all."""
+    program = ThreeAxis()
     mu0 = control.error_quaternion(jax.jit(lambda t: program(t))(0.0), START)
-    expected = control.error_response(law, mu0, None, TIMES)
-    np.testing.assert_allclose(solution.error, expected, rtol=0, atol=AT_DEFAULTS)
-    np.testing.assert_array_equal(solution.command, solution.rate)
+    for k, _ in random_gains(np.random.default_rng(9)):
+        law = RateLaw(np.eye(4) * k if np.ndim(k) < 2 else k)
+        expected = np.array([IDENTITY + expm(-np.asarray(law.k) * t) @ (mu0 - IDENTITY) for t in TIMES])
+        check_against(expected, program, law)
+        solution = simulate(program, law, START, RATE, TIMES)
+        np.testing.assert_array_equal(solution.command, solution.rate)
 
 
 BASELINES = {

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 
 from qtraj.foundation.arrays import as_float, concrete, require_finite, require_positive
 from qtraj.foundation.types import ArrayInput, Scalar
+from qtraj.motion.checks import common_dtype
 
 _NEWTON_STEPS = 8  # to round-off for every residual that float64 can hold
 
@@ -19,8 +20,7 @@ def from_settling_time(time: ArrayInput, residual: ArrayInput = 0.02) -> tuple[S
 
     **Raises:** ValueError for a time that is not positive, or a residual outside (0, 1).
     """
-    time = as_float(time)
-    residual = as_float(residual).astype(time.dtype)
+    time, residual = _of_one_dtype(time, residual)
     require_positive(time, "the settling time", "s")
     known = concrete(residual)
     if known is not None and not 0 < known < 1:
@@ -34,7 +34,7 @@ def from_damping(ratio: ArrayInput, frequency: ArrayInput) -> tuple[Scalar, Scal
 
     **Raises:** ValueError for arguments that are not positive.
     """
-    ratio, frequency = as_float(ratio), as_float(frequency)
+    ratio, frequency = _of_one_dtype(ratio, frequency)
     require_positive(ratio, "the damping ratio", "1")
     require_positive(frequency, "the natural frequency", "rad/s")
     return 2 * ratio * frequency, frequency * frequency
@@ -47,7 +47,7 @@ def from_weights(error: ArrayInput, rate: ArrayInput, command: ArrayInput) -> tu
 
     **Raises:** ValueError where q1 or r is not positive, or q2 is negative.
     """
-    q1, q2, r = as_float(error), as_float(rate), as_float(command)
+    q1, q2, r = _of_one_dtype(error, rate, command)
     require_positive(q1, "the weight of the error", "1/s⁴")
     require_positive(r, "the weight of the command", "1")
     require_finite(q2, "the weight of the rate")
@@ -56,6 +56,12 @@ def from_weights(error: ArrayInput, rate: ArrayInput, command: ArrayInput) -> tu
         raise ValueError(f"the weight of the rate must not be negative, but {known.tolist()} was given")
     k2 = jnp.sqrt(q1 / r)
     return jnp.sqrt(q2 / r + 2 * k2), k2
+
+
+def _of_one_dtype(*values: ArrayInput) -> list[Scalar]:
+    numbers = [as_float(x) for x in values]
+    dtype = common_dtype(*numbers)
+    return [x.astype(dtype) for x in numbers]
 
 
 def _critical_time(residual: Scalar) -> Scalar:

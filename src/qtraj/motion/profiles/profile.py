@@ -6,6 +6,7 @@ can overflow or vanish. At a switch the later piece counts. Before its start a t
 
 import abc
 import math
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -38,6 +39,11 @@ class Profile(eqx.Module):
     end_rate: Scalar = eqx.field(converter=as_float)
     feasible: Flag = eqx.field(converter=jnp.asarray)
     proportional: bool = eqx.field(static=True, default=True)
+
+    @property
+    def switches(self) -> Float[Array, " n"]:
+        """The instants at which a piece ends [s], the last at the duration: `jumps` for an integration."""
+        return jnp.concatenate([self.starts[1:], self.duration[None]])
 
     def angle(self, t: ScalarLike) -> Scalar:
         """Φ(t) [rad]: 0 before the start, `total` after the duration."""
@@ -92,15 +98,32 @@ def _held(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"]
 
 
 class AbstractLaw(eqx.Module):
-    """How a turn proceeds in time: what makes the profile for any angle."""
+    """How a turn proceeds in time: what makes the profile for any angle, the shortest or one of a fixed `duration` [s].
+
+    `name` is what messages call it.
+    """
+
+    duration: eqx.AbstractVar[Scalar | None]
+    name: ClassVar[str]
 
     @abc.abstractmethod
+    def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
+        """The profile of a turn by `total` [rad], of either sign, and the least duration [s] within the limits."""
+
     def profile(self, angle: ArrayInput) -> Profile:
         """The profile of a turn by `angle` [rad], of either sign.
 
         **Raises:** ValueError for an angle that is not finite, and for a fixed duration in which the angle cannot be
         turned within the limits; inside a trace the profile's `feasible` tells.
         """
+        profile, minimal = _timed(self, known_angle(angle))
+        require_feasible(self, profile, minimal)
+        return profile
+
+
+@eqx.filter_jit
+def _timed(law: AbstractLaw, total: Scalar) -> tuple[Profile, Scalar]:
+    return law.timed(total)
 
 
 def size_of(total: Scalar) -> Scalar:
@@ -135,12 +158,19 @@ def limit(value: ArrayInput | None) -> Scalar | None:
     return None if known is not None and known == math.inf else number
 
 
-def require_limits(**limits: Scalar | None) -> None:
-    """Raise a ValueError unless every given limit is a positive finite number."""
-    units = {"max_rate": "rad/s", "max_acceleration": "rad/s²", "max_jerk": "rad/s³", "duration": "s"}
-    for name, value in limits.items():
-        if value is not None:
-            require_positive(value, name, units[name])
+UNITS = {"max_rate": "rad/s", "max_acceleration": "rad/s²", "max_jerk": "rad/s³", "duration": "s"}
+
+
+def given_limits(law: AbstractLaw) -> dict[str, Scalar]:
+    """The limits and the duration that a law has, by the names of its fields."""
+    found = {name: getattr(law, name, None) for name in UNITS}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def require_limits(law: AbstractLaw) -> None:
+    """Raise a ValueError unless every limit of the law, and its duration, is a positive finite number."""
+    for name, value in given_limits(law).items():
+        require_positive(value, name, UNITS[name])
 
 
 def fixed_duration(asked: Scalar, minimal: Scalar) -> tuple[Scalar, Flag]:
@@ -149,16 +179,19 @@ def fixed_duration(asked: Scalar, minimal: Scalar) -> tuple[Scalar, Flag]:
     return jnp.where(feasible, asked, minimal), feasible
 
 
-def require_feasible(profile: Profile, minimal: Scalar, asked: Scalar | None, law: str) -> None:
+def require_feasible(law: AbstractLaw, profile: Profile, minimal: Scalar) -> None:
     """Raise a ValueError that names the minimal duration where a known profile is not the one that was asked for."""
     known = concrete(profile.feasible)
-    if known is None or known or asked is None:
+    if known is None or known or law.duration is None:
         return
-    turn, given, least = f"{float(profile.total):.9g} rad", f"{float(asked):.9g} s", f"{float(minimal):.17g} s"
-    if float(asked) < float(minimal):
+    limits = given_limits(law)
+    asked = float(limits.pop("duration"))
+    turn, given, least = f"{float(profile.total):.9g} rad", f"{asked:.9g} s", f"{float(minimal):.17g} s"
+    if asked < float(minimal):
+        bounds = " and ".join(f"{name} = {float(value):.6g} {UNITS[name]}" for name, value in limits.items())
         raise ValueError(
-            f"a turn by {turn} under this {law} law needs at least {least}: in {given} it would break a limit. "
-            "Allow more time, or raise the limits."
+            f"a turn by {turn} under this {law.name} law needs at least {least}: in {given} it would break a limit "
+            f"({bounds}). Allow more time, or raise the limits."
         )
     raise ValueError(
         f"no turn by {turn} between these end rates takes just {given} within the limits: there is no time to wait "

@@ -1,8 +1,8 @@
 """S-curve turns: the fastest from rest to rest under limits of rate, acceleration and jerk."""
 
 import math
+from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -14,9 +14,7 @@ from qtraj.motion.profiles.profile import (
     Profile,
     fixed_duration,
     is_turn,
-    known_angle,
     limit,
-    require_feasible,
     require_limits,
     size_of,
 )
@@ -39,6 +37,7 @@ class SCurve(AbstractLaw):
     max_acceleration: Scalar
     max_jerk: Scalar
     duration: Scalar | None
+    name: ClassVar[str] = "S-curve"
 
     def __init__(
         self,
@@ -51,18 +50,13 @@ class SCurve(AbstractLaw):
         self.max_acceleration = real_scalar(max_acceleration, "max_acceleration")
         self.max_jerk = real_scalar(max_jerk, "max_jerk")
         self.duration = limit(duration)
-        require_limits(max_rate=self.max_rate, max_acceleration=self.max_acceleration, max_jerk=self.max_jerk)
-        require_limits(duration=self.duration)
+        require_limits(self)
 
-    def profile(self, angle: ArrayInput) -> Profile:
-        profile, minimal = _profile(self, known_angle(angle))
-        require_feasible(profile, minimal, self.duration, "S-curve")
-        return profile
+    def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
+        return _timed(self, total)
 
 
-@eqx.filter_jit
-def _profile(law: SCurve, total: Scalar) -> tuple[Profile, Scalar]:
-    """The profile, and the least duration."""
+def _timed(law: SCurve, total: Scalar) -> tuple[Profile, Scalar]:
     a, j = law.max_acceleration.astype(total.dtype), law.max_jerk.astype(total.dtype)
     size = size_of(total)
     rate, coasting = _peak_rate(size, a, j), jnp.asarray(False)

@@ -1,38 +1,74 @@
 """Polynomial turns: one cubic, quintic or septic from rest to rest."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
 
 from qtraj.foundation.document import storable
-from qtraj.foundation.types import ArrayInput, Scalar
+from qtraj.foundation.types import Scalar
 from qtraj.motion.profiles.profile import (
     AbstractLaw,
     Profile,
     fixed_duration,
+    given_limits,
     is_turn,
-    known_angle,
     limit,
-    require_feasible,
     require_limits,
     size_of,
 )
 
 
-class _Step(eqx.Module):
-    """A polynomial s(u) from 0 to 1 on [0, 1], and the largest |ds/du|, |d²s/du²| and |d³s/du³|."""
+class AbstractSmoothStep(AbstractLaw):
+    """Φ(t) = Φ s(u), u = t/T, with one polynomial s from 0 to 1 on [0, 1], at rest at both ends.
 
-    name: str = eqx.field(static=True)
-    coefficients: tuple[int, ...] = eqx.field(static=True)
-    peaks: tuple[float, float, float] = eqx.field(static=True)
+    `coefficients` of s, ascending; `peaks`, the largest |ds/du|, |d²s/du²| and |d³s/du³|.
+    """
 
+    max_rate: eqx.AbstractVar[Scalar | None]
+    max_acceleration: eqx.AbstractVar[Scalar | None]
+    max_jerk: eqx.AbstractVar[Scalar | None]
+    coefficients: ClassVar[tuple[int, ...]]
+    peaks: ClassVar[tuple[float, float, float]]
 
-_CUBIC = _Step("cubic", (0, 0, 3, -2), (1.5, 6.0, 12.0))
-_QUINTIC = _Step("quintic", (0, 0, 0, 10, -15, 6), (15 / 8, 10 / 3**0.5, 60.0))
-_SEPTIC = _Step("septic", (0, 0, 0, 0, 35, -84, 70, -20), (35 / 16, 84 * 5**0.5 / 25, 52.5))
+    def __check_init__(self):
+        if not given_limits(self):
+            raise ValueError(
+                f"a {self.name} turn needs a duration [s] or a limit: max_rate, max_acceleration or max_jerk"
+            )
+        require_limits(self)
+
+    def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
+        minimal = duration = self._shortest(total)
+        feasible = jnp.asarray(True)
+        if self.duration is not None:
+            duration, feasible = fixed_duration(self.duration.astype(total.dtype), minimal)
+        profile = Profile(
+            total=total,
+            duration=duration,
+            starts=jnp.zeros_like(total, shape=1),
+            widths=duration[None],
+            pieces=jnp.asarray([self.coefficients], dtype=total.dtype),
+            end_rate=jnp.zeros_like(total),
+            feasible=feasible,
+        )
+        return profile, minimal
+
+    def _shortest(self, total: Scalar) -> Scalar:
+        """T = max(c1 Φ/V, √(c2 Φ/A), (c3 Φ/J)^⅓) over the limits that are given; 0 without any."""
+        size = size_of(total)
+        limits = (self.max_rate, self.max_acceleration, self.max_jerk)
+        times = [
+            (peak * size / bound.astype(total.dtype)) ** (1 / order)
+            for order, (peak, bound) in enumerate(zip(self.peaks, limits, strict=True), start=1)
+            if bound is not None
+        ]
+        longest = jnp.max(jnp.stack(times)) if times else jnp.zeros_like(total)
+        return jnp.where(is_turn(total), longest, 0.0)
 
 
 @storable
-class Cubic(AbstractLaw):
+class Cubic(AbstractSmoothStep):
     """Φ(t) = Φ(3u² − 2u³), u = t/T: at rest at both ends, where its acceleration jumps.
 
     In the given `duration` [s], or the shortest that keeps `max_rate` [rad/s], `max_acceleration` [rad/s²] and
@@ -46,16 +82,13 @@ class Cubic(AbstractLaw):
     max_rate: Scalar | None = eqx.field(converter=limit, default=None)
     max_acceleration: Scalar | None = eqx.field(converter=limit, default=None)
     max_jerk: Scalar | None = eqx.field(converter=limit, default=None)
-
-    def __check_init__(self):
-        _check(self, _CUBIC)
-
-    def profile(self, angle: ArrayInput) -> Profile:
-        return _profile(self, _CUBIC, angle)
+    name: ClassVar[str] = "cubic"
+    coefficients: ClassVar[tuple[int, ...]] = (0, 0, 3, -2)
+    peaks: ClassVar[tuple[float, float, float]] = (1.5, 6.0, 12.0)
 
 
 @storable
-class Quintic(AbstractLaw):
+class Quintic(AbstractSmoothStep):
     """Φ(t) = Φ(10u³ − 15u⁴ + 6u⁵), u = t/T: at rest and without acceleration at both ends.
 
     Arguments and errors as for `Cubic`; the jerk is bounded everywhere.
@@ -65,16 +98,13 @@ class Quintic(AbstractLaw):
     max_rate: Scalar | None = eqx.field(converter=limit, default=None)
     max_acceleration: Scalar | None = eqx.field(converter=limit, default=None)
     max_jerk: Scalar | None = eqx.field(converter=limit, default=None)
-
-    def __check_init__(self):
-        _check(self, _QUINTIC)
-
-    def profile(self, angle: ArrayInput) -> Profile:
-        return _profile(self, _QUINTIC, angle)
+    name: ClassVar[str] = "quintic"
+    coefficients: ClassVar[tuple[int, ...]] = (0, 0, 0, 10, -15, 6)
+    peaks: ClassVar[tuple[float, float, float]] = (15 / 8, 10 / 3**0.5, 60.0)
 
 
 @storable
-class Septic(AbstractLaw):
+class Septic(AbstractSmoothStep):
     """Φ(t) = Φ(35u⁴ − 84u⁵ + 70u⁶ − 20u⁷), u = t/T: at rest, without acceleration and without jerk at both ends.
 
     Arguments and errors as for `Cubic`; the jerk is continuous.
@@ -84,58 +114,6 @@ class Septic(AbstractLaw):
     max_rate: Scalar | None = eqx.field(converter=limit, default=None)
     max_acceleration: Scalar | None = eqx.field(converter=limit, default=None)
     max_jerk: Scalar | None = eqx.field(converter=limit, default=None)
-
-    def __check_init__(self):
-        _check(self, _SEPTIC)
-
-    def profile(self, angle: ArrayInput) -> Profile:
-        return _profile(self, _SEPTIC, angle)
-
-
-_Law = Cubic | Quintic | Septic
-
-
-def _check(law: _Law, step: _Step) -> None:
-    limits = {"max_rate": law.max_rate, "max_acceleration": law.max_acceleration, "max_jerk": law.max_jerk}
-    if law.duration is None and all(value is None for value in limits.values()):
-        raise ValueError(f"a {step.name} turn needs a duration [s] or a limit: max_rate, max_acceleration or max_jerk")
-    require_limits(duration=law.duration, **limits)
-
-
-def _profile(law: _Law, step: _Step, angle: ArrayInput) -> Profile:
-    profile, minimal = _timed(law, step, known_angle(angle))
-    require_feasible(profile, minimal, law.duration, step.name)
-    return profile
-
-
-@eqx.filter_jit
-def _timed(law: _Law, step: _Step, total: Scalar) -> tuple[Profile, Scalar]:
-    """The profile, and the least duration."""
-    minimal = duration = _shortest(law, step, total)
-    feasible = jnp.asarray(True)
-    if law.duration is not None:
-        duration, feasible = fixed_duration(law.duration.astype(total.dtype), minimal)
-    profile = Profile(
-        total=total,
-        duration=duration,
-        starts=jnp.zeros_like(total, shape=1),
-        widths=duration[None],
-        pieces=jnp.asarray([step.coefficients], dtype=total.dtype),
-        end_rate=jnp.zeros_like(total),
-        feasible=feasible,
-    )
-    return profile, minimal
-
-
-def _shortest(law: _Law, step: _Step, total: Scalar) -> Scalar:
-    """T = max(c1 Φ/V, √(c2 Φ/A), (c3 Φ/J)^⅓) over the limits that are given; 0 without any."""
-    size = size_of(total)
-    times = [
-        (peak * size / bound.astype(total.dtype)) ** (1 / order)
-        for order, (peak, bound) in enumerate(
-            zip(step.peaks, (law.max_rate, law.max_acceleration, law.max_jerk), strict=True), start=1
-        )
-        if bound is not None
-    ]
-    longest = jnp.max(jnp.stack(times)) if times else jnp.zeros_like(total)
-    return jnp.where(is_turn(total), longest, 0.0)
+    name: ClassVar[str] = "septic"
+    coefficients: ClassVar[tuple[int, ...]] = (0, 0, 0, 0, 35, -84, 70, -20)
+    peaks: ClassVar[tuple[float, float, float]] = (35 / 16, 84 * 5**0.5 / 25, 52.5)

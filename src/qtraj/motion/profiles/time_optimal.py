@@ -1,5 +1,7 @@
 """Time-optimal turns: as fast as a rate and an acceleration limit allow (bang–bang, bang–coast–bang)."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
 
@@ -12,9 +14,7 @@ from qtraj.motion.profiles.profile import (
     Profile,
     fixed_duration,
     is_turn,
-    known_angle,
     limit,
-    require_feasible,
     require_limits,
     size_of,
 )
@@ -39,6 +39,7 @@ class TimeOptimal(AbstractLaw):
     start_rate: Scalar | None
     end_rate: Scalar | None
     duration: Scalar | None
+    name: ClassVar[str] = "time-optimal"
 
     def __init__(
         self,
@@ -53,21 +54,17 @@ class TimeOptimal(AbstractLaw):
         self.start_rate = None if start_rate is None else real_scalar(start_rate, "start_rate")
         self.end_rate = None if end_rate is None else real_scalar(end_rate, "end_rate")
         self.duration = limit(duration)
-        require_limits(max_rate=self.max_rate, max_acceleration=self.max_acceleration, duration=self.duration)
+        require_limits(self)
         for rate, name in ((self.start_rate, "start_rate"), (self.end_rate, "end_rate")):
             if rate is not None:
                 require_finite(rate, name)
                 _require_within(rate, self.max_rate, name)
 
-    def profile(self, angle: ArrayInput) -> Profile:
-        profile, minimal = _profile(self, known_angle(angle))
-        require_feasible(profile, minimal, self.duration, "time-optimal")
-        return profile
+    def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
+        return _timed(self, total)
 
 
-@eqx.filter_jit
-def _profile(law: TimeOptimal, total: Scalar) -> tuple[Profile, Scalar]:
-    """The profile, and the least duration."""
+def _timed(law: TimeOptimal, total: Scalar) -> tuple[Profile, Scalar]:
     resting = law.start_rate is None and law.end_rate is None
     task = _Task(
         angle=size_of(total) if resting else total,

@@ -11,6 +11,7 @@ from qtraj.foundation.arrays import as_float, concrete, one_instant, real_vector
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
+from qtraj.motion.checks import common_dtype, require_axes
 from qtraj.motion.profiles.profile import AbstractLaw, Profile
 
 
@@ -34,7 +35,7 @@ class EulerTurn(AbstractProgram):
 
     def __init__(self, start_q: ArrayInput, end_q: ArrayInput, law: AbstractLaw):
         start, end = (real_vector(q, name, 4) for q, name in ((start_q, "start_q"), (end_q, "end_q")))
-        dtype = jnp.promote_types(start.dtype, end.dtype)
+        dtype = common_dtype(start, end)
         self.start_q, self.end_q, self.law = start.astype(dtype), end.astype(dtype), law
         _require_law(law)
         _require_attitudes(start[None], "start_q")
@@ -75,8 +76,7 @@ class EulerTurn(AbstractProgram):
 
         **Raises:** ValueError for other axes.
         """
-        if axes not in ("body", "inertial"):
-            raise ValueError(f"axes must be 'body' or 'inertial', but {axes!r} was given")
+        require_axes(axes)
         e = _direction(self.rotation_vector)
         return e if axes == "body" else quaternion.rotate(self.start_q, e)
 

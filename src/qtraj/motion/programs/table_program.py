@@ -13,6 +13,7 @@ from qtraj.foundation.arrays import as_float, concrete, one_instant, require_fin
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
+from qtraj.motion.checks import common_dtype
 from qtraj.motion.programs import rotation_spline as spline
 from qtraj.motion.programs.euler_turn import attitude_table
 
@@ -42,10 +43,10 @@ class TableProgram(AbstractProgram):
     def __init__(self, times: ArrayInput, quaternions: ArrayInput, rates: ArrayInput | None = None):
         table = attitude_table(quaternions, "a table program")
         instants = as_float(times)
-        dtype = jnp.promote_types(instants.dtype, table.dtype)
+        dtype = common_dtype(instants, table)
         self.times, self.quaternions = instants.astype(dtype), rotation.continuous(table.astype(dtype))
         _require_increasing(self.times, table.shape[0])
-        self.rates = _found(self.times, self.quaternions) if rates is None else as_float(rates)
+        self.rates = _found(self.times, self.quaternions) if rates is None else as_float(rates).astype(dtype)
         if self.rates.shape != (table.shape[0], 3):
             raise ValueError(
                 f"rates must have shape ({table.shape[0]}, 3), one row for each attitude, "

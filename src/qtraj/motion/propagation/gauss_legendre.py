@@ -1,8 +1,10 @@
 """Gauss–Legendre collocation of 2λ̇ = λ∘ω(t): any number of stages s, order 2s, |λ| kept to round-off.
 
 The stage equations Y_i = 1 + (h/2) Σ_j a_ij Y_j∘ω_j are linear. They are solved by fixed-point sweeps, since 4s × 4s
-is small and a dense solver 6 to 40 times slower (8 stages, 256 to 8192 steps on a CPU); the derivative is that of the
-solution, by sweeps of its own, not of the sweeps. Nodes, weights and a_ij are computed with 50 digits and then rounded.
+is small and a dense solver 6 to 40 times slower (8 stages, 256 to 8192 steps on a CPU). A solution times a constant
+quaternion is a solution, so they start with Y = 1 in the middle of the step instead of at its first instant: the k-th
+sweep has half the way to go, (½)^k/k!, which saves up to a fifth of them. The derivative is that of the solution, by
+sweeps of its own, not of the sweeps. Nodes, weights and a_ij are computed with 50 digits and then rounded.
 """
 
 import decimal
@@ -17,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.algebra import quaternion
 from qtraj.foundation.types import Quat, Scalar
 from qtraj.motion.propagation.increment import AbstractIncrement, exact_product
 
@@ -51,17 +54,25 @@ class GaussLegendre(AbstractIncrement):
     def turn(self, rates: Float[Array, "s 3"], h: Scalar) -> Quat:
         scheme = tableau(self.stages)
         half = 0.5 * h * rates.T
-        stages = _stages(scheme.sweeps, jnp.asarray(scheme.a, h.dtype), half)
-        total = exact_product(_times_pure(stages, half), jnp.asarray(scheme.b, h.dtype))
-        return total + jnp.zeros_like(total).at[0].set(1.0)
+        stages = _stages(scheme.sweeps, jnp.asarray(scheme.around, h.dtype), half)
+        slopes = _times_pure(stages, half)
+        first = (-exact_product(slopes, jnp.asarray(scheme.before, h.dtype))).at[0].add(1.0)
+        last = exact_product(slopes, jnp.asarray(scheme.b - scheme.before, h.dtype)).at[0].add(1.0)
+        return quaternion.product(quaternion.conjugate(first), last) / quaternion.norm_squared(first)
 
 
 class Tableau(NamedTuple):
-    """Nodes c (s,), weights b (s,) and coefficients a (s, s) on [0, 1], and the fixed-point sweeps to round-off."""
+    """Nodes c (s,), weights b (s,) and coefficients a (s, s) on [0, 1]; what the sweeps take.
+
+    `before` (s,) are the weights of the integral from 0 to ½, `around` (s, s) those of the integrals from ½ to the
+    nodes; `sweeps` reach round-off.
+    """
 
     c: np.ndarray
     b: np.ndarray
     a: np.ndarray
+    before: np.ndarray
+    around: np.ndarray
     sweeps: int
 
 
@@ -78,14 +89,10 @@ def tableau(stages: int) -> Tableau:
         half = Decimal("0.5")
         b = [(1 - xi * xi) / (stages * pi[stages - 1]) ** 2 for xi, pi in zip(x, p, strict=True)]
         c = [half * (1 + xi) for xi in x]
-        a = [
-            [
-                b[j] * (c[i] + half * sum(p[j][k] * (p[i][k + 1] - p[i][k - 1]) for k in range(1, stages)))
-                for j in range(stages)
-            ]
-            for i in range(stages)
-        ]
-        return Tableau(_rounded(c), _rounded(b), _rounded(a), _sweeps(_rounded(a)))
+        a = [_integral(c[i], p[i], p, b) for i in range(stages)]
+        before = _integral(half, _legendre(stages + 1, Decimal(0)), p, b)
+        around = _rounded([[x - y for x, y in zip(row, before, strict=True)] for row in a])
+        return Tableau(_rounded(c), _rounded(b), _rounded(a), _rounded(before), around, _sweeps(around))
 
 
 @functools.cache
@@ -102,6 +109,15 @@ def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
             x = [xi - (xi * pi[-1] - pi[-2]) / (count * pi[-1]) for xi, pi in zip(x, p, strict=True)]
         weights = [1 / (count * degree * _legendre(degree, xi)[-1] ** 2) for xi in x]
         return _rounded([(1 + xi) / 2 for xi in x]), _rounded(weights)
+
+
+def _integral(c: Decimal, p: list[Decimal], at_nodes: list[list[Decimal]], b: list[Decimal]) -> list[Decimal]:
+    """Weights of the integral from 0 to c, from the Legendre polynomials there and at the nodes."""
+    half = Decimal("0.5")
+    return [
+        bj * (c + half * sum(pj[k] * (p[k + 1] - p[k - 1]) for k in range(1, len(b))))
+        for pj, bj in zip(at_nodes, b, strict=True)
+    ]
 
 
 def _legendre(count: int, x: Decimal) -> list[Decimal]:
@@ -149,12 +165,16 @@ def _(sweeps, primals, tangents):
 
 
 def _sweep(sweeps: int, a: Array, half: Array, right: Array) -> Array:
-    """y = right + (y∘half) aᵀ by `sweeps` fixed-point sweeps; a loop, not unrolled, compiles twice as fast."""
+    """y = right + (y∘half) aᵀ by `sweeps` fixed-point sweeps; a loop, not unrolled, compiles twice as fast.
 
-    def body(y, _):
-        return right + exact_product(_times_pure(y, half), a.T), None
+    The loop carries y∘half: a sum and the products after it are one pass over memory.
+    """
 
-    return jax.lax.scan(body, right, None, length=sweeps)[0]
+    def body(slopes, _):
+        return _times_pure(right + exact_product(slopes, a.T), half), None
+
+    slopes = jax.lax.scan(body, _times_pure(right, half), None, length=sweeps - 1)[0]
+    return right + exact_product(slopes, a.T)
 
 
 def _times_pure(y: Float[Array, "4 s"], half: Float[Array, "3 s"]) -> Float[Array, "4 s"]:

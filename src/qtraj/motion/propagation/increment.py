@@ -93,9 +93,3 @@ def to_body(q0: Quat, rates: Float[Array, "n s k"], axes: str) -> tuple[Quat, Fl
 def from_body(qs: Float[Array, "n 4"], axes: str) -> Float[Array, "n 4"]:
     """Undoes `to_body` in the solution."""
     return qs if axes == "body" else jax.vmap(quaternion.conjugate)(qs)
-
-
-def require_axes(axes: str) -> None:
-    """Raise a ValueError for axes that are neither 'body' nor 'inertial'."""
-    if axes not in ("body", "inertial"):
-        raise ValueError(f"axes must be 'body' or 'inertial', but {axes!r} was given")

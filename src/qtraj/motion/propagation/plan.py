@@ -9,9 +9,10 @@ import jax.numpy as jnp
 from jax.lax import stop_gradient
 
 from qtraj.foundation.arrays import concrete
+from qtraj.motion.checks import at_once
 from qtraj.motion.propagation import mesh as meshes
 from qtraj.motion.propagation.mesh import Errors, Mesh
-from qtraj.motion.propagation.problem import Problem, at_once, step_errors
+from qtraj.motion.propagation.problem import Problem, step_errors
 
 MAX_STEPS = 2**18
 """Outside a trace, where only the steps that are needed cost anything."""

@@ -1,29 +1,20 @@
 """What a propagation is given, checked and in one dtype; the rate at the nodes of its steps; the steps multiplied."""
 
-import contextlib
-import functools
 from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from qtraj.foundation.arrays import as_float, concrete, real_vector, require_finite, require_positive
+from qtraj.foundation.arrays import as_float, require_positive
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
+from qtraj.motion.checks import at_once, common_dtype, initial_quaternion, output_times, require_axes
 from qtraj.motion.propagation import mesh as meshes
 from qtraj.motion.propagation.gauss_legendre import GaussLegendre
-from qtraj.motion.propagation.increment import (
-    AbstractIncrement,
-    accumulate,
-    from_body,
-    increments,
-    require_axes,
-    to_body,
-)
+from qtraj.motion.propagation.increment import AbstractIncrement, accumulate, from_body, increments, to_body
 from qtraj.motion.propagation.mesh import Errors, Mesh, Taken
 
 TOLERANCE = 1e-12
@@ -70,41 +61,6 @@ def checked(
         require_positive(tolerance, "the tolerance", "rad")
         method = GaussLegendre() if method is None else method
         return Problem(omega, q0.astype(dtype), times.astype(dtype), tolerance, method, axes)
-
-
-def at_once() -> contextlib.AbstractContextManager:
-    """Lets a program that is being traced compute what it knows already."""
-    staged = concrete(jnp.zeros(())) is None
-    return jax.ensure_compile_time_eval() if staged else contextlib.nullcontext()
-
-
-def output_times(times: ArrayInput) -> Float[Array, " n"]:
-    """Times as a vector; ValueError where they are not finite and strictly increasing (known values only)."""
-    times = as_float(times)
-    if times.ndim != 1 or times.shape[0] == 0:
-        raise ValueError(f"times must be a vector of at least one instant, but have shape {times.shape}")
-    require_finite(times, "times")
-    known = concrete(times)
-    if known is not None and np.any(late := np.diff(known) <= 0):
-        i = int(np.argmax(late))
-        raise ValueError(
-            f"times must increase strictly, but times[{i}] = {known[i]:.9g} s is followed by {known[i + 1]:.9g} s"
-        )
-    return times
-
-
-def initial_quaternion(q0: ArrayInput) -> Quat:
-    """q0 as a vector of four finite numbers, not all zero (ValueError)."""
-    q0 = real_vector(q0, "the initial quaternion", 4)
-    known = concrete(q0)
-    if known is not None and not known.any():
-        raise ValueError("the initial quaternion must not be zero: it would have no attitude")
-    return q0
-
-
-def common_dtype(*arrays: Array) -> np.dtype:
-    """The widest float among them (JAX's own rule refuses to mix under strict promotion)."""
-    return functools.reduce(np.promote_types, (x.dtype for x in arrays))
 
 
 def solve(problem: Problem, mesh: Mesh) -> Float[Array, "n 4"]:

@@ -13,7 +13,7 @@ from jax.lax import stop_gradient
 from jaxtyping import Array, Float, Int
 
 from qtraj.foundation.arrays import concrete
-from qtraj.foundation.types import ArrayInput, Flag, Scalar
+from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.motion.propagation import plan
 from qtraj.motion.propagation.increment import AbstractIncrement
 from qtraj.motion.propagation.mesh import Errors
@@ -71,20 +71,18 @@ def propagate(
     traced rate see `plan.traced_slots`) or the rate is not finite. `propagate_with_estimate` reports these instead.
     """
     problem = checked(omega, q0, times, method, axes, tolerance)
-    if problem.intervals == 0:
-        return problem.q0[None]
-    if steps is not None:
+    if steps is not None and problem.intervals > 0:
         return solve(problem, plan.fixed(problem, steps))
-    mesh, errors = plan.adaptive(problem, max_steps)
-    reached = _reached(problem, errors)
-    if concrete(reached) is None:
-        return _result(problem, errors).error_if(solve(problem, mesh), ~reached)
-    if not reached:
+    found = _solved(problem, None, max_steps)
+    failed = found.result != PropagationResult.successful
+    if concrete(failed) is None:
+        return found.result.error_if(found.quaternion, failed)
+    if failed:
         raise RuntimeError(
-            f"{PropagationResult[_result(problem, errors)]} (the error estimate is {float(errors.truncation):.3g} rad "
-            f"in {int(mesh.count)} steps, the tolerance {float(stop_gradient(problem.tolerance)):.3g} rad)"
+            f"{PropagationResult[found.result]} (the error estimate is {float(found.estimate):.3g} rad in "
+            f"{int(found.steps)} steps, the tolerance {float(stop_gradient(problem.tolerance)):.3g} rad)"
         )
-    return solve(problem, mesh)
+    return found.quaternion
 
 
 def propagate_with_estimate(
@@ -99,7 +97,10 @@ def propagate_with_estimate(
     max_steps: int | None = None,
 ) -> Propagation:
     """As `propagate`, with an error estimate, also for given `steps`; a failure is in the `result`, never raised."""
-    problem = checked(omega, q0, times, method, axes, tolerance)
+    return _solved(checked(omega, q0, times, method, axes, tolerance), steps, max_steps)
+
+
+def _solved(problem: Problem, steps: int | None, max_steps: int | None) -> Propagation:
     if problem.intervals == 0:
         nothing, none = jnp.zeros_like(problem.tolerance), jnp.zeros((), jnp.int32)
         return Propagation(problem.times, problem.q0[None], nothing, none, PropagationResult.successful)
@@ -113,16 +114,13 @@ def propagate_with_estimate(
         quaternion=solve(problem, mesh),
         estimate=errors.bound,
         steps=mesh.count,
-        result=_result(problem, errors),
+        result=_judged(errors, stop_gradient(problem.tolerance)),
     )
 
 
-def _reached(problem: Problem, errors: Errors) -> Flag:
-    return errors.truncation <= stop_gradient(problem.tolerance)
-
-
-def _result(problem: Problem, errors: Errors) -> PropagationResult:
+@eqx.filter_jit
+def _judged(errors: Errors, tolerance: Scalar) -> PropagationResult:
     failure = PropagationResult.where(
         jnp.isfinite(errors.truncation), PropagationResult.tolerance_not_reached, PropagationResult.not_finite
     )
-    return PropagationResult.where(_reached(problem, errors), PropagationResult.successful, failure)
+    return PropagationResult.where(errors.truncation <= tolerance, PropagationResult.successful, failure)

@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion, rotation
 from qtraj.foundation.types import Quat, Scalar, ScalarLike
-from qtraj.motion.propagation.increment import require_axes
+from qtraj.motion.checks import require_axes
 from qtraj.motion.propagation.lagrange import lagrange
 from qtraj.motion.propagation.magnus import sixth_order
 

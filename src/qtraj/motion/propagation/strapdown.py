@@ -12,17 +12,10 @@ from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.types import ArrayInput, Quat
+from qtraj.motion.checks import at_once, common_dtype, initial_quaternion, output_times, require_axes
 from qtraj.motion.propagation.gauss_legendre import GaussLegendre
-from qtraj.motion.propagation.increment import (
-    AbstractIncrement,
-    accumulate,
-    from_body,
-    increments,
-    require_axes,
-    to_body,
-)
+from qtraj.motion.propagation.increment import AbstractIncrement, accumulate, from_body, increments, to_body
 from qtraj.motion.propagation.lagrange import lagrange
-from qtraj.motion.propagation.problem import at_once, common_dtype, initial_quaternion, output_times
 
 KINDS = ("instantaneous", "mean", "increment")
 

@@ -71,4 +71,9 @@ def _course(course: Callable[[Scalar], Vec3] | ArrayInput, name: str) -> Any:
 
 
 def _at(course: Course, t: Scalar) -> Vec3:
-    return as_float(course(t)) if callable(course) else course
+    if not callable(course):
+        return course
+    vector = as_float(course(t))
+    if vector.shape != (3,):
+        raise ValueError(f"a disturbance must be a vector (3,) at each time, but has shape {vector.shape}")
+    return vector

@@ -1,5 +1,7 @@
 """The closed loop as one differential equation, continuous or with commands renewed at given instants."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -16,18 +18,18 @@ from qtraj.motion.control.laws import AbstractLaw, RateLaw
 from qtraj.motion.simulation import ode
 from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.disturbance import AbstractDisturbance
-from qtraj.motion.simulation.kinematics import Scale, merged
-from qtraj.motion.simulation.ode import Memory, Method, State, Tolerances
+from qtraj.motion.simulation.ode import Memory, State
 from qtraj.motion.simulation.sensor import AbstractSensor, Gyros
+from qtraj.motion.simulation.task import Scale, Task
 
 ROUNDING = 1e-9
-"""A last renewal this part of a period before the end counts as one at the end."""
+"""A last renewal this part of a period before the end counts as one at the end, and so does what round-off moves."""
 
 
 class Loop(eqx.Module):
     """All that closes the loop around a body.
 
-    **Raises:** ValueError for a disturbance or a strapdown computer with a rate law.
+    **Raises:** ValueError for parts of another kind, and for a disturbance or a strapdown computer with a rate law.
     """
 
     program: AbstractProgram
@@ -37,6 +39,11 @@ class Loop(eqx.Module):
     actuator: Actuator
 
     def __check_init__(self):
+        _require_kind(self.program, AbstractProgram, "program", "FrameProgram(path)")
+        _require_kind(self.law, AbstractLaw, "law", "AccelerationLaw(2.0, 1.0)")
+        _require_kind(self.disturbance, AbstractDisturbance | None, "disturbance", "DisturbanceTorque(torque, inertia)")
+        _require_kind(self.sensor, AbstractSensor | None, "sensor", "Gyros(0.1)")
+        _require_kind(self.actuator, Actuator, "actuator", "Actuator(1.0)")
         if self.commands_rate and self.disturbance is not None:
             raise ValueError("a rate law leaves no room for a disturbing acceleration: take an AccelerationLaw")
         if self.commands_rate and isinstance(self.sensor, Gyros):
@@ -78,6 +85,9 @@ class Plant(eqx.Module):
             return state * self.scale.quaternion, command
         return self.scale.unpack(state)
 
+    def states(self, states: Float[Array, "n d"], commands: Float[Array, "n 4"]) -> States:
+        return States(*jax.vmap(self.unpack)(states, commands), commands)
+
     def slope(self, t: Scalar, state: State, command: Quat) -> State:
         """d/dt of the state vector [1/s]."""
         command = command.astype(state.dtype)
@@ -85,39 +95,22 @@ class Plant(eqx.Module):
             return derivative(state, command)
         if self.loop.disturbance is not None:
             command = command + pure(self.loop.disturbance.acceleration(t).astype(state.dtype))
-        return self.scale.field(state, command)
+        quaternion, rate = self.scale.unpack(state)
+        return self.scale.pack(derivative(quaternion, rate), command)
 
 
-def run(
-    loop: Loop,
-    quaternion: Quat,
-    rate: Quat,
-    times: Float[Array, " n"],
-    renewals: Float[Array, " m"] | None,
-    jumps: Float[Array, " k"] | None,
-    allowed: Tolerances,
-    method: Method,
-) -> tuple[States, Int[Array, ""]]:
-    """The motion at `times` and the outcome: with renewals the command is held between them, else it is continuous."""
-    plant = Plant(loop, Scale(quaternion, rate, times))
-    if renewals is None:
-        return _continuous(plant, quaternion, rate, times, jumps, allowed, method)
-    return _sampled(plant, quaternion, rate, times, renewals, jumps, allowed, method)
+def run(loop: Loop, task: Task, renewals: Float[Array, " m"] | None) -> tuple[States, Int[Array, ""]]:
+    """The motion at the task's times and the outcome: with `renewals` [s] the command is held between them, without it
+    is continuous."""
+    plant = Plant(loop, Scale(task))
+    return _continuous(plant, task) if renewals is None else _sampled(plant, task, renewals)
 
 
-def _continuous(
-    plant: Plant,
-    quaternion: Quat,
-    rate: Quat,
-    times: Float[Array, " n"],
-    jumps: Float[Array, " k"] | None,
-    allowed: Tolerances,
-    method: Method,
-) -> tuple[States, Int[Array, ""]]:
+def _continuous(plant: Plant, task: Task) -> tuple[States, Int[Array, ""]]:
     loop = plant.loop
 
     def command(t: Scalar, state: State) -> Quat:
-        known = plant.unpack(state, rate)  # a rate law looks at no rate
+        known = plant.unpack(state, task.rate)  # a rate law looks at no rate
         if loop.sensor is not None:
             memory = loop.sensor.start(*known)
             *known, _ = loop.sensor.measure(jnp.asarray(0), jnp.zeros_like(t), *known, memory)
@@ -126,25 +119,13 @@ def _continuous(
     def field(t: Scalar, state: State, memory: None) -> State:
         return plant.slope(t, state, command(t, state))
 
-    grid, outputs = merged(times, jumps, None)
-    states, _, code = ode.march(
-        field, lambda k, t, y, memory: memory, plant.pack(quaternion, rate), None, grid, allowed, method
-    )
-    states = states[outputs]
-    commands = jax.vmap(command)(times, states)
-    return States(*jax.vmap(plant.unpack)(states, commands), commands), code
+    grid, outputs = task.grid()
+    start = plant.pack(task.quaternion, task.rate)
+    states, _, code = ode.march(field, ode.keep, start, None, grid, task.tolerances, task.method)
+    return plant.states(states[outputs], jax.vmap(command)(task.times, states[outputs])), code
 
 
-def _sampled(
-    plant: Plant,
-    quaternion: Quat,
-    rate: Quat,
-    times: Float[Array, " n"],
-    renewals: Float[Array, " m"],
-    jumps: Float[Array, " k"] | None,
-    allowed: Tolerances,
-    method: Method,
-) -> tuple[States, Int[Array, ""]]:
+def _sampled(plant: Plant, task: Task, renewals: Float[Array, " m"]) -> tuple[States, Int[Array, ""]]:
     loop = plant.loop
 
     def field(t: Scalar, state: State, memory: Memory) -> State:
@@ -157,13 +138,13 @@ def _sampled(
             *known, sensed = loop.sensor.measure(count, t - before, *known, sensed)
         return loop.command(t, *known).astype(held.dtype), count + 1, t, sensed
 
-    sensed = None if loop.sensor is None else loop.sensor.start(quaternion, rate)
-    memory = (jnp.zeros_like(rate), jnp.asarray(0), times[0], sensed)
-    grid, outputs = merged(times, jumps, renewals)
-    states, memories, code = ode.march(field, renew, plant.pack(quaternion, rate), memory, grid, allowed, method)
+    sensed = None if loop.sensor is None else loop.sensor.start(task.quaternion, task.rate)
+    memory = (jnp.zeros_like(task.rate), jnp.asarray(0), task.times[0], sensed)
+    grid, outputs = task.grid(renewals)
+    start = plant.pack(task.quaternion, task.rate)
+    states, memories, code = ode.march(field, renew, start, memory, grid, task.tolerances, task.method)
     states, commands = states[outputs], memories[0][outputs]
-    commands = jnp.where(jnp.isfinite(states[:, :1]), commands, jnp.nan)
-    return States(*jax.vmap(plant.unpack)(states, commands), commands), code
+    return plant.states(states, jnp.where(jnp.isfinite(states[:, :1]), commands, jnp.nan)), code
 
 
 def renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:
@@ -188,8 +169,15 @@ def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m
     period, span = concrete(sampling), concrete(times[-1] - times[0])
     if period is None or span is None:
         raise ValueError("a traced period or span has no known number of renewals: pass the instants as sampling")
-    count = int(np.floor(span / period + ROUNDING)) + 1
+    periods = float(span) / float(period)
+    rounding = ROUNDING + 4 * float(np.finfo(span.dtype).eps) * periods
+    count = int(np.floor(periods + rounding)) + 1
     return times[0] + sampling * jnp.arange(count, dtype=times.dtype)
+
+
+def _require_kind(part: Any, kind: Any, name: str, example: str) -> None:
+    if not isinstance(part, kind):
+        raise ValueError(f"the {name} must be one such as {example}, but {part!r} was given")
 
 
 def _same(a: Array, b: Array) -> bool:

@@ -67,6 +67,11 @@ Field = Callable[[Scalar, State, Memory], State]
 Renew = Callable[[Int[Array, ""], Scalar, State, Memory], Memory]
 
 
+def keep(index: Int[Array, ""], t: Scalar, state: State, memory: Memory) -> Memory:
+    """The renewal that changes nothing."""
+    return memory
+
+
 def march(
     field: Field, renew: Renew, state: State, memory: Memory, grid: Grid, tolerances: Tolerances, method: Method
 ) -> tuple[Float[Array, "n d"], Memory, Int[Array, ""]]:

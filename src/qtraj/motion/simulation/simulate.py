@@ -10,18 +10,17 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.quaternion import conjugate, norm_squared, product
 from qtraj.algebra.vector import norm
-from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
-from qtraj.motion.simulation import ode, solution
+from qtraj.motion.simulation import ode
 from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.disturbance import AbstractDisturbance, DisturbanceAcceleration
-from qtraj.motion.simulation.kinematics import initial_state, tolerances
 from qtraj.motion.simulation.loop import Loop, renewal_instants, run
-from qtraj.motion.simulation.ode import MAX_STEPS, Method, Tolerances
+from qtraj.motion.simulation.ode import MAX_STEPS, Method
 from qtraj.motion.simulation.sensor import AbstractSensor
-from qtraj.motion.simulation.solution import Solution
+from qtraj.motion.simulation.solution import FAR_SHEET, NEAR_ZERO, Solution
+from qtraj.motion.simulation.task import Task, checked
 
 NEAR = 0.1
 """An error quaternion that shrinks below this part of itself (and of 1) is worth a word: the gain grew by 100."""
@@ -50,50 +49,33 @@ def simulate(
     `times` (n,) [s]: instants of the program's own time, increasing; the first is that of the initial state.
     `disturbance`: a `DisturbanceTorque`, a `DisturbanceAcceleration`, or a function t → (3,) [rad/s²] in body axes.
     `sensor`: `Sensor` or `Gyros`; None knows all. `actuator`: limits and hold. If sensor or actuator samples, the
-    command is renewed at its instants only, one solve from each to the next. Tolerances, `solver`, `jumps` (instants
-    where program or disturbance jump), `adjoint`, `max_steps` and `throw` are those of `integrate`. Of a `RateLaw` the
-    rate is the command: `rate` gives its dtype only, and there can be no disturbance.
+    command is renewed at its instants only, one solve from each to the next. `jumps` are instants where program or
+    disturbance jump, such as a turn's `profile.switches`; they, the tolerances, `solver`, `adjoint`, `max_steps` and
+    `throw` are those of `integrate`. Of a `RateLaw` the rate is the command: `rate` gives its dtype only, and there can
+    be no disturbance.
 
     Every `command` is the one the actuator gives, without the disturbance, and at a renewal the new one. The body is
     assumed to supply the commanded acceleration: `dynamics.torque` tells the torque for that.
 
-    **Raises:** ValueError as `integrate`; for a disturbance or a strapdown computer with a rate law; where sensor and
-    actuator sample differently; for a period that is traced. RuntimeError with `throw`.
+    **Raises:** ValueError as `integrate`; for parts that are none; for a disturbance or a strapdown computer with a
+    rate law; where sensor and actuator sample differently; for a period that is traced. RuntimeError with `throw`.
     """
-    quaternion, rate, times = initial_state(quaternion, rate, times)
+    task = checked(quaternion, rate, times, jumps, rtol, atol, Method(solver, adjoint, max_steps))
     loop = Loop(program, law, _disturbance(disturbance), sensor, Actuator() if actuator is None else actuator)
-    result = _simulate(
-        loop,
-        quaternion,
-        rate,
-        times,
-        renewal_instants(loop, times),
-        None if jumps is None else as_float(jumps).astype(times.dtype),
-        tolerances(rtol, atol, times),
-        Method(solver, adjoint, max_steps),
-    )
+    solution = _simulate(loop, task, renewal_instants(loop, task.times))
     if throw:
-        result.check()
-    return result
+        solution.check()
+    return solution
 
 
 @eqx.filter_jit
-def _simulate(
-    loop: Loop,
-    quaternion: Quat,
-    rate: Quat,
-    times: Float[Array, " n"],
-    renewals: Float[Array, " m"] | None,
-    jumps: Float[Array, " k"] | None,
-    allowed: Tolerances,
-    method: Method,
-) -> Solution:
-    states, code = run(loop, quaternion, rate, times, renewals, jumps, allowed, method)
-    references = jax.vmap(lambda t: loop.reference(t, times.dtype))(times)
+def _simulate(loop: Loop, task: Task, renewals: Float[Array, " m"] | None) -> Solution:
+    states, code = run(loop, task, renewals)
+    references = jax.vmap(lambda t: loop.reference(t, t.dtype))(task.times)
     errors = jax.vmap(loop.law.deviation)(references, states.quaternion)
     angles = jax.vmap(_angle)(references, states.quaternion)
     code = _judged(loop.law, code, references, states.quaternion)
-    return Solution(times, states.quaternion, states.rate, code, states.command, errors, angles)
+    return Solution(task.times, states.quaternion, states.rate, code, states.command, errors, angles)
 
 
 def _angle(reference: Attitude, quaternion: Quat) -> Scalar:
@@ -113,7 +95,7 @@ def _judged(
     far = jnp.sum(references.quaternion[0] * quaternions[0]) < 0
     passed = (code == ode.FINISHED) & (least < NEAR * jnp.minimum(lengths[0], 1.0))
     stuck = (code != ode.FINISHED) & far
-    return jnp.where(passed, solution.NEAR_ZERO, jnp.where(stuck, solution.FAR_SHEET, code))
+    return jnp.where(passed, NEAR_ZERO, jnp.where(stuck, FAR_SHEET, code))
 
 
 def _disturbance(
