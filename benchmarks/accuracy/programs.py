@@ -1,0 +1,72 @@
+"""Programs and profiles: turns, brute force, and frames along the reference paths."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from tests.motion.profiles import test_brute_force as brute
+from tests.motion.propagation.coning import angles
+from tests.path.test_reference import CASES, build
+
+import qtraj as qt
+
+from .guards import used
+from .tables import table
+
+DEGREE = np.pi / 180
+SCALES = (1.0, -3.0, 1e-3, 1e6)
+
+
+def turns():
+    """Durations of time-optimal turns, peaks of polynomials of one radian in one second."""
+    rows = [
+        [f"{angle}°, 1°/s, 0.05°/s²: duration [s]", f"{found:.6f}", expected]
+        for angle, expected in ((90, "110"), (10, "√800 = 28.284271"))
+        for found in [float(qt.TimeOptimal(DEGREE, 0.05 * DEGREE).profile(angle * DEGREE).duration)]
+    ]
+    exact = {
+        qt.Cubic: [(1, "3/2"), (2, "6")],
+        qt.Quintic: [(1, "15/8"), (2, "10/√3"), (3, "60")],
+        qt.Septic: [(1, "35/16"), (2, "84√5/25"), (3, "52.5")],
+    }
+    names = ("", "rate", "acceleration", "jerk")
+    for law, expected in exact.items():
+        profile = law(duration=1.0).profile(1.0)
+        peaks = np.abs(jax.vmap(lambda t, p=profile: p.derivatives(t, 3))(jnp.linspace(0, 1 - 1e-12, 40_001))).max(0)
+        rows += [[f"{law.__name__}, peak {names[k]}", f"{float(peaks[k]):.6f}", value] for k, value in expected]
+    return table(["turn", "measured", "exact"], rows)
+
+
+def brute_force():
+    """What the comparisons with integrations and searches in plain NumPy use of their 1e-9."""
+    tests = {
+        "end rates, least time": brute.test_turns_with_end_rates,
+        "end rates, given time": brute.test_turns_with_end_rates_in_a_given_time,
+        "S-curves": brute.test_s_curves,
+    }
+    rows = [[name, used(test) * brute.BRUTE, f"`{test.__name__}`"] for name, test in tests.items()]
+    return table([f"{brute.COUNT} random profiles", "largest deviation", "guarded by"], rows)
+
+
+def frames():
+    """The last attitude of each program, propagated from its first by its own rate, at every scale of λ."""
+    rows, programs = [], [qt.FrameProgram(build(case)) for case in CASES]
+    last = [program(program.duration).quaternion for program in programs]
+    first = [program(0.0).quaternion for program in programs]
+    for scale in SCALES:
+        found = [
+            qt.propagate(Rate(p), scale * q, np.array([0.0, float(p.duration)]))[-1]
+            for p, q in zip(programs, first, strict=True)
+        ]
+        lengths = np.abs(np.linalg.norm(found, axis=1) / abs(scale) - 1)
+        rows.append([f"{scale:g}", float(angles(np.stack(found), np.stack(last)).max()), float(lengths.max())])
+    return table([f"λ scale, {len(CASES)} paths", "angle [rad]", "change of length, relative"], rows)
+
+
+class Rate(eqx.Module):
+    """ω⁰ of a program; a Module, so that one compilation serves all paths."""
+
+    program: qt.FrameProgram
+
+    def __call__(self, t):
+        return self.program(t).rate

@@ -1,0 +1,120 @@
+"""Coning motions to race on: ω(t), λ(t) in closed form, and the same problem as diffrax and SciPy take it."""
+
+import functools
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.integrate
+
+import qtraj as qt
+from qtraj.motion.propagation.solver import AttitudeTerm
+
+
+class Batch(NamedTuple):
+    """Problems β [rad], Ω [rad/s] of (n,), over the same span [s]."""
+
+    beta: np.ndarray
+    omega: np.ndarray
+    end: float
+
+    def at(self, t):
+        """λ (n, 4) in closed form."""
+        half, phase = self.beta / 2, self.omega * t
+        return np.stack([np.cos(half), np.sin(half) * np.cos(phase), np.sin(half) * np.sin(phase), 0 * half], axis=1)
+
+    def error(self, qs):
+        """The largest angle [rad] of `qs` (n, 4) from the attitudes at the end."""
+        qs = np.asarray(qs) / np.linalg.norm(qs, axis=1, keepdims=True)
+        last = self.at(self.end)
+        gaps = [np.linalg.norm(qs + sign * last, axis=1) for sign in (1, -1)]
+        return float(np.max(4 * np.arcsin(np.minimum(np.min(gaps, axis=0) / 2, 1.0))))
+
+
+def rate(beta, omega, t):
+    """ω(t) in body axes (3,)."""
+    level, phase = omega * jnp.sin(beta), omega * t
+    return jnp.stack([-level * jnp.sin(phase), level * jnp.cos(phase), -2 * omega * jnp.sin(beta / 2) ** 2 + 0 * t])
+
+
+def each(batch: Batch, one: Callable):
+    """`one`(ω, λ0) of every problem at once; a batch of one is no batch."""
+    first = batch.at(0.0)
+    if len(batch.beta) == 1:
+        return one(functools.partial(rate, batch.beta[0], batch.omega[0]), jnp.asarray(first[0]))[None]
+    return jax.vmap(lambda b, o, q: one(functools.partial(rate, b, o), q))(batch.beta, batch.omega, first)
+
+
+def with_steps(batch: Batch, method):
+    """steps → the last attitudes (n, 4) by `propagate` with so many equal steps."""
+
+    @functools.partial(jax.jit, static_argnums=0)
+    def call(steps):
+        times = np.array([0.0, batch.end])
+        return each(batch, lambda omega, q: qt.propagate(omega, q, times, method, steps=steps)[-1])
+
+    return call
+
+
+def with_diffrax(batch: Batch, solver):
+    """tolerance → the same by an adaptive solve; the tolerance is traced, so that one compilation serves all."""
+
+    @jax.jit
+    def call(tolerance):
+        def one(omega, q):
+            controller = diffrax.PIDController(rtol=tolerance, atol=tolerance)
+            term = AttitudeTerm(omega)
+            return diffrax.diffeqsolve(
+                term, solver, 0.0, batch.end, None, q, stepsize_controller=controller, max_steps=None
+            ).ys[0]
+
+        return each(batch, one)
+
+    return call
+
+
+def with_equal_steps_of_diffrax(batch: Batch, solver):
+    """steps → the same by a diffrax solver with equal steps: no controller, and the lanes keep together."""
+
+    @jax.jit
+    def call(steps):
+        def one(omega, q):
+            return diffrax.diffeqsolve(
+                AttitudeTerm(omega), solver, 0.0, batch.end, batch.end / steps, q, max_steps=None
+            ).ys[0]
+
+        return each(batch, one)
+
+    return call
+
+
+def with_scipy(batch: Batch):
+    """tolerance → the same, one `solve_ivp` by DOP853 after the other."""
+
+    problems = list(zip(batch.beta, batch.omega, batch.at(0.0), strict=True))
+
+    def call(tolerance):
+        return np.stack([_solve_ivp(*problem, batch.end, tolerance) for problem in problems])
+
+    return call
+
+
+def _solve_ivp(beta, omega, first, end, tolerance):
+    level, z = omega * math.sin(beta), -2 * omega * math.sin(beta / 2) ** 2
+
+    def derivative(t, q):  # plain numbers: several times faster than arrays of four
+        x, y = -level * math.sin(omega * t), level * math.cos(omega * t)
+        s, a, b, c = q.tolist()
+        return [
+            0.5 * (-a * x - b * y - c * z),
+            0.5 * (s * x + b * z - c * y),
+            0.5 * (s * y + c * x - a * z),
+            0.5 * (s * z + a * y - b * x),
+        ]
+
+    run = scipy.integrate.solve_ivp(derivative, (0.0, end), first, method="DOP853", rtol=tolerance, atol=tolerance)
+    return run.y[:, -1]

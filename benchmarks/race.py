@@ -1,0 +1,55 @@
+"""What the benchmarks share: the loosest setting that is accurate enough, and a race in one run.
+
+Machines are noisy, so the runners take turns, round after round, and medians are compared; the best are printed too.
+"""
+
+import time
+
+import jax
+import numpy as np
+
+
+def loosest(call, settings, error, target):
+    """The first of `settings`, from loose to tight, with which error(call(setting)) ≤ target, and that error."""
+    for setting in settings:
+        found = error(jax.block_until_ready(call(setting)))
+        if found <= target:
+            return setting, found
+    raise ValueError(f"none of the settings reaches {target:g}; the last, {setting!r}, leaves {found:.3g}")
+
+
+def decades(first, last, each=4):
+    """Tolerances from 10^first down to 10^last, `each` in a decade."""
+    return [10.0 ** (first - k / each) for k in range((first - last) * each + 1)]
+
+
+def seconds(call):
+    """How long a call takes until its result is there."""
+    start = time.perf_counter()
+    jax.block_until_ready(call())
+    return time.perf_counter() - start
+
+
+def race(runners, rounds):
+    """Seconds of every round for each runner (name → call), all of them warm."""
+    spent = {name: [] for name in runners}
+    for call in runners.values():
+        seconds(call)
+    for _ in range(rounds):
+        for name, call in runners.items():
+            spent[name].append(seconds(call))
+    return spent
+
+
+def report(title, spent, remarks, unit=1e3):
+    """Print medians and bests, and the ratio of each median to that of the first; returns these ratios."""
+    names = list(spent)
+    medians = {name: float(np.median(times)) for name, times in spent.items()}
+    ratios = {name: medians[name] / medians[names[0]] for name in names}
+    print(f"\n{title}")
+    for name in names:
+        best = min(spent[name]) * unit
+        print(
+            f"  {name:34s} {medians[name] * unit:10.3f} ms (best {best:10.3f})  x{ratios[name]:8.1f}  {remarks[name]}"
+        )
+    return ratios
