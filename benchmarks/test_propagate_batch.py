@@ -2,7 +2,7 @@
 
 Work is matched by accuracy: every method has the loosest setting of a dense ladder (quarters of decades, or one
 step in some twenty) with which the worst of the 256 keeps the target. diffrax takes adaptive and equal steps, SciPy one
-problem after the other. `pytest benchmarks/test_propagate_batch.py -n 0 -s -k ratios` prints the race.
+problem after the other, with a right side of NumPy arrays, as one writes it, and of plain numbers, which is faster. `pytest benchmarks/test_propagate_batch.py -n 0 -s -k ratios` prints the race.
 """
 
 import functools
@@ -14,7 +14,7 @@ import pytest
 
 import qtraj as qt
 
-from .coning import Batch, with_diffrax, with_equal_steps_of_diffrax, with_scipy, with_steps
+from .coning import Batch, in_arrays, with_diffrax, with_equal_steps_of_diffrax, with_scipy, with_steps
 from .race import decades, loosest, race, report, seconds
 
 TARGET, ROUNDS = 1e-10, 21
@@ -29,7 +29,8 @@ PEERS = {
     "diffrax Tsit5": (with_diffrax(BATCH, diffrax.Tsit5()), decades(-10, -13)),
     "diffrax Dopri8, equal steps": (with_equal_steps_of_diffrax(BATCH, diffrax.Dopri8()), range(170, 260, 10)),
     "diffrax Tsit5, equal steps": (with_equal_steps_of_diffrax(BATCH, diffrax.Tsit5()), range(800, 1300, 50)),
-    "SciPy DOP853": (with_scipy(BATCH), decades(-11, -13)),
+    "SciPy DOP853, arrays": (with_scipy(BATCH, in_arrays), decades(-11, -13)),
+    "SciPy DOP853, plain numbers": (with_scipy(BATCH), decades(-11, -13)),
 }
 
 
@@ -37,7 +38,7 @@ PEERS = {
 def tuned(name):
     """(call without arguments, setting, error, seconds of the first call) of a peer."""
     call, settings = PEERS[name]
-    first = seconds(lambda: call(settings[0])) if name != "SciPy DOP853" else 0.0
+    first = seconds(lambda: call(settings[0])) if "SciPy" not in name else 0.0
     setting, found = loosest(call, settings, BATCH.error, TARGET)
     return functools.partial(call, setting), setting, found, first
 
@@ -56,8 +57,8 @@ def test_ratios():
     remarks = {
         name: f"{tuned(name)[1]:.4g}, error {tuned(name)[2]:.1e}, first {tuned(name)[3]:.1f} s" for name in PEERS
     }
-    slow = {"SciPy DOP853": runners.pop("SciPy DOP853")}
+    slow = {name: runners.pop(name) for name in PEERS if "SciPy" in name}
     spent = race(runners, ROUNDS) | race(slow, 1)
     ratios = report("256 coning problems to 1e-10 rad", spent, remarks)
     assert min(ratio for name, ratio in ratios.items() if "diffrax" in name) > 5
-    assert ratios["SciPy DOP853"] > 300
+    assert min(ratio for name, ratio in ratios.items() if "SciPy" in name) > 300
