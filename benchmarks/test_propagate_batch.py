@@ -2,7 +2,8 @@
 
 Work is matched by accuracy: every method has the loosest setting of a dense ladder (quarters of decades, or one
 step in some twenty) with which the worst of the 256 keeps the target. diffrax takes adaptive and equal steps, SciPy one
-problem after the other, with a right side of NumPy arrays, as one writes it, and of plain numbers, which is faster. `pytest benchmarks/test_propagate_batch.py -n 0 -s -k ratios` prints the race.
+problem after the other, with a right side of NumPy arrays, as one writes it, and of plain numbers, which is faster.
+`pytest benchmarks/test_propagate_batch.py -n 0 -s -k ratios` prints the race.
 """
 
 import functools
