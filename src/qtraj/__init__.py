@@ -5,6 +5,7 @@ from qtraj.algebra import quaternion, rotation
 from qtraj.batch.evaluate import evaluate
 from qtraj.batch.table import Table
 from qtraj.design.certificate import Certificate
+from qtraj.design.certify import certify
 from qtraj.design.fit import fit
 from qtraj.design.limits import Limits, peak
 from qtraj.design.tune import Tuned, tune
@@ -82,6 +83,7 @@ __all__ = [
     "TurnChain",
     "Upright",
     "__version__",
+    "certify",
     "control",
     "dynamics",
     "error_response",

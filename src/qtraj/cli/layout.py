@@ -13,7 +13,7 @@ from rich.text import Text
 MOST_ROWS = 100
 """A longer table of numbers shows its first and last rows alone."""
 
-VERDICTS = {"met": "green", "binds": "bold green"}
+VERDICTS = {"met": "green", "proved": "green", "sampled": "yellow", "binds": "bold green"}
 
 
 def print_scenario(console: Console, scenario: dict[str, Any]) -> None:

@@ -18,6 +18,8 @@ from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 
 NEWTON_STEPS = 4
+NODES, POLISHED = 129, 4
+"""Of `summit`: where it looks, and how many of the highest places it polishes."""
 
 OfPath = Callable[[AbstractHodograph, Scalar], Scalar]
 """A quantity of a path at one instant."""
@@ -29,7 +31,7 @@ def cell_peaks(f: OfPath, path: AbstractHodograph, cells: int) -> Float[Array, "
     nodes = jnp.linspace(0.0, 1.0, cells, dtype=path.duration.dtype)
     low, high = jnp.clip(nodes - half, 0.0, 1.0), jnp.clip(nodes + half, 0.0, 1.0)
     # Frozen before the search and not after it, or the search itself would be differentiated in vain.
-    frozen = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, path)
+    frozen = _frozen(path)
 
     def g(u: Scalar) -> Scalar:
         return f(frozen, u * frozen.duration)
@@ -45,6 +47,26 @@ def largest(f: OfPath, path: AbstractHodograph, cells: int) -> tuple[Scalar, Sca
     values = jax.vmap(lambda t: f(path, t))(times)
     worst = jnp.argmax(values)
     return times[worst], values[worst]
+
+
+def summit(f: OfPath, path: AbstractHodograph, hint: Scalar) -> tuple[Scalar, Scalar]:
+    """As `largest`, from fewer nodes and `hint`, a fraction of the duration at which a high value is suspected."""
+    frozen = _frozen(path)
+
+    def g(u: Scalar) -> Scalar:
+        return f(frozen, u * frozen.duration)
+
+    nodes = jnp.append(jnp.linspace(0.0, 1.0, NODES, dtype=path.duration.dtype), hint)
+    seeds = nodes[jnp.argsort(-jax.vmap(g)(nodes))[:POLISHED]]
+    reach = 1 / (NODES - 1)
+    tops = _newton(g, seeds, jnp.maximum(seeds - reach, 0.0), jnp.minimum(seeds + reach, 1.0))
+    places = jnp.concatenate([tops, seeds])
+    time = places[jnp.argmax(jax.vmap(g)(places))] * path.duration
+    return time, f(path, time)
+
+
+def _frozen(path: AbstractHodograph) -> AbstractHodograph:
+    return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, path)
 
 
 def _newton(

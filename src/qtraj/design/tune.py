@@ -7,7 +7,8 @@ import jax.numpy as jnp
 
 from qtraj.design import verdict
 from qtraj.design.augmented import FEASIBLE, Iterate, Progress, least_violation, solve
-from qtraj.design.certificate import Certificate, require_float64, sampled_certificate
+from qtraj.design.certificate import Certificate
+from qtraj.design.certify import certify, require_float64
 from qtraj.design.limits import Limits
 from qtraj.design.problem import Objective, Problem, pose
 from qtraj.foundation import document
@@ -90,7 +91,7 @@ def tune(
     excess)` is called.
 
     The search is local and starts from the given states. Limits are held at the polished peaks of 65 cells of time,
-    and judged on 1025: see `Certificate`.
+    and then judged on the whole path: see `certify`.
 
     **Raises:** ValueError for input that makes no problem, or in float32. A problem without a solution is no error:
     its `status` is "infeasible" and its `result` says why and what would help.
@@ -112,7 +113,7 @@ def _outcome(
     status: str, problem: Problem, limits: Limits, start: BoundaryState, end: BoundaryState, last: Iterate
 ) -> Tuned:
     path = problem.path(last.z)
-    certificate = sampled_certificate(path, limits)
+    certificate = certify(path, limits)
     if status == "converged" and not certificate.met:  # a peak narrower than the grid, or a gap in the trihedral
         status = "not converged"
     texts = {

@@ -20,7 +20,8 @@ RADII = 257
 
 def converged(certificate: Certificate, last: Iterate) -> str:
     """What to say of a tuning that met every limit."""
-    lines = [f"converged in {int(last.steps)} steps: every limit is met, as far as refined sampling shows."]
+    known = "proved on the whole path" if certificate.holds else "met, some as far as refined sampling shows"
+    lines = [f"converged in {int(last.steps)} steps: every limit is {known}."]
     lines += [f"{name} binds: {certificate.describe(name)}." for name in certificate.binding]
     if not certificate.binding:
         lines.append("No limit binds: the path is the best one without them.")
@@ -29,7 +30,7 @@ def converged(certificate: Certificate, last: Iterate) -> str:
 
 def not_converged(certificate: Certificate, last: Iterate) -> str:
     """What to say of a search that stopped early, although the limits can be met or nearly so."""
-    unmet = [name for name, status in certificate.status.items() if status != "sampled"]
+    unmet = certificate.unmet
     found = "; ".join(f"{name} is {certificate.status[name]}: {certificate.describe(name)}" for name in unmet)
     state = found or "every limit is met, but the objective may not be at its least"
     return (
@@ -53,7 +54,7 @@ def remark(path: SpiralHelix) -> str:
 
 def infeasible(problem: Problem, limits: Limits, least: Iterate, certificate: Certificate) -> str:
     """What to say where no boundary velocities near the given ones meet the limits."""
-    broken = [name for name, status in certificate.status.items() if status != "sampled"]
+    broken = certificate.unmet
     lines = [f"infeasible: no boundary velocities of {problem.motion} motion were found that meet the limits."]
     for name in broken:
         _, _, limit = certificate.worst[name]

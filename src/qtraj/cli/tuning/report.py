@@ -11,7 +11,6 @@ from qtraj.cli.layout import facts_table, heading, number, plain_table, print_fi
 
 COMPONENTS = {"V_rho": "V_ρ", "V_phi": "V_φ", "V_h": "V_h"}
 ENDS = {"start": "A", "end": "B"}
-MET = ("proved", "sampled")
 
 
 def print_tuning(console: Console, content: dict[str, Any]) -> None:
@@ -55,8 +54,8 @@ def _print_limits(console: Console, limits: dict[str, dict[str, Any]]) -> None:
         unit = f"[{entry['unit'] or '-'}]"
         for label, when in ((name, "before"), (unit, "after")):
             found = entry[when]
-            numbers = (number(found["value"]), number(entry["limit"]), _margin(found["margin"]))
-            table.add_row(Text(label), when, *numbers, number(found["time"], 4), verdict(_verdict(found)))
+            numbers = (number(found["value"]), number(entry["limit"]), _margin(found))
+            table.add_row(Text(label), when, *numbers, number(found["time"], 4), verdict(found["status"]))
         table.add_section()
     console.print(table)
     for name, entry in limits.items():
@@ -88,11 +87,7 @@ def _compare(table: Table, label: str, before: float, after: float, unit: str) -
     table.add_row(Text(label), f"{was:.4f}", f"{now:.4f}", f"{change:+.4f}", Text(unit))
 
 
-def _verdict(found: dict[str, Any]) -> str:
-    if found["status"] not in MET:
-        return found["status"]
-    return "binds" if found["binding"] else "met"
-
-
-def _margin(value: float | None) -> str:
-    return "-" if value is None else f"{value:+.3g}"
+def _margin(found: dict[str, Any]) -> str:
+    if found["binding"]:
+        return "binds"
+    return "-" if found["margin"] is None else f"{found['margin']:+.3g}"

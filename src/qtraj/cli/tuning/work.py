@@ -8,7 +8,8 @@ from qtraj.cli.output import Writer, check_folder, write_all
 from qtraj.cli.terminal import Watch, watching
 from qtraj.cli.tuning.content import tune_content
 from qtraj.cli.tuning.job import Choice, Job, is_saved, lay
-from qtraj.design.certificate import Certificate, sampled_certificate
+from qtraj.design.certificate import Certificate
+from qtraj.design.certify import certify
 from qtraj.design.tune import Tuned, tune
 from qtraj.io.dataset import path_dataset, write_netcdf
 from qtraj.io.scenario import DEFAULT, ScenarioFile, read_scenario
@@ -46,7 +47,7 @@ def solve(given: ScenarioFile[Scenario], choice: Choice, watch: Watch) -> tuple[
     watch.say("fitting the recording" if given.scenario.track else "laying the path")
     job = lay(given, choice)
     watch.say("judging the path")
-    before = sampled_certificate(job.path, job.limits)
+    before = certify(job.path, job.limits)
     watch.say("tuning")
     try:
         best = tune(**job.tuning(), progress=watch.round)

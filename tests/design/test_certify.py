@@ -1,0 +1,252 @@
+"""Certificates: what is proved stands up to 50 digits, what is sampled never calls itself a proof."""
+
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import mpmath
+import numpy as np
+import pytest
+
+import qtraj as qt
+from qtraj.foundation import document
+
+PATH = qt.SpiralHelix([20.0, 1.0, 0.3, -0.05], [0.2, 0.35, 0.02], [1.0, 0.4, 0.05, -0.01], 4.5)
+POLYNOMIAL = ("curvature", "torsion", "speed", "acceleration", "lateral_acceleration", "longitudinal_acceleration")
+
+
+def random_path(key, motion):
+    """A turn of 0.6 to 3 rad between radii of 10 to 40 m at about 8 m/s, with any other end velocities."""
+    keys = jax.random.split(key, 4)
+    r0, r1 = 10 + 30 * jax.random.uniform(keys[0], (2,))
+    turn = 0.6 + 2.4 * jax.random.uniform(keys[1])
+    v = 1.5 * jax.random.normal(keys[2], (4,))
+    rate = 8.0 / r0
+    cos, sin = jnp.cos(turn), jnp.sin(turn)
+    out, across = jnp.stack([cos, sin, 0.0]), jnp.stack([-sin, cos, 0.0])
+    up = jnp.array([0.0, 0.0, 1.0])
+    start = qt.BoundaryState(jnp.stack([r0, 0.0, 0.0]), jnp.stack([v[0], rate * r0, v[1]]))
+    end = qt.BoundaryState(r1 * out + 2.0 * up, v[2] * out + rate * r1 * across + v[3] * up)
+    if motion == "uniform":
+        return qt.SpiralHelix.from_boundary(start, end)
+    return qt.SpiralHelix.hermite(start, end, turn / rate * (0.9 + 0.4 * jax.random.uniform(keys[3])))
+
+
+def random_paths(count, motion, seed=0):
+    return eqx.filter_vmap(lambda key: random_path(key, motion))(jax.random.split(jax.random.key(seed), count))
+
+
+def lane(paths, k):
+    return jax.tree.map(lambda x: x[k], paths)
+
+
+def exact_square(path, name, t):
+    """The square of a limited magnitude in 50 digits, from the coefficients themselves."""
+    t = mpmath.mpf(t)
+    rho, phi, h = ([mpmath.mpf(float(c)) for c in x] for x in (path.radius, path.angle, path.height))
+
+    def derivative(c, k):
+        return mpmath.fsum(a * mpmath.ff(j, k) * t ** (j - k) for j, a in enumerate(c) if j >= k)
+
+    d = [[derivative(c, k) for k in range(4)] for c in (rho, phi, h)]
+    (p, p1, p2, p3), (_, w, w1, w2) = d[0], d[1]
+    rows = [
+        [p1, p * w, d[2][1]],
+        [p2 - p * w**2, 2 * p1 * w + p * w1, d[2][2]],
+        [p3 - 3 * p1 * w**2 - 3 * p * w * w1, 3 * p2 * w + 3 * p1 * w1 + p * w2 - p * w**3, d[2][3]],
+    ]
+    a, b, c = rows
+    cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+    def dot(x, y):
+        return mpmath.fsum(i * j for i, j in zip(x, y, strict=True))
+
+    S, N, T = dot(a, a), dot(cross, cross), dot(cross, c)
+    return {
+        "curvature": lambda: N / S**3,
+        "torsion": lambda: (T / N) ** 2,
+        "speed": lambda: S,
+        "acceleration": lambda: dot(b, b),
+        "lateral_acceleration": lambda: N / S,
+        "longitudinal_acceleration": lambda: dot(a, b) ** 2 / S,
+        "angular_rate": lambda: S * (T / N) ** 2 + N / S**2,
+    }[name]()
+
+
+@pytest.mark.parametrize("motion", ["uniform", "hermite"])
+def test_no_proof_is_contradicted_in_50_digits(motion):
+    """Limits a hair above and below the peaks, on paths of every kind."""
+    count = 24
+    paths = random_paths(count, motion)
+    peaks = {name: jax.jit(jax.vmap(lambda p, name=name: qt.peak(p, name)))(paths)[1] for name in POLYNOMIAL}
+    hair = jnp.asarray(np.resize([1e-3, 1e-8, -1e-8, -1e-3], count))
+    limits = jax.vmap(lambda peaks, hair: qt.Limits(**{n: p * (1 + hair) for n, p in peaks.items()}))(peaks, hair)
+    found = jax.jit(jax.vmap(qt.certify))(paths, limits)
+    for k, name in enumerate(found.names):
+        for j in range(count):
+            status = found[j].status[name]
+            assert status == ("proved" if hair[j] > 0 else "broken"), (name, j)
+            with mpmath.workdps(50):
+                bound = mpmath.mpf(float(found.limits[j, k])) ** 2
+                path = lane(paths, j)
+                worst = exact_square(path, name, float(found.times[j, k]))
+                assert (worst > bound) == (status == "broken")
+                assert float(mpmath.sqrt(worst)) == pytest.approx(float(found.values[j, k]), rel=1e-9)
+                times = [float(path.duration) * i / 7 for i in range(8)]
+                if status == "proved":
+                    assert all(exact_square(path, name, t) <= bound for t in times)
+
+
+def test_the_rate_of_the_natural_frame_and_its_acceleration_are_proved_for_uniform_cubics():
+    path = lane(random_paths(3, "uniform"), 1)
+    times = path.duration * jnp.linspace(0.0, 1.0, 4001)
+    frames = jax.vmap(lambda t: qt.trihedral(path, t))(times)
+    rate, acceleration = (float(jnp.max(jnp.linalg.norm(x, axis=-1))) for x in (frames.rate, frames.acceleration))
+    for factor, status in ((1 + 1e-4, "proved"), (1 - 1e-4, "broken")):
+        found = qt.certify(path, qt.Limits(angular_rate=factor * rate, angular_acceleration=factor * acceleration))
+        assert found.status == {"angular_rate": status, "angular_acceleration": status}
+        assert found.worst["angular_rate"][1] == pytest.approx(rate, rel=1e-5)
+
+
+def test_degrees_beyond_proof_are_sampled_and_called_so():
+    found = qt.certify(lane(random_paths(2, "hermite"), 0), qt.Limits(angular_acceleration=1e3, angular_rate=1e3))
+    assert found.status == {"angular_rate": "proved", "angular_acceleration": "sampled"}
+    assert found.met
+    assert not found.holds
+
+
+def test_a_curve_is_sampled():
+    """A limit a hair below a true peak that no grid instant touches; and one above it."""
+    curve = qt.Curve(lambda t: jnp.stack([t, jnp.zeros_like(t), -0.5 * (t - 0.7321987) ** 2]), 2.0)
+    peak = 1.0  # curvature at the vertex of z = −x²/2
+    found = qt.certify(curve, qt.Limits(curvature=peak * (1 - 1e-13)))
+    assert found.status["curvature"] == "broken"
+    assert found.worst["curvature"][0] == pytest.approx(0.7321987, abs=1e-7)
+    assert qt.certify(curve, qt.Limits(curvature=peak * (1 + 1e-9))).status["curvature"] == "sampled"
+
+
+def test_a_maximum_on_the_border_of_a_cell_counts():
+    """A cusp of curvature so narrow that Newton's method overshoots it: no value seen may be lost."""
+    sharp = 2e-3
+    curve = qt.Curve(lambda t: jnp.stack([(t - 0.5) ** 2 / 2, sharp * t, 0.0 * t]), 1.0)
+    found = qt.certify(curve, qt.Limits(curvature=1.0))
+    assert found.worst["curvature"][1] == pytest.approx(1 / sharp**2, rel=1e-9)
+
+
+def test_a_peak_that_samples_miss_is_refuted():
+    """ρ̇ = 3(t − at)² and ω small: the path nearly stops for a moment, and its curvature has a needle there."""
+    at = 55.5 / 128
+    path = qt.SpiralHelix([5.0, 3 * at**2, -3 * at, 1.0], [0.0, 1e-6], [0.0], 1.0)
+    coarse = jnp.linspace(0.0, 1.0, 129)
+    limit = 10 * float(jnp.max(jax.vmap(lambda t: qt.Limits(curvature=1.0).values(path, t)["curvature"])(coarse)))
+    found = qt.certify(path, qt.Limits(curvature=limit))
+    assert found.status["curvature"] == "broken"
+    time, value, _ = found.worst["curvature"]
+    assert time == pytest.approx(at, abs=5e-3)
+    assert value > limit
+
+
+@pytest.mark.parametrize(("end", "status"), [([0.0, 40.0, 0.0], "undefined"), ([0.0, 20.0, 0.0], "proved")])
+def test_the_horizontal_flip_is_undefined_and_said_where(end, status):
+    """Paper S's horizontal special case: the trihedral jumps where the ratio of the radii is beyond 1 + π²/24."""
+    start = qt.BoundaryState([20.0, 0.0, 0.0], [0.0, 8.0, 0.0])
+    path = qt.SpiralHelix.from_boundary(start, qt.BoundaryState(end, [-0.4 * end[1], 0.0, 0.0]))
+    found = qt.certify(path, qt.Limits(curvature=1.0, torsion=1.0, angular_rate=10.0))
+    assert found.status == {"curvature": "proved", "torsion": status, "angular_rate": status}
+    time, value, _ = found.worst["torsion"]
+    if status == "undefined":
+        assert time / float(path.duration) == pytest.approx(0.1689, abs=5e-5)
+        assert math.isnan(value)
+        assert "does not exist" in found.describe("torsion")
+        assert not found.met
+
+
+def test_a_stop_leaves_curvature_undefined_but_not_speed():
+    path = qt.SpiralHelix([2.0, 0.0, 1.0], [0.3, 0.0, 1.0], [1.0], 2.0)
+    found = qt.certify(path, qt.Limits(curvature=1.0, speed=40.0))
+    assert found.status == {"curvature": "undefined", "speed": "proved"}
+    assert found.worst["curvature"][0] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_the_slope_is_proved_about_a_vertical_axis_and_sampled_about_another():
+    turned = qt.Placement([5.0, 1.0, 0.0], [math.cos(0.3), 0.0, 0.0, math.sin(0.3)])
+    tilted = qt.Placement([0.0, 0.0, 0.0], [math.cos(0.1), math.sin(0.1), 0.0, 0.0])
+    given = (PATH.radius, PATH.angle, PATH.height, PATH.duration)
+    status = [
+        qt.certify(qt.SpiralHelix(*given, placement), qt.Limits(slope=5.0)).status["slope"]
+        for placement in (None, turned, tilted)
+    ]
+    assert status == ["proved", "proved", "sampled"]
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e8])
+def test_proofs_do_not_depend_on_the_size_of_a_path(scale):
+    """Metres or megametres, with the duration in the same proportion: speeds stay, curvature goes down."""
+    powers = scale ** -np.arange(4.0)
+    path = qt.SpiralHelix(
+        scale * PATH.radius * powers, PATH.angle * powers[:3], scale * PATH.height * powers, scale * PATH.duration
+    )
+    _, peak = qt.peak(PATH, "curvature")
+    limits = qt.Limits(curvature=peak / scale * (1 + 1e-8), angular_rate=100 / scale, speed=100.0)
+    assert qt.certify(path, limits).holds
+    assert qt.certify(path, qt.Limits(curvature=peak / scale * (1 - 1e-8))).status["curvature"] == "broken"
+
+
+def test_values_are_differentiable():
+    """The peak's gradient by the envelope theorem against a central difference."""
+
+    def peak(stretch):
+        path = qt.SpiralHelix(PATH.radius * stretch, PATH.angle, PATH.height, PATH.duration)
+        return qt.certify(path, qt.Limits(curvature=1.0)).values[0]
+
+    h = 1e-5
+    difference = (peak(1 + h) - peak(1 - h)) / (2 * h)
+    assert jax.grad(peak)(1.0) == pytest.approx(float(difference), rel=1e-6)
+    assert jax.jacfwd(peak)(1.0) == pytest.approx(float(difference), rel=1e-6)
+
+
+def test_a_batch_is_judged_lane_by_lane():
+    paths = random_paths(5, "uniform")
+    limits = qt.Limits(curvature=0.08, speed=9.0)
+    together = qt.certify(paths, limits)
+    assert together.codes.shape == (5, 2)
+    for k in range(5):
+        alone = qt.certify(lane(paths, k), limits)
+        assert alone.status == together[k].status
+        assert alone.worst["curvature"] == pytest.approx(together[k].worst["curvature"], rel=1e-9)
+    assert together.holds.tolist() == [together[k].holds for k in range(5)]
+    assert "5 paths" in str(together)
+
+
+def test_texts_are_refused_inside_a_trace():
+    with pytest.raises(ValueError, match="inside a trace"):
+        jax.jit(lambda path: qt.certify(path, qt.Limits(speed=1.0)).holds)(PATH)
+
+
+def test_findings_are_the_peaks_against_the_given_limits():
+    time, value = qt.peak(PATH, "curvature")
+    found = qt.certify(PATH, qt.Limits(curvature=float(value) * (1 + 1e-10), speed=1.0))
+    assert found.status == {"curvature": "proved", "speed": "broken"}
+    assert found.worst["curvature"] == pytest.approx((float(time), float(value), float(value)), rel=1e-7)
+    assert found.margin("speed") < 0 < found.margin("curvature")
+    assert found.binding == ["curvature"]
+    assert not found.met
+    assert not found.holds
+    assert "curvature" in str(found)
+    assert "broken" in str(found)
+
+
+def test_float32_is_refused():
+    path = jax.tree.map(lambda x: x.astype(jnp.float32), PATH)
+    with pytest.raises(ValueError, match="jax_enable_x64"):
+        qt.certify(path, qt.Limits(speed=jnp.asarray(9.0, jnp.float32)))
+
+
+def test_it_is_stored_exactly(tmp_path):
+    found = qt.certify(PATH, qt.Limits(curvature=1 / 3, torsion=1.0))
+    document.save(found, tmp_path / "found.toml")
+    again = qt.load(tmp_path / "found.toml")
+    assert again.status == found.status
+    assert again.worst == found.worst
+    assert np.isfinite(again.margin("curvature"))
