@@ -2,83 +2,25 @@
 
 import math
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
+from benchmarks.turns import exact_square, lane, random_turns
 
 import qtraj as qt
 from qtraj.foundation import document
 
 PATH = qt.SpiralHelix([20.0, 1.0, 0.3, -0.05], [0.2, 0.35, 0.02], [1.0, 0.4, 0.05, -0.01], 4.5)
-POLYNOMIAL = ("curvature", "torsion", "speed", "acceleration", "lateral_acceleration", "longitudinal_acceleration")
-
-
-def random_path(key, motion):
-    """A turn of 0.6 to 3 rad between radii of 10 to 40 m at about 8 m/s, with any other end velocities."""
-    keys = jax.random.split(key, 4)
-    r0, r1 = 10 + 30 * jax.random.uniform(keys[0], (2,))
-    turn = 0.6 + 2.4 * jax.random.uniform(keys[1])
-    v = 1.5 * jax.random.normal(keys[2], (4,))
-    rate = 8.0 / r0
-    cos, sin = jnp.cos(turn), jnp.sin(turn)
-    out, across = jnp.stack([cos, sin, 0.0]), jnp.stack([-sin, cos, 0.0])
-    up = jnp.array([0.0, 0.0, 1.0])
-    start = qt.BoundaryState(jnp.stack([r0, 0.0, 0.0]), jnp.stack([v[0], rate * r0, v[1]]))
-    end = qt.BoundaryState(r1 * out + 2.0 * up, v[2] * out + rate * r1 * across + v[3] * up)
-    if motion == "uniform":
-        return qt.SpiralHelix.from_boundary(start, end)
-    return qt.SpiralHelix.hermite(start, end, turn / rate * (0.9 + 0.4 * jax.random.uniform(keys[3])))
-
-
-def random_paths(count, motion, seed=0):
-    return eqx.filter_vmap(lambda key: random_path(key, motion))(jax.random.split(jax.random.key(seed), count))
-
-
-def lane(paths, k):
-    return jax.tree.map(lambda x: x[k], paths)
-
-
-def exact_square(path, name, t):
-    """The square of a limited magnitude in 50 digits, from the coefficients themselves."""
-    t = mpmath.mpf(t)
-    rho, phi, h = ([mpmath.mpf(float(c)) for c in x] for x in (path.radius, path.angle, path.height))
-
-    def derivative(c, k):
-        return mpmath.fsum(a * mpmath.ff(j, k) * t ** (j - k) for j, a in enumerate(c) if j >= k)
-
-    d = [[derivative(c, k) for k in range(4)] for c in (rho, phi, h)]
-    (p, p1, p2, p3), (_, w, w1, w2) = d[0], d[1]
-    rows = [
-        [p1, p * w, d[2][1]],
-        [p2 - p * w**2, 2 * p1 * w + p * w1, d[2][2]],
-        [p3 - 3 * p1 * w**2 - 3 * p * w * w1, 3 * p2 * w + 3 * p1 * w1 + p * w2 - p * w**3, d[2][3]],
-    ]
-    a, b, c = rows
-    cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-
-    def dot(x, y):
-        return mpmath.fsum(i * j for i, j in zip(x, y, strict=True))
-
-    S, N, T = dot(a, a), dot(cross, cross), dot(cross, c)
-    return {
-        "curvature": lambda: N / S**3,
-        "torsion": lambda: (T / N) ** 2,
-        "speed": lambda: S,
-        "acceleration": lambda: dot(b, b),
-        "lateral_acceleration": lambda: N / S,
-        "longitudinal_acceleration": lambda: dot(a, b) ** 2 / S,
-        "angular_rate": lambda: S * (T / N) ** 2 + N / S**2,
-    }[name]()
+POLYNOMIAL = ("curvature", "torsion", "lateral_acceleration", "longitudinal_acceleration")
 
 
 @pytest.mark.parametrize("motion", ["uniform", "hermite"])
 def test_no_proof_is_contradicted_in_50_digits(motion):
     """Limits a hair above and below the peaks, on paths of every kind."""
     count = 24
-    paths = random_paths(count, motion)
+    paths = random_turns(count, motion)
     peaks = {name: jax.jit(jax.vmap(lambda p, name=name: qt.peak(p, name)))(paths)[1] for name in POLYNOMIAL}
     hair = jnp.asarray(np.resize([1e-3, 1e-8, -1e-8, -1e-3], count))
     limits = jax.vmap(lambda peaks, hair: qt.Limits(**{n: p * (1 + hair) for n, p in peaks.items()}))(peaks, hair)
@@ -99,7 +41,7 @@ def test_no_proof_is_contradicted_in_50_digits(motion):
 
 
 def test_the_rate_of_the_natural_frame_and_its_acceleration_are_proved_for_uniform_cubics():
-    path = lane(random_paths(3, "uniform"), 1)
+    path = lane(random_turns(3, "uniform"), 1)
     times = path.duration * jnp.linspace(0.0, 1.0, 4001)
     frames = jax.vmap(lambda t: qt.trihedral(path, t))(times)
     rate, acceleration = (float(jnp.max(jnp.linalg.norm(x, axis=-1))) for x in (frames.rate, frames.acceleration))
@@ -110,7 +52,7 @@ def test_the_rate_of_the_natural_frame_and_its_acceleration_are_proved_for_unifo
 
 
 def test_degrees_beyond_proof_are_sampled_and_called_so():
-    found = qt.certify(lane(random_paths(2, "hermite"), 0), qt.Limits(angular_acceleration=1e3, angular_rate=1e3))
+    found = qt.certify(lane(random_turns(2, "hermite"), 0), qt.Limits(angular_acceleration=1e3, angular_rate=1e3))
     assert found.status == {"angular_rate": "proved", "angular_acceleration": "sampled"}
     assert found.met
     assert not found.holds
@@ -207,7 +149,7 @@ def test_values_are_differentiable():
 
 
 def test_a_batch_is_judged_lane_by_lane():
-    paths = random_paths(5, "uniform")
+    paths = random_turns(5, "uniform")
     limits = qt.Limits(curvature=0.08, speed=9.0)
     together = qt.certify(paths, limits)
     assert together.codes.shape == (5, 2)

@@ -130,17 +130,16 @@ class _Gap(eqx.Module):
 
 
 def _gap(path: AbstractHodograph, which: str) -> _Gap:
-    def negative(path: AbstractHodograph, t: Scalar) -> Scalar:
+    def size(path: AbstractHodograph, t: Scalar) -> Scalar:
         r, _ = moving_derivatives(path, t, 3)
-        return -getattr(existence(r[1], r[2], r[3], path.duration), which)
+        return getattr(existence(r[1], r[2], r[3], path.duration), which)
 
     if not isinstance(path, SpiralHelix):
-        time, least = largest(negative, path, SAMPLES)
+        time, least = largest(lambda path, t: -size(path, t), path, SAMPLES)
         return _Gap(-least >= GAP**2, -least < GAP**2, time)
     answer = positive(lambda known, low, high: divisor(known, which, low, high), jax.lax.stop_gradient(parts(path, 2)))
-    time, least = summit(negative, path, jax.lax.stop_gradient(answer.at))
-    proved = answer.code == POSITIVE
-    return _Gap(proved, ~proved & (-least < GAP**2), time)
+    time, proved = answer.at * path.duration, answer.code == POSITIVE
+    return _Gap(proved, ~proved & (size(path, time) < GAP**2), time)
 
 
 def _upright(path: SpiralHelix) -> Flag:

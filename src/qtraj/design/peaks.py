@@ -18,7 +18,7 @@ from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 
 NEWTON_STEPS = 4
-NODES, POLISHED = 129, 4
+NODES, POLISHED = 65, 2
 """Of `summit`: where it looks, and how many of the highest places it polishes."""
 
 OfPath = Callable[[AbstractHodograph, Scalar], Scalar]

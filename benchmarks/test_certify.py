@@ -1,0 +1,92 @@
+"""Proofs on 1000 turns against checking 10⁴ samples of each, compiled and blocking, in one run.
+
+`pytest benchmarks/test_certify.py -n 0 -s -k ratios` prints the race; `-k random` judges 10 000 random turns and checks
+every answer in 50 digits.
+"""
+
+import jax
+import jax.numpy as jnp
+import mpmath
+import numpy as np
+import pytest
+
+import qtraj as qt
+from qtraj.algebra.positivity import OPEN, positive
+from qtraj.design.certificate import STATUSES
+from qtraj.design.inequalities import FORMS, parts, slack
+from qtraj.design.limits import squared
+
+from .race import race, report
+from .turns import exact_square, lane, random_turns
+
+COUNT, SAMPLES, ROUNDS = 1000, 10_000, 7
+NAMES = [name for name in FORMS if name != "angular_acceleration"]
+
+
+def peaks(paths, name):
+    return jax.jit(lambda paths: jax.lax.map(lambda p: qt.peak(p, name)[1], paths, batch_size=64))(paths)
+
+
+def proof(name):
+    """Codes of the sign proofs of a batch."""
+    form = FORMS[name]
+
+    def prove(path, limit):
+        return positive(lambda known, low, high: slack(known, limit, form, low, high), parts(path, form.order)).code
+
+    return jax.jit(lambda paths, limits: jax.lax.map(lambda lane: prove(*lane), (paths, limits), batch_size=64))
+
+
+def sampling(name):
+    """Whether 10⁴ samples keep the limit, path by path: the batch as it stays in the cache."""
+
+    def keep(path, limit):
+        times = path.duration * jnp.linspace(0.0, 1.0, SAMPLES)
+        return jnp.max(jax.vmap(lambda t: squared(path, t, name))(times)) <= limit**2
+
+    return jax.jit(lambda paths, limits: jax.lax.map(lambda lane: keep(*lane), (paths, limits)))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_ratios(name):
+    paths = random_turns(COUNT, "uniform")
+    limits = peaks(paths, name) * (1 + 1e-6)
+    runners = {"proof": proof(name), "10⁴ samples": sampling(name)}
+    spent = race({key: lambda call=call: call(paths, limits) for key, call in runners.items()}, ROUNDS)
+    undecided = int(jnp.sum(runners["proof"](paths, limits) == OPEN))
+    ratios = report(f"{name}: {COUNT} turns", spent, {"proof": f"{undecided} undecided", "10⁴ samples": ""})
+    assert undecided <= COUNT // 1000
+    assert ratios["10⁴ samples"] > 0.1
+
+
+@pytest.mark.parametrize("motion", ["uniform", "hermite"])
+def test_no_random_proof_is_contradicted(motion):
+    """5000 turns of each motion, limits from 1e-9 to 1 beside the peak, checked at 50 digits."""
+    count, rng = 5000, np.random.default_rng(50)
+    paths = random_turns(count, motion, seed=1)
+    beside = rng.choice([-1.0, 1.0], count) * 10 ** rng.uniform(-9, -0.3, count)
+    for name in ("curvature", "speed", "lateral_acceleration", "torsion"):
+        bounds = peaks(paths, name) * (1 + beside)
+        found = jax.jit(
+            lambda paths, bounds, name=name: jax.lax.map(
+                lambda lane: qt.certify(lane[0], qt.Limits(**{name: lane[1]})), (paths, bounds), batch_size=64
+            )
+        )(paths, bounds)
+        status = np.asarray(found.codes)[:, 0]
+        counts = {text: int(np.sum(status == k)) for k, text in enumerate(STATUSES)}
+        print(motion, name, counts)
+        assert counts["undecided"] * 1000 < count
+        for k in range(count):
+            contradicted(lane(paths, k), name, bounds[k], found, k)
+
+
+def contradicted(path, name, bound, found, k):
+    """Fail where a 50-digit value speaks against the finding of lane k."""
+    with mpmath.workdps(50):
+        square = mpmath.mpf(float(bound)) ** 2
+        worst = exact_square(path, name, float(found.times[k, 0]))
+        proved = int(found.codes[k, 0]) == 0
+        assert not (proved and worst > square), (name, k)
+        assert not (int(found.codes[k, 0]) == 2 and worst <= square), (name, k)
+        if proved:
+            assert all(exact_square(path, name, float(path.duration) * j / 5) <= square for j in range(6)), (name, k)
