@@ -28,7 +28,7 @@ from qtraj.motion.propagation.magnus import Magnus
 from qtraj.motion.propagation.propagate import Propagation, propagate, propagate_with_estimate
 from qtraj.motion.propagation.strapdown import propagate_samples
 from qtraj.motion.simulation.actuator import Actuator
-from qtraj.motion.simulation.disturbance import DisturbanceAcceleration, DisturbanceTorque
+from qtraj.motion.simulation.disturbance import DisturbanceAcceleration, DisturbanceTorque, Sinusoid
 from qtraj.motion.simulation.kinematics import integrate
 from qtraj.motion.simulation.sensor import Gyros, Sensor
 from qtraj.motion.simulation.simulate import simulate
@@ -72,6 +72,7 @@ __all__ = [
     "SCurve",
     "Sensor",
     "Septic",
+    "Sinusoid",
     "Solution",
     "SpiralHelix",
     "Table",

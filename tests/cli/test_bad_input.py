@@ -178,7 +178,7 @@ def test_a_stored_document_that_is_no_path(qtraj, folder):
         ["evaluate"],
         ["evaluate", "x", "--samples", "1"],
         ["turn", "--samples", "1"],
-        ["track", "--samples", "5"],
+        ["track", "--samples", "1"],
         ["sing"],
     ],
 )

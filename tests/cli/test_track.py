@@ -1,38 +1,39 @@
-"""`qtraj track`: the error against independent arithmetic, the examples, failures, the refusals."""
+"""`qtraj track`: the error against independent arithmetic, the findings, the examples, failures."""
 
+import copy
 import csv
+import dataclasses
+import io
 import json
 from pathlib import Path
 
-import jax.numpy as jnp
+import equinox as eqx
 import numpy as np
 import pytest
 import xarray
+from rich.console import Console
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 import qtraj as qt
-from qtraj.cli.tracking.findings import settling_time
-from qtraj.cli.tracking.job import Sinusoid, feedback_law, prepare
-from qtraj.io.feedback_part import FeedbackPart
+from qtraj.cli.tracking import work
+from qtraj.cli.tracking.course import solve
+from qtraj.cli.tracking.findings import findings, outcome
+from qtraj.cli.tracking.job import prepare
+from qtraj.cli.tracking.report import print_track
 from qtraj.io.scenario import TRACK, read_scenario
 from qtraj.io.tracking_model import TrackingScenario
+from qtraj.motion.simulation.ode import FINISHED
+from qtraj.motion.simulation.solution import NEAR_ZERO
+
+from .track_scenarios import TURN
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FILES = ["solution.toml", "table.nc", "table.csv", "track.png", "track.svg"]
 DEVIATION = 1e-9  # of a closed loop from its closed form at the default tolerances
 ROUND_OFF = 1e-12
-
-TURN = """
-angles = "deg"
-[program.turn.start]
-quaternion = [1, 0, 0, 0]
-[program.turn.end]
-rotation_vector = [0, 0, 30]
-[program.turn.law]
-max_acceleration = 20
-"""
-LAW = "[law]\nsettling_time = 3\n"
+BETWEEN = 1e-3  # relative, of a linear interpolation between two instants of the table
+NEAR_CRITICAL = 1e-6  # relative, of a double eigenvalue: the square root of round-off
 
 
 @pytest.fixture(scope="module")
@@ -40,15 +41,6 @@ def default(qtraj, tmp_path_factory):
     out = tmp_path_factory.mktemp("track") / "new"
     result = qtraj("track", "--json", "--out", out)
     return result, json.loads(result.stdout), out
-
-
-@pytest.fixture
-def prepared(tmp_path):
-    def prepared(text):
-        (tmp_path / "s.toml").write_text(text)
-        return prepare(read_scenario(tmp_path / "s.toml", TrackingScenario))
-
-    return prepared
 
 
 def columns_of(content):
@@ -91,11 +83,78 @@ def test_the_findings_follow_from_the_table(default):
     assert found["initial_angle"] == pytest.approx(np.radians(25.0))
     assert found["final_angle"] == columns["angle"][-1]
     settled = found["settled"]["time"]
-    assert np.interp(settled, columns["time"], columns["angle"]) == pytest.approx(np.radians(1.0))
+    assert np.interp(settled, columns["time"], columns["angle"]) == pytest.approx(np.radians(1.0), rel=BETWEEN)
     assert np.all(columns["angle"][columns["time"] > settled] < np.radians(1.0))
-    sizes = np.linalg.norm(columns["command"][:, 1:], axis=1)
+    sizes = np.linalg.norm(columns["command"], axis=1)
     assert found["peak_command"] == {"value": pytest.approx(sizes.max()), "time": columns["time"][sizes.argmax()]}
-    assert (found["norm"]["least"], found["norm"]["largest"]) == (columns["norm"].min(), columns["norm"].max())
+    assert found["norm"]["least"] <= columns["norm"].min() <= columns["norm"].max() <= found["norm"]["largest"]
+    k1, k2 = content["law"]["k1"], content["law"]["k2"]
+    assert content["law"]["growth"] == pytest.approx(-k1 / 2, rel=NEAR_CRITICAL)
+    assert content["law"]["stable"]
+    # The least |μ| of the closed form, by a dense scan.
+    mu, rate = columns["error"][0], columns["rate"][0]
+    slope = 0.5 * np.array([-mu[1:] @ rate, *(mu[0] * rate + np.cross(mu[1:], rate))])
+    dense = qt.error_response(qt.AccelerationLaw(k1, k2), mu, slope, np.linspace(0, 30, 100_001))
+    assert found["least_error_norm"] == {
+        "value": pytest.approx(np.linalg.norm(dense, axis=1).min(), abs=ROUND_OFF),
+        "exact": True,
+    }
+
+
+def test_the_findings_do_not_depend_on_the_table(qtraj, default, tmp_path):
+    """601 instants in the scenario, two on the command line."""
+    few = json.loads(qtraj("track", "--samples", 2, "--json", "--out", tmp_path / "out").stdout)
+    assert few["columns"]["time"] == [0.0, 130.0]
+    assert [few["columns"][name][-1] for name in few["columns"]] == [v[-1] for v in default[1]["columns"].values()]
+    assert few["findings"] == default[1]["findings"]
+    assert few["findings"]["instants"] > 1200
+    assert few["result"] == default[1]["result"]
+
+
+@pytest.fixture(scope="module")
+def course():
+    job = prepare(read_scenario(TRACK, TrackingScenario))
+    return job, solve(job)
+
+
+def test_a_jump_of_the_command_is_seen_from_both_sides(course):
+    """Of bang–coast–bang: at 90 s the program begins to brake."""
+    _, solved = course
+    at = int(np.searchsorted(solved.times, 90.0))
+    assert solved.times[at] == pytest.approx(90.0)
+    assert solved.times[at] - solved.times[at - 1] < 1e-6
+    before, after = np.linalg.norm(np.asarray(solved.solution.physical_command), axis=1)[at - 1 : at + 1]
+    assert after - before == pytest.approx(np.radians(0.05), rel=1e-2)
+
+
+def test_a_departure_from_the_closed_form_is_no_agreement(course):
+    job, solved = course
+    good = findings(job, solved, 0.1)["closed_form"]
+    assert good["met"]
+    assert 1e-9 < good["bound"] < 1e-7
+    wrong = eqx.tree_at(lambda s: s.error, solved.solution, solved.solution.error.at[700, 2].add(1e-6))
+    found = findings(job, dataclasses.replace(solved, solution=wrong), 0.1)["closed_form"]
+    assert (found["applies"], found["met"]) == (True, False)
+    assert found["deviation"] == pytest.approx(1e-6, rel=1e-2)
+
+
+def test_a_passage_near_zero_between_two_instants_is_told(course):
+    _, solved = course
+    assert outcome(solved, {"least_error_norm": {"value": 0.11, "exact": True}}) == FINISHED
+    assert outcome(solved, {"least_error_norm": {"value": 0.09, "exact": True}}) == NEAR_ZERO
+
+
+def test_what_is_wrong_is_said_on_the_terminal(default):
+    content = copy.deepcopy(default[1])
+    content["law"] |= {"stable": False, "growth": 0.25}
+    content["findings"]["closed_form"] |= {"met": False, "deviation": 0.3, "bound": 1e-8}
+    content["findings"]["least_error_norm"] = None
+    screen = Console(file=io.StringIO(), width=80)
+    print_track(screen, content)
+    text = " ".join(screen.file.getvalue().split())
+    assert "This law is unstable: with these gains errors grow, the fastest as exp(0.25 t)." in text
+    assert "departs from it by 0.3 of the largest error quaternion" in text
+    assert "the tolerances explain no more than 1e-08" in text
 
 
 def test_the_files_hold_the_motion(default):
@@ -112,7 +171,10 @@ def test_the_files_hold_the_motion(default):
         header, *rows = csv.reader(file)
     table = dict(zip(header, np.array(rows, float).T, strict=True))
     assert np.array_equal(table["angle [rad]"], content["columns"]["angle"])
-    assert np.array_equal(table["command_x [rad/s²]"], np.array(content["columns"]["command"])[:, 1])
+    assert np.array_equal(table["command_x [rad/s²]"], np.array(content["columns"]["command"])[:, 0])
+    assert np.array_equal(table["virtual_command [1/s²]"], content["columns"]["virtual_command"])
+    assert np.array_equal(solution.virtual_command, content["columns"]["virtual_command"])
+    assert np.array_equal(table["virtual_rate [1/s]"], solution.rate[:, 0])
 
 
 def test_a_path_is_followed(qtraj, tmp_path):
@@ -144,7 +206,7 @@ def test_a_real_loop_has_no_closed_form(qtraj, tmp_path):
     assert "disturbance" in closed["reason"]
     assert content["findings"]["norm"]["drift"] is None
     columns = columns_of(content)
-    commands = np.linalg.norm(columns["command"][:, 1:], axis=1)
+    commands = np.linalg.norm(columns["command"], axis=1)
     assert commands.max() == pytest.approx(np.radians(4.0))  # the limit
     held = columns["command"][2:5]  # 0.2, 0.3 and 0.4 s: renewed at 0.25 s
     assert not np.array_equal(held[0], held[1])
@@ -169,6 +231,36 @@ def test_a_stop_is_written_and_explained(qtraj, tmp_path):
     assert sorted(file.name for file in (tmp_path / "out").iterdir()) == sorted(FILES)
 
 
+def test_a_stiff_law_stops_with_advice_in_terms_of_the_scenario(qtraj, tmp_path):
+    (tmp_path / "s.toml").write_text(TURN + "[law]\nk1 = 1e9\nk2 = 1e9\n")
+    result = qtraj("track", tmp_path / "s.toml", "--out", tmp_path / "out")
+    assert result.exit_code == 1
+    text = " ".join(result.stdout.split())
+    assert "stopped: too many steps" in text
+    assert "larger simulation.rtol and simulation.atol" in text
+    assert "Last instant reached: t = 0 s" in text
+    assert "max_steps" not in text
+
+
+def test_an_interrupt_and_a_folder_that_is_none_leave_nothing(qtraj, tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    result = qtraj("track", "--out", tmp_path / "file")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert "a folder to write into was expected" in result.stderr
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(work, "solve", interrupted)
+    result = qtraj("track", "--out", tmp_path / "out")
+    assert (result.exit_code, result.stderr) == (130, "interrupted\n")
+    monkeypatch.setattr(work, "solve", lambda job: job.times.astype(int).item(1) * 10**400 / 3)
+    result = qtraj("track", "--samples", 3, "--out", tmp_path / "out")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr.startswith("error: a number is too large to compute with (")
+    assert [file.name for file in tmp_path.iterdir()] == ["file"]
+
+
 def test_a_baseline_under_a_constant_disturbance_stays_beside_the_program(qtraj, tmp_path):
     """After the turn Ω̇ = −K1Ω − K2e + d rests where K2 sin Φ = |d|."""
     text = TURN + '[law]\nkind = "geometric"\nk1 = 4.0\nk2 = 4.0\n[disturbance]\nacceleration = [0, 20, 0]\n'
@@ -182,173 +274,3 @@ def test_a_baseline_under_a_constant_disturbance_stays_beside_the_program(qtraj,
     assert "closed_form_angle" not in content["columns"]
     assert found["norm"]["drift"] < DEVIATION  # nothing steers |λ|
     assert found["settled"]["time"] == 0.0
-
-
-@pytest.mark.parametrize(
-    ("table", "gains"),
-    [
-        ({"kind": "inertial", "k1": 3, "k2": 2.0}, (3.0, 2.0)),
-        ({"kind": "body", "damping": 0.5, "frequency": 3.0}, (3.0, 9.0)),
-        ({"kind": "additive", "weights": {"error": 16.0, "rate": 1.0}}, (3.0, 4.0)),
-        ({"kind": "quaternion", "k1": [1, 2, 3.0], "k2": np.eye(3).tolist()}, ([1, 2, 3], np.eye(3))),
-        ({"kind": "body", "k1": np.eye(4).tolist(), "k2": [1, 2, 3, 4]}, (np.eye(4), [1, 2, 3, 4])),
-    ],
-)
-def test_gains(table, gains):
-    law = feedback_law(FeedbackPart.model_validate(table))
-    assert np.asarray(law.k1) == pytest.approx(np.array(gains[0]))
-    assert np.asarray(law.k2) == pytest.approx(np.array(gains[1]))
-    assert getattr(law, "error", "quaternion") == table["kind"]
-
-
-def test_the_gain_of_a_rate_law():
-    law = feedback_law(FeedbackPart(kind="rate", settling_time=2.0, residual=0.01))
-    assert isinstance(law, qt.RateLaw)
-    assert np.exp(-2.0 * float(law.k)) == pytest.approx(0.01)
-
-
-def test_the_sign_is_chosen(prepared):
-    """An error of 200° is one of 160° from the other side: μ0 = cos 100° < 0."""
-    error = "[error]\nrotation_vector = [200, 0, 0]\nsign = '{}'\n"
-    signs = {sign: prepared(TURN + LAW + error.format(sign)) for sign in ("near", "far", "auto")}
-    near = signs["near"].quaternion
-    assert float(near[0]) == pytest.approx(np.cos(np.radians(80)))
-    assert np.array_equal(signs["far"].quaternion, -near)
-    assert np.array_equal(signs["auto"].quaternion, near)  # at rest the nearer one
-    assert [signs[name].flipped for name in ("near", "far", "auto")] == [False, True, False]
-
-
-def test_the_gibbs_gauge(prepared):
-    job = prepared(TURN + LAW + "[error]\nrotation_vector = [90, 0, 0]\nrate = [10, 0, 0]\ngauge = 'gibbs'\n")
-    assert np.asarray(job.quaternion) == pytest.approx([1, 1, 0, 0])  # μ0 = 1, μ_v = tan 45°
-    assert np.asarray(job.rate) == pytest.approx([np.radians(10), np.radians(10), 0, 0])
-
-
-def test_everything_around_the_body_is_in_radians(prepared):
-    job = prepared(
-        TURN
-        + LAW
-        + "[sensor]\nsampling = 0.1\nrate_bias = [1, 2, 3]\nattitude_noise = 0.5\nseed = 3\n"
-        + "[actuator]\nlimit = [1, 2, 3]\nsaturation = 'axis'\n"
-        + "[disturbance]\ntorque = [3, 2, 1]\ninertia = [1.5, 1, 0.5]\nperiod = 4\nphase = 90\n"
-    )
-    assert np.asarray(job.sensor.rate_bias) == pytest.approx(np.radians([1, 2, 3]))
-    assert float(job.sensor.attitude_noise) == pytest.approx(np.radians(0.5))
-    assert np.asarray(job.actuator.limit) == pytest.approx(np.radians([1, 2, 3]))
-    assert np.asarray(job.disturbance.acceleration(jnp.asarray(0.0))) == pytest.approx([2, 2, 2])
-    assert np.asarray(job.disturbance.acceleration(jnp.asarray(2.0))) == pytest.approx([-2, -2, -2])
-
-
-def test_a_sinusoid():
-    wave = Sinusoid(jnp.array([1.0, -2.0, 0.0]), 8.0, np.pi / 2)
-    assert np.asarray(wave(jnp.asarray(1.0))) == pytest.approx(np.array([1.0, -2.0, 0.0]) / np.sqrt(2))
-
-
-@pytest.mark.parametrize(
-    ("angle", "expected"),
-    [
-        ([3.0, 2.0, 0.5, 0.2], 1 + 1 / 1.5),
-        ([3.0, 0.5, 2.0, 0.0], 2.5),
-        ([0.5, 0.2, 0.1, 0.9], 0.0),
-        ([3.0, 0.5, 0.5, 2.0], None),
-        ([3.0, 0.5, np.nan, np.nan], None),
-    ],
-)
-def test_settling(angle, expected):
-    found = settling_time(np.arange(4.0), np.array(angle), 1.0)
-    assert found is None if expected is None else found == pytest.approx(expected)
-
-
-BAD = {
-    "an empty file": ("", ["the key 'angles' is missing", "and 2 more"]),
-    "no program": (
-        "angles = 'deg'\n[program]\n" + LAW,
-        ["[program]: there is no program", "path = 'a path scenario", "file = 'a saved"],
-    ),
-    "two programs": (
-        TURN + "[program]\nfile = 'p.toml'\n" + LAW,
-        ["[program]: there are several programs (turn"],
-    ),
-    "a frame of a turn": (TURN + "[program]\nframe = 'natural'\n" + LAW, ["the key 'frame' belongs to a path"]),
-    "a misspelt limit": (
-        TURN.replace("max_acc", "max_ac") + LAW,
-        ["unknown key 'program.turn.law.max_aceleration'", "did you mean 'max_acceleration'?"],
-    ),
-    "an impossible turn": (TURN + "duration = 0.1\n" + LAW, ["[law]: a turn by", "Allow more time"]),
-    "no gains": (TURN + "[law]\n", ["[law]: there are no gains", "settling_time", "[law.weights]"]),
-    "two gains": (TURN + LAW + "damping = 1\nfrequency = 1\n", ["there are several gains (settling_time, damping)"]),
-    "one gain of two": (TURN + "[law]\nk1 = 1\n", ["the key 'k2' is missing: k1 and k2 belong together"]),
-    "a gain that is a text": (TURN + "[law]\nk1 = 'x'\nk2 = 1\n", ["'law.k1' holds 'x'", "a finite number, a list"]),
-    "a gain beyond floats": (TURN + f"[law]\nk1 = 1{'0' * 400}\nk2 = 1\n", ["'law.k1' holds 1000"]),
-    "a ragged gain": (TURN + "[law]\nk1 = [[1, 2], [3]]\nk2 = 1\n", ["'law.k1' holds [[1, 2], [3]]", "square matrix"]),
-    "a small gain": (TURN + "[law]\nk1 = [1, 2, 3]\nk2 = 1\n", ["a gain of size 3", "4 for a diagonal"]),
-    "a gain of another law": (TURN + "[law]\nk = 1\n", ["the key 'k' does not suit the kind 'body'"]),
-    "a residual of nothing": (
-        TURN + "[law]\nk1 = 1\nk2 = 1\nresidual = 0.1\n",
-        ["'residual' belongs to"],
-    ),
-    "an infinite weight": (TURN + "[law.weights]\nerror = inf\n", ["'law.weights.error' holds inf", "[1/s⁴]"]),
-    "an error twice": (TURN + LAW + "[error]\ngibbs = [0, 0, 0]\nquaternion = [1, 0, 0, 0]\n", ["[error]: there are"]),
-    "a gauge at a half turn": (
-        TURN + LAW + "[error]\nrotation_vector = [180, 0, 0]\ngauge = 'gibbs'\n",
-        ["error.gauge = 'gibbs' is not possible at a half turn"],
-    ),
-    "a rate error of a rate law": (
-        TURN + LAW + "kind = 'rate'\n[error]\nrate = [1, 0, 0]\n",
-        ["'error.rate' suits no law of the kind 'rate'"],
-    ),
-    "a disturbed rate law": (
-        TURN + LAW + "kind = 'rate'\n[disturbance]\nacceleration = [1, 0, 0]\n",
-        ["[disturbance] suits no law of the kind 'rate'"],
-    ),
-    "a torque on nothing": (TURN + LAW + "[disturbance]\ntorque = [1, 0, 0]\n", ["torque and inertia belong together"]),
-    "two inertias": (
-        TURN + LAW + "[disturbance]\ntorque = [1, 0, 0]\ninertia = [1, 2]\n",
-        ["'disturbance.inertia' holds [1, 2]", "[kg m²]"],
-    ),
-    "a negative inertia": (
-        TURN + LAW + "[disturbance]\ntorque = [1, 0, 0]\ninertia = [1, 2, -3]\n",
-        ["an inertia must be symmetric with positive principal moments"],
-    ),
-    "noise without samples": (TURN + LAW + "[sensor]\nrate_noise = 0.1\n", ["the key 'sampling' is missing: noise"]),
-    "a negative noise": (
-        TURN + LAW + "[sensor]\nrate_noise = -0.1\n",
-        ["'sensor.rate_noise' holds -0.1", "negative"],
-    ),
-    "two samplings": (
-        TURN + LAW + "[sensor]\nsampling = 0.1\n[actuator]\nsampling = 0.2\n",
-        ["sensor.sampling and actuator.sampling differ"],
-    ),
-    "a limit of each axis": (TURN + LAW + "[actuator]\nlimit = [1, 2, 3]\n", ["needs saturation = 'axis'"]),
-    "a limit of zero": (TURN + LAW + "[actuator]\nlimit = 0\n", ["'actuator.limit' holds 0", "a positive finite"]),
-    "one sample": (TURN + LAW + "[simulation]\nsamples = 1\n", ["'simulation.samples' holds 1", "from 2 to"]),
-    "a missing program": ("angles = 'deg'\n[program]\nfile = 'gone.toml'\n" + LAW, ["gone.toml", "No such file"]),
-    "a program that is none": (
-        "angles = 'deg'\n[program]\nfile = 'path.toml'\n" + LAW,
-        ["a saved program was expected, but the file holds a SpiralHelix"],
-    ),
-    "a straight path": (
-        "angles = 'deg'\n[program]\npath = 'path.toml'\n" + LAW,
-        ["the natural frame of this path does not exist at t = 0 s", "'upright'"],
-    ),
-    "a path that ends": (
-        "angles = 'deg'\n[program]\npath = 'path.toml'\nframe = 'upright'\n[simulation]\nduration = 9\n" + LAW,
-        ["'simulation.duration' holds 9", "no more than 3 s"],
-    ),
-}
-
-
-@pytest.mark.parametrize("content", BAD.values(), ids=BAD)
-def test_bad_scenarios(qtraj, tmp_path, content):
-    text, fragments = content
-    qt.SpiralHelix([1.0, 2.0, 0.0, 0.0], [0.3, 0.0], [0.0, 0.5, 0.0, 0.0], 3.0).save(tmp_path / "path.toml")
-    (tmp_path / "scenario.toml").write_text(text)
-    before = sorted(tmp_path.iterdir())
-    result = qtraj("track", tmp_path / "scenario.toml", "--out", tmp_path / "out")
-    assert result.exit_code == 2, result.output
-    assert result.stdout == ""
-    assert result.stderr.startswith(f"error: {tmp_path}")
-    assert result.stderr.count("\n") == 1
-    for fragment in fragments:
-        assert fragment in result.stderr
-    assert sorted(tmp_path.iterdir()) == before

@@ -39,6 +39,29 @@ def test_a_quaternion_keeps_its_sign():
     assert np.asarray(q) == pytest.approx(Q / np.linalg.norm(Q))
 
 
+@pytest.mark.parametrize("size", [1e-200, 1e200, 5e-324, 1.7e308])
+def test_a_quaternion_may_have_any_length(size):
+    q = AttitudePart(quaternion=[size, 0.0, -size, 0.0]).unit_quaternion("rad")
+    assert np.asarray(q) == pytest.approx([math.sqrt(0.5), 0.0, -math.sqrt(0.5), 0.0], abs=ROUND_OFF)
+
+
+def test_a_gibbs_vector_may_be_long():
+    q = AttitudePart(gibbs=[0.0, 1e200, 1e200]).unit_quaternion("rad")
+    assert np.asarray(q) == pytest.approx([0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)], abs=ROUND_OFF)
+
+
+def test_a_rotation_vector_beyond_a_half_turn_is_told():
+    assert AttitudePart(rotation_vector=[0.0, 0.0, 180.0]).excess_turn("deg") is None
+    assert AttitudePart(rotation_vector=[0.0, -120.0, 160.0]).excess_turn("deg") == pytest.approx(math.radians(200))
+    assert AttitudePart(rotation_vector=[0.0, 0.0, 180.0]).excess_turn("rad") == 180.0
+    assert AttitudePart(gibbs=[0.0, 0.0, 180.0]).excess_turn("rad") is None
+
+
+def test_a_sequence_is_checked_where_it_stands():
+    with pytest.raises(ValueError, match="an Euler sequence must be"):
+        AttitudePart(euler=[1.0, 2.0, 3.0], sequence="xxy")
+
+
 def test_no_attitude_is_none_or_an_error():
     assert AttitudePart().unit_quaternion("deg") is None
     with pytest.raises(ValueError, match="there is no attitude: give one of quaternion, euler"):

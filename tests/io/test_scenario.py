@@ -92,7 +92,28 @@ def test_every_key_says_what_it_expects(model):
                 if isinstance(part, type) and hasattr(part, "model_fields"):
                     yield from descend(part)
 
-    assert [entry for entry in descend(model) if not entry[2] and entry[1] != "tune"] == []
+    assert [entry for entry in descend(model) if not entry[2]] == []
+
+
+@pytest.mark.parametrize(
+    ("file", "model", "command"),
+    [(TURN, Scenario, "turn"), (TRACK, TurnScenario, "track"), (DEFAULT, TrackingScenario, "tune")],
+)
+def test_a_scenario_of_another_command_is_recognised(file, model, command):
+    with pytest.raises(ValueError, match=f"this is a scenario of `qtraj {command}`"):
+        read_scenario(file, model)
+
+
+@pytest.mark.parametrize("name", ["slew", "helix"])
+def test_a_saved_thing_is_no_scenario(name):
+    with pytest.raises(ValueError, match=r"this is a saved (EulerTurn|SpiralHelix), not a scenario"):
+        read_scenario(EXAMPLES / f"{name}.toml", Scenario)
+
+
+def test_a_misspelt_key_of_the_right_kind_is_named(read):
+    """Not taken for a scenario of another command."""
+    with pytest.raises(ValueError, match="unknown key 'limit'; did you mean 'limits'"):
+        read(STATES + "[limit]\nspeed = 1\n")
 
 
 def test_several_faults_are_counted_and_the_misspelt_key_comes_first(read):

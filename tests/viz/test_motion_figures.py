@@ -34,14 +34,15 @@ def turn():
 def loop(closed=True, unit="rad s-2"):
     """A decaying error; the last quarter was not reached."""
     angle = np.where(TIMES < 6, 0.4 * np.exp(-TIMES), np.nan)
-    four, three = np.zeros((N, 4)) + angle[:, None], np.zeros((N, 3))
+    moving, three = np.zeros((N, 3)) + angle[:, None], np.zeros((N, 3))
     columns = {
         "angle": Column(angle, "rad", "angle"),
         "error": Column(quaternions(angle), "1", "error", "component"),
         "norm": Column(1.0 + 1e-12 * np.sin(TIMES), "1", "length"),
         "quaternion": Column(quaternions(angle), "1", "attitude", "component"),
-        "rate": Column(four, "rad s-1", "rate", "component"),
-        "command": Column(four, unit, "command", "component"),
+        "rate": Column(moving, "rad s-1", "rate", "body"),
+        "command": Column(moving, unit, "command", "body"),
+        "virtual_command": Column(angle, unit.removeprefix("rad "), "virtual command"),
         "program_rate": Column(three, "rad s-1", "rate", "body"),
     }
     if closed:
@@ -83,6 +84,7 @@ def test_the_loop_has_its_closed_form_and_its_limit():
     assert legend(error)[-1] == "closed form"
     assert legend(command) == ["ε₁", "ε₂", "ε₃", "length", "limit 28.65"]
     assert legend(rate) == ["ω₁", "ω₂", "ω₃", "program"]
+    assert rate.lines[-1].get_linestyle() == "-"  # dots would vanish in those of ω₃
     labels = [axes.get_ylabel() for axes in (angle, command, virtual, rate)]
     assert labels == ["error angle [°]", "command [°/s²]", "virtual command [1/s²]", "body rate [°/s]"]
     assert figure.get_suptitle() == "loop.toml"  # of a scenario without a name

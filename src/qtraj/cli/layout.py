@@ -13,6 +13,9 @@ from rich.text import Text
 MOST_ROWS = 100
 """A longer table of numbers shows its first and last rows alone."""
 
+ROWS = 21
+"""Of the instants of a motion on the terminal; the files and --json hold all."""
+
 VERDICTS = {"met": "green", "proved": "green", "sampled": "yellow", "binds": "bold green"}
 
 
@@ -48,6 +51,11 @@ def verdict(text: str) -> Text:
 def number(value: float | None, digits: int = 6) -> str:
     """A number, or a dash for none."""
     return "-" if value is None else f"{value:.{digits}g}"
+
+
+def degrees(value: float | None, digits: int = 6) -> str:
+    """An angle [rad], or a derivative of one, in degrees; a dash for none."""
+    return number(None if value is None else math.degrees(value), digits)
 
 
 def plain_table(*names: str, right: tuple[str, ...] = (), last: tuple[str, ...] = ()) -> Table:
@@ -97,6 +105,20 @@ def numbers_table(
     for row in rows:
         table.add_row(*row)
     return table
+
+
+def print_instants(
+    console: Console,
+    columns: Mapping[str, np.ndarray],
+    headers: Mapping[str, Sequence[str]],
+    significant: Container[str] = (),
+) -> None:
+    """A table of numbers, as `numbers_table`, of equally spaced ones of many instants."""
+    count = len(columns["time"])
+    shown = np.unique(np.linspace(0, count - 1, min(ROWS, count)).round().astype(int))
+    console.print(numbers_table({name: columns[name][shown] for name in headers}, headers, {}, significant))
+    if len(shown) < count:
+        console.print(Text(f"{len(shown)} of {count} instants; the files hold, and --json prints, them all"))
 
 
 def _digits(values: np.ndarray, known: np.ndarray) -> list[str]:

@@ -33,6 +33,8 @@ def guarded() -> Iterator[None]:
         _fail(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error))
     except ValueError as error:
         _fail(str(error))
+    except OverflowError as error:
+        _fail(f"a number is too large to compute with ({error})")
     except KeyboardInterrupt:
         stderr().print("interrupted", markup=False)
         raise typer.Exit(INTERRUPTED) from None

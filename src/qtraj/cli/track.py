@@ -13,6 +13,9 @@ NOT_FINISHED = 1
 def track(
     scenario: Path | None = typer.Argument(None, metavar="SCENARIO.toml", help="Without it: the embedded scenario."),
     out: Path = typer.Option(Path("qtraj-out"), help="Folder for the results.", metavar="DIR"),
+    samples: int | None = typer.Option(
+        None, min=2, max=100_000, metavar="N", help="Number of instants, both ends included; before the scenario's."
+    ),
     as_json: bool = typer.Option(False, "--json", help="Print the outcome as JSON instead."),
 ) -> None:
     """Simulate a body that a feedback law makes follow a program of attitude.
@@ -25,7 +28,7 @@ def track(
         from qtraj.cli.tracking.report import print_track
         from qtraj.cli.tracking.work import run
 
-        content, finished = run(scenario, out)
+        content, finished = run(scenario, out, samples)
     if as_json:
         typer.echo(json.dumps(content, indent=2, allow_nan=False))
     else:

@@ -12,7 +12,7 @@ LABELS = {"body": ["x", "y", "z"], "component": ["w", "x", "y", "z"]}
 
 CONVENTIONS = {
     "quaternion_convention": "scalar first, Hamilton product, body to inertial",
-    "rate_convention": "body axes; of four components the first is the virtual one, d/dt ln|quaternion|²",
+    "rate_convention": "body axes; a virtual rate is d/dt ln|quaternion|²",
 }
 
 

@@ -14,12 +14,13 @@ from qtraj.io.scenario_part import (
     Part,
     Positive,
     Vector,
-    Wholes,
     given,
     is_number,
 )
 
 INERTIA = "a positive finite number, three of them, or three rows of three finite numbers [kg m²]"
+SEEDS = 2**63
+"""Seeds of `jax.random` are smaller."""
 AXIS_LIMIT = "a positive finite number, or three of them with saturation = 'axis', angle per s² (of a rate law per s)"
 
 
@@ -46,21 +47,38 @@ def _limit(value: Any) -> Any:
 
 
 class ErrorPart(AttitudePart):
-    """[error]: how the body starts against the program, λ = λ⁰∘μ, in body axes; without an attitude on it."""
+    """How the body starts against the program, λ = λ⁰∘μ, in body axes; without an attitude on the program."""
 
-    rate: Vector = Field(default=[0.0, 0.0, 0.0], description=f"{THREE}, angle per s: the body's less the program's")
-    sign: Literal["auto", "near", "far"] = Field(default="auto", description="'auto', 'near' or 'far'")
-    gauge: Literal["unit", "gibbs"] = Field(default="unit", description="'unit' or 'gibbs'")
+    rate: Vector = Field(
+        default=[0.0, 0.0, 0.0],
+        title="the body's rate less the program's",
+        description=f"{THREE}, angle per s: the body's less the program's",
+    )
+    sign: Literal["auto", "near", "far"] = Field(
+        default="auto",
+        title="which of λ and −λ, two errors of one attitude: the better one, that with μ0 ≥ 0, or the other; not for "
+        "the baselines, which take both alike, and not 'far' with gauge = 'gibbs'",
+        description="'auto', 'near' or 'far'",
+    )
+    gauge: Literal["unit", "gibbs"] = Field(
+        default="unit",
+        title="|λ| and ω0: 1 and 0, or such that the Gibbs vector of the error obeys the law's linear equation",
+        description="'unit' or 'gibbs'",
+    )
 
 
 class DisturbancePart(Part):
-    """[disturbance]: an acceleration or a torque in body axes, constant, or sin(2πt/period + phase) times it."""
+    """An acceleration or a torque in body axes, constant, or sin(2πt/period + phase) times it."""
 
-    acceleration: Vector | None = Field(default=None, description=f"{THREE}, angle per s²")
-    torque: Vector | None = Field(default=None, description=f"{THREE} [N m]")
-    inertia: Annotated[Any, PlainValidator(_inertia)] | None = Field(default=None, description=INERTIA)
-    period: Positive | None = Field(default=None, description=POSITIVE_SECONDS)
-    phase: Number = Field(default=0.0, description="a finite angle")
+    acceleration: Vector | None = Field(
+        default=None, title="angular acceleration", description=f"{THREE}, angle per s²"
+    )
+    torque: Vector | None = Field(default=None, title="torque, with inertia", description=f"{THREE} [N m]")
+    inertia: Annotated[Any, PlainValidator(_inertia)] | None = Field(
+        default=None, title="inertia of the body", description=INERTIA
+    )
+    period: Positive | None = Field(default=None, title="period of a sinusoid", description=POSITIVE_SECONDS)
+    phase: Number = Field(default=0.0, title="phase of a sinusoid", description="a finite angle")
 
     @model_validator(mode="after")
     def _one(self) -> "DisturbancePart":
@@ -74,15 +92,31 @@ class DisturbancePart(Part):
 
 
 class SensorPart(Part):
-    """[sensor]: of attitude and rate, or gyros alone, with which the on-board computer propagates λ."""
+    """What measures attitude and rate, or gyros alone, with which the on-board computer propagates λ."""
 
-    kind: Literal["state", "gyros"] = Field(default="state", description="'state' or 'gyros'")
-    sampling: Positive | None = Field(default=None, description=POSITIVE_SECONDS)
-    rate_bias: Vector = Field(default=[0.0, 0.0, 0.0], description=f"{THREE}, angle per s")
-    rate_noise: NotNegative = Field(default=0.0, description="a finite number, not negative, angle per s and sample")
-    attitude_bias: Vector = Field(default=[0.0, 0.0, 0.0], description=f"{THREE}, angles: of gyros, at the start alone")
-    attitude_noise: NotNegative = Field(default=0.0, description="a finite angle, not negative, per sample")
-    seed: Wholes = Field(default=0, description="a whole number, 0 or more")
+    kind: Literal["state", "gyros"] = Field(default="state", title="what it is", description="'state' or 'gyros'")
+    sampling: Positive | None = Field(
+        default=None, title="sampling period; continuous without", description=POSITIVE_SECONDS
+    )
+    rate_bias: Vector = Field(default=[0.0, 0.0, 0.0], title="bias of the rate", description=f"{THREE}, angle per s")
+    rate_noise: NotNegative = Field(
+        default=0.0,
+        title="standard deviation of the rate",
+        description="a finite number, not negative, angle per s and sample",
+    )
+    attitude_bias: Vector = Field(
+        default=[0.0, 0.0, 0.0],
+        title="bias of the attitude",
+        description=f"{THREE}, angles: of gyros, at the start alone",
+    )
+    attitude_noise: NotNegative = Field(
+        default=0.0,
+        title="standard deviation of the attitude, of no gyros",
+        description="a finite angle, not negative, per sample",
+    )
+    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = Field(
+        default=0, title="of the noise, which it determines", description="a whole number from 0 to 2⁶³ − 1"
+    )
 
     @model_validator(mode="after")
     def _sampled(self) -> "SensorPart":
@@ -95,11 +129,17 @@ class SensorPart(Part):
 
 
 class ActuatorPart(Part):
-    """[actuator]: limit of the physical command, and how long a command is held."""
+    """Limit of the physical command, and how long a command is held."""
 
-    limit: Annotated[Any, PlainValidator(_limit)] | None = Field(default=None, description=AXIS_LIMIT)
-    saturation: Literal["norm", "axis"] = Field(default="norm", description="'norm' or 'axis'")
-    sampling: Positive | None = Field(default=None, description=POSITIVE_SECONDS)
+    limit: Annotated[Any, PlainValidator(_limit)] | None = Field(
+        default=None, title="limit of the command", description=AXIS_LIMIT
+    )
+    saturation: Literal["norm", "axis"] = Field(
+        default="norm", title="whether the length or each component is limited", description="'norm' or 'axis'"
+    )
+    sampling: Positive | None = Field(
+        default=None, title="how long a command is held; continuous without", description=POSITIVE_SECONDS
+    )
 
     @model_validator(mode="after")
     def _per_axis(self) -> "ActuatorPart":

@@ -9,6 +9,7 @@ from typing import Generic, TypeVar
 from pydantic import ValidationError
 
 from qtraj.io.scenario_fault import explain
+from qtraj.io.scenario_kind import misplaced
 from qtraj.io.scenario_part import Part
 
 DATA = Path(__file__).parent / "data"
@@ -41,7 +42,7 @@ def read_scenario(file: Path | str, model: type[S]) -> ScenarioFile[S]:
     """The scenario of a kind, such as `scenario_model.Scenario`, in a TOML file.
 
     **Raises:** OSError where the file cannot be read; ValueError with one message that names the file and, for bad
-    syntax, line and column, else the key, what it holds and what was expected.
+    syntax, line and column, else the key, what it holds and what was expected, or for which command the file is.
     """
     path = Path(file)
     content = path.read_bytes()
@@ -49,7 +50,8 @@ def read_scenario(file: Path | str, model: type[S]) -> ScenarioFile[S]:
     try:
         scenario = model.model_validate(data)
     except ValidationError as error:
-        raise ValueError(explain(path, error, model)) from None
+        other = misplaced(data, model)
+        raise ValueError(explain(path, error, model) if other is None else f"{path}: {other}") from None
     return ScenarioFile(path, scenario, content_hash(content))
 
 

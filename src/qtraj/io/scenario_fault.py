@@ -9,6 +9,8 @@ from pydantic import BaseModel, ValidationError
 
 LONGEST = 60
 """A value given is quoted up to so many characters."""
+LIKE = 0.6
+"""Keys less alike than this, from 0 to 1, are not taken for one another."""
 
 Location = Sequence[int | str]
 
@@ -37,9 +39,16 @@ def _fault(fault: dict[str, Any], root: type[BaseModel]) -> str:
 
 def _unknown(where: Location, root: type[BaseModel]) -> str:
     known = list(_model(where[:-1], root).model_fields)
-    near = difflib.get_close_matches(str(where[-1]), known, n=1)
-    hint = f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(known)}"
+    near = _near(str(where[-1]), known)
+    hint = f"known here: {', '.join(known)}" if near is None else f"did you mean '{near}'?"
     return f"unknown key '{_dotted(where)}'; {hint}"
+
+
+def _near(name: str, known: Sequence[str]) -> str | None:
+    """The key that was probably meant: one that begins so, else one of similar letters."""
+    begun = [key for key in known if key.startswith(name)]
+    near = difflib.get_close_matches(name, begun or known, n=1, cutoff=0.0 if begun else LIKE)
+    return near[0] if near else None
 
 
 def _within(location: Location, root: type[BaseModel]) -> Location:

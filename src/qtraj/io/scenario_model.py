@@ -4,7 +4,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from qtraj.design.fit import BOUNDS, POSITION_SIGMA, VELOCITY_SIGMA
 from qtraj.io.scenario_part import (
+    ABOUT,
+    NAME,
     POSITIVE_SECONDS,
     TEXT,
     THREE,
@@ -25,17 +28,27 @@ OBJECTIVE = "'nearest', 'fastest' or 'smoothest'"
 
 
 class TrackPart(Part):
-    """[track]: a window of a recording."""
+    """A window of a recording, which a path is fitted to."""
 
-    file: Text = Field(description="the name of a text file, relative to the scenario")
+    file: Text = Field(
+        title="the recording: CSV with a header, or TUM",
+        description="the name of a text file, relative to the scenario",
+    )
     window: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = Field(
-        default=None, description="two finite times [t0, t1] in seconds on the recording's own clock"
+        default=None,
+        title="the part of it that counts; all if left out",
+        description="two finite times [t0, t1] in seconds on the recording's own clock",
     )
     columns: dict[Literal["time", "position", "velocity", "attitude"], Text | list[Text]] | None = Field(
         default=None,
+        title="names of columns where they are not common ones",
         description="column names of 'time', 'position', 'velocity' or 'attitude'; an empty list leaves a part out",
     )
-    source: Text | None = Field(default=None, description="a text: where the recording comes from, and its licence")
+    source: Text | None = Field(
+        default=None,
+        title="its attribution, kept in the results",
+        description="a text: where the recording comes from, and its licence",
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> "TrackPart":
@@ -45,46 +58,83 @@ class TrackPart(Part):
 
 
 class FitPart(Part):
-    """[fit]: how the recording is fitted; what is left out takes the defaults of `qtraj.fit`."""
+    """How the recording is fitted."""
 
-    motion: Motion | None = Field(default=None, description=MOTION)
-    position_sigma: Positive | None = Field(default=None, description="a positive finite number [m]")
-    velocity_sigma: Positive | None = Field(default=None, description="a positive finite number [m/s]")
+    motion: Motion | None = Field(
+        default=None,
+        title="of the angle: at a constant rate ('uniform', if left out), or a polynomial",
+        description=MOTION,
+    )
+    position_sigma: Positive | None = Field(
+        default=None,
+        title=f"standard deviation of a recorded position; {POSITION_SIGMA} if left out",
+        description="a positive finite number [m]",
+    )
+    velocity_sigma: Positive | None = Field(
+        default=None,
+        title=f"standard deviation of a recorded velocity; {VELOCITY_SIGMA} if left out",
+        description="a positive finite number [m/s]",
+    )
     radius_bounds: Annotated[list[Positive], Field(min_length=2, max_length=2)] | None = Field(
-        default=None, description="two positive finite radii [low, high] [m]"
+        default=None,
+        title=f"least and largest radius about the axis; {BOUNDS[0]:g} and {BOUNDS[1]:g} mean radii if left out",
+        description="two positive finite radii [low, high] [m]",
     )
 
 
 class StatePart(Part):
-    """[start] or [end]: a boundary state in world axes."""
+    """A boundary state in world axes."""
 
-    position: Vector = Field(description=f"{THREE} [m]")
-    velocity: Vector = Field(description=f"{THREE} [m/s]")
-    acceleration: Vector | None = Field(default=None, description=f"{THREE} [m/s²]")
+    position: Vector = Field(title="where the vehicle is", description=f"{THREE} [m]")
+    velocity: Vector = Field(title="how it moves", description=f"{THREE} [m/s]")
+    acceleration: Vector | None = Field(
+        default=None,
+        title="its acceleration, of a hermite path alone and at both ends: ρ, φ, h are then quintics",
+        description=f"{THREE} [m/s²]",
+    )
 
 
 class PlacementPart(Part):
-    """[placement]: where the axis of the path stands."""
+    """Where the axis of a path between two boundary states stands."""
 
-    origin: Vector = Field(description=f"{THREE} [m], a point of the axis")
+    origin: Vector = Field(title="where the axis stands", description=f"{THREE} [m], a point of the axis")
     orientation: Quaternion | None = Field(
+        title="the direction of the axis; vertical if left out",
         default=None,
         description="a quaternion of four finite numbers, scalar first, from the path's axes to the world's",
     )
 
 
 class LimitsPart(Part):
-    """[limits]: upper bounds on magnitudes along the path."""
+    """Upper bounds on magnitudes, anywhere on the path."""
 
-    curvature: Positive | None = Field(default=None, description="a positive finite number [1/m]")
-    torsion: Positive | None = Field(default=None, description="a positive finite number [1/m]")
-    speed: Positive | None = Field(default=None, description="a positive finite number [m/s]")
-    acceleration: Positive | None = Field(default=None, description="a positive finite number [m/s²]")
-    lateral_acceleration: Positive | None = Field(default=None, description="a positive finite number [m/s²]")
-    longitudinal_acceleration: Positive | None = Field(default=None, description="a positive finite number [m/s²]")
-    slope: Positive | None = Field(default=None, description="a positive finite number [-], rise over run")
-    angular_rate: Positive | None = Field(default=None, description="a positive finite number [rad/s]")
-    angular_acceleration: Positive | None = Field(default=None, description="a positive finite number [rad/s²]")
+    curvature: Positive | None = Field(default=None, title="of the path", description="a positive finite number [1/m]")
+    torsion: Positive | None = Field(
+        default=None, title="magnitude of the torsion", description="a positive finite number [1/m]"
+    )
+    speed: Positive | None = Field(default=None, title="along the path", description="a positive finite number [m/s]")
+    acceleration: Positive | None = Field(
+        default=None, title="magnitude of the acceleration", description="a positive finite number [m/s²]"
+    )
+    lateral_acceleration: Positive | None = Field(
+        default=None, title="across the path", description="a positive finite number [m/s²]"
+    )
+    longitudinal_acceleration: Positive | None = Field(
+        default=None, title="magnitude of that along the path", description="a positive finite number [m/s²]"
+    )
+    slope: Positive | None = Field(
+        default=None,
+        title="magnitude of the rise over the run",
+        description="a positive finite number [-], rise over run",
+    )
+    angular_rate: Positive | None = Field(
+        default=None, title="magnitude of the trihedral's rate", description="a positive finite number [rad/s]"
+    )
+    angular_acceleration: Positive | None = Field(
+        default=None,
+        title="magnitude of the trihedral's angular acceleration",
+        description="a positive finite number [rad/s²]",
+    )
 
     def given(self) -> dict[str, float]:
         """The limits that are set, by name."""
@@ -92,30 +142,58 @@ class LimitsPart(Part):
 
 
 class TunePart(Part):
-    """[tune]: what is asked of the tuned path."""
+    """What is asked of the tuned path."""
 
-    objective: Objective = Field(default="nearest", description=OBJECTIVE)
-    motion: Motion = Field(default="uniform", description=MOTION)
-    duration: Positive | None = Field(default=None, description=POSITIVE_SECONDS)
-    turns: Wholes | None = Field(default=None, description="a whole number, 0 or more")
+    objective: Objective = Field(
+        default="nearest",
+        title="what is sought within the limits: the least change of the states, the least duration, or the least jerk",
+        description=OBJECTIVE,
+    )
+    motion: Motion = Field(
+        default="uniform", title="of the angle: at a constant rate, or a polynomial", description=MOTION
+    )
+    duration: Positive | None = Field(
+        default=None,
+        title="first one of a hermite path, held where the smoothest is sought; if left out, that of the given rates",
+        description=POSITIVE_SECONDS,
+    )
+    turns: Wholes | None = Field(
+        default=None, title="whole turns about the axis besides", description="a whole number, 0 or more"
+    )
 
 
 class Scenario(Part):
     """A scenario: one path (a track, two boundary states, or a saved path), limits, and what tuning is to do."""
 
-    name: Text | None = Field(default=None, description=TEXT)
-    description: Text | None = Field(default=None, description=TEXT)
-    track: TrackPart | None = Field(default=None, description="a table [track]")
-    fit: FitPart | None = Field(default=None, description="a table [fit]")
-    start: StatePart | None = Field(default=None, description="a table [start]")
-    end: StatePart | None = Field(default=None, description="a table [end]")
-    path: Text | None = Field(default=None, description="the name of a saved path, relative to the scenario")
-    placement: PlacementPart | None = Field(default=None, description="a table [placement]")
-    duration: Positive | None = Field(default=None, description=POSITIVE_SECONDS)
-    turns: Wholes | None = Field(default=None, description="a whole number, 0 or more")
-    limits: LimitsPart = Field(default=LimitsPart(), description="a table [limits]")
-    purpose: dict[str, Text] = Field(default_factory=dict, description="a table [purpose] of texts, one for each limit")
-    tune: TunePart = Field(default=TunePart(), description="a table [tune]")
+    name: Text | None = Field(default=None, title=NAME, description=TEXT)
+    description: Text | None = Field(default=None, title=ABOUT, description=TEXT)
+    track: TrackPart | None = Field(default=None, title="the path from a recording", description="a table [track]")
+    fit: FitPart | None = Field(default=None, title="how the recording is fitted", description="a table [fit]")
+    start: StatePart | None = Field(
+        default=None, title="the path from two states: the first", description="a table [start]"
+    )
+    end: StatePart | None = Field(default=None, title="the path from two states: the last", description="a table [end]")
+    path: Text | None = Field(
+        default=None, title="the path from a file", description="the name of a saved path, relative to the scenario"
+    )
+    placement: PlacementPart | None = Field(
+        default=None, title="the axis of a path from two states", description="a table [placement]"
+    )
+    duration: Positive | None = Field(
+        default=None,
+        title="of a path from two states; if left out, that of their rates about the axis",
+        description=POSITIVE_SECONDS,
+    )
+    turns: Wholes | None = Field(
+        default=None, title="of a path from two states: whole turns besides", description="a whole number, 0 or more"
+    )
+    limits: LimitsPart = Field(default=LimitsPart(), title="what tuning must keep", description="a table [limits]")
+    purpose: dict[str, Text] = Field(
+        default_factory=dict,
+        title="why there is a limit, for the tables",
+        description="a table [purpose] of texts, one for each limit",
+    )
+    tune: TunePart = Field(default=TunePart(), title="what tuning is to do", description="a table [tune]")
 
     @model_validator(mode="after")
     def _one_path(self) -> "Scenario":

@@ -1,6 +1,7 @@
 """What the keys of all scenario files are made of.
 
-The `description` of a key completes the sentence "expected …": it is what a message says when the value is another.
+The `title` of a key says what it means. Its `description` says what it may hold and completes the sentence
+"expected …", which is a message when the value is another. docs/scenarios.md is made of both.
 """
 
 import sys
@@ -18,6 +19,9 @@ Text = Annotated[str, Field(min_length=1)]
 
 Angles = Literal["deg", "rad"]
 
+NAME = "a name for titles"
+ABOUT = "what the scenario is about"
+UNIT = "the unit of angles"
 TEXT = "a text"
 POSITIVE_SECONDS = "a positive finite number [s]"
 THREE = "three finite numbers [x, y, z]"

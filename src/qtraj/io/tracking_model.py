@@ -4,13 +4,16 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from qtraj.io.feedback_part import FeedbackPart
+from qtraj.io.feedback_part import BASELINES, FeedbackPart
 from qtraj.io.plant_part import ActuatorPart, DisturbancePart, ErrorPart, SensorPart
 from qtraj.io.scenario_part import (
+    ABOUT,
     ANGLES,
+    NAME,
     POSITIVE_SECONDS,
     TEXT,
     THREE,
+    UNIT,
     Angles,
     Part,
     Positive,
@@ -23,19 +26,28 @@ from qtraj.io.turn_model import TurnPart
 Frame = Literal["natural", "upright", "rotation_minimizing"]
 
 FRAME = "'natural', 'upright' or 'rotation_minimizing'"
+MOST_SAMPLES = 100_000
 SOURCES = "[program.turn], path = 'a path scenario or a saved path', or file = 'a saved program'"
 
 
 class ProgramPart(Part):
-    """[program]: what the attitude shall be."""
+    """What the attitude shall be: a turn, the frame of a path, or a saved program."""
 
-    turn: TurnPart | None = Field(default=None, description="a table [program.turn]")
-    path: Text | None = Field(
-        default=None, description="the name of a path scenario or a saved path, relative to the scenario"
+    turn: TurnPart | None = Field(
+        default=None, title="a turn within limits, all of which it must keep", description="a table [program.turn]"
     )
-    frame: Frame | None = Field(default=None, description=FRAME)
-    up: Vector | None = Field(default=None, description=THREE)
-    file: Text | None = Field(default=None, description="the name of a saved program, relative to the scenario")
+    path: Text | None = Field(
+        default=None,
+        title="a path whose frame is the program",
+        description="the name of a path scenario or a saved path, relative to the scenario",
+    )
+    frame: Frame | None = Field(default=None, title="frame of the path; natural if left out", description=FRAME)
+    up: Vector | None = Field(default=None, title="direction of the upright frame; [0, 0, 1]", description=THREE)
+    file: Text | None = Field(
+        default=None,
+        title="a program such as the program.toml of qtraj turn",
+        description="the name of a saved program, relative to the scenario",
+    )
 
     @model_validator(mode="after")
     def _one(self) -> "ProgramPart":
@@ -51,30 +63,52 @@ class ProgramPart(Part):
 
 
 class SimulationPart(Part):
-    """[simulation]: times and tolerances."""
+    """Times and tolerances."""
 
-    duration: Positive | None = Field(default=None, description=POSITIVE_SECONDS)
-    samples: Annotated[int, Field(ge=2, le=100_000)] = Field(
-        default=601, description="a whole number from 2 to 100000, the instants of the table"
+    duration: Positive | None = Field(
+        default=None,
+        title="time simulated; that of the program if left out, and longer only where the program comes to rest",
+        description=POSITIVE_SECONDS,
     )
-    settled: Positive | None = Field(default=None, description="a positive finite angle, within which it has settled")
-    rtol: Annotated[float, Field(ge=1e-14, le=1e-2)] = Field(default=1e-10, description="a number from 1e-14 to 1e-2")
-    atol: Annotated[float, Field(ge=1e-16, le=1e-2)] = Field(default=1e-12, description="a number from 1e-16 to 1e-2")
+    samples: Annotated[int, Field(ge=2, le=MOST_SAMPLES)] = Field(
+        default=601,
+        title="instants of the table; --samples goes before it",
+        description=f"a whole number from 2 to {MOST_SAMPLES}, the instants of the table",
+    )
+    settled: Positive | None = Field(
+        default=None,
+        title="error within which the loop has settled; 1° if left out",
+        description="a positive finite angle, within which it has settled",
+    )
+    rtol: Annotated[float, Field(ge=1e-14, le=1e-2)] = Field(
+        default=1e-10, title="relative tolerance of a step", description="a number from 1e-14 to 1e-2"
+    )
+    atol: Annotated[float, Field(ge=1e-16, le=1e-2)] = Field(
+        default=1e-12, title="absolute tolerance of a step", description="a number from 1e-16 to 1e-2"
+    )
 
 
 class TrackingScenario(Part):
-    """A scenario of `qtraj track`."""
+    """A body that a feedback law makes follow a program, with what disturbs, measures and acts."""
 
-    name: Text | None = Field(default=None, description=TEXT)
-    description: Text | None = Field(default=None, description=TEXT)
-    angles: Angles = Field(description=ANGLES)
-    program: ProgramPart = Field(description="a table [program]")
-    law: FeedbackPart = Field(description="a table [law]")
-    error: ErrorPart = Field(default=ErrorPart(), description="a table [error]")
-    disturbance: DisturbancePart | None = Field(default=None, description="a table [disturbance]")
-    sensor: SensorPart | None = Field(default=None, description="a table [sensor]")
-    actuator: ActuatorPart | None = Field(default=None, description="a table [actuator]")
-    simulation: SimulationPart = Field(default=SimulationPart(), description="a table [simulation]")
+    name: Text | None = Field(default=None, title=NAME, description=TEXT)
+    description: Text | None = Field(default=None, title=ABOUT, description=TEXT)
+    angles: Angles = Field(title=UNIT, description=ANGLES)
+    program: ProgramPart = Field(title="what the attitude shall be", description="a table [program]")
+    law: FeedbackPart = Field(title="the feedback", description="a table [law]")
+    error: ErrorPart = Field(default=ErrorPart(), title="how the body starts", description="a table [error]")
+    disturbance: DisturbancePart | None = Field(
+        default=None, title="what acts besides the command", description="a table [disturbance]"
+    )
+    sensor: SensorPart | None = Field(
+        default=None, title="what the computer knows of the body; all if left out", description="a table [sensor]"
+    )
+    actuator: ActuatorPart | None = Field(
+        default=None, title="what the body gets of a command; all if left out", description="a table [actuator]"
+    )
+    simulation: SimulationPart = Field(
+        default=SimulationPart(), title="times and tolerances", description="a table [simulation]"
+    )
 
     @model_validator(mode="after")
     def _suiting(self) -> "TrackingScenario":
@@ -87,6 +121,12 @@ class TrackingScenario(Part):
                 raise ValueError("the key 'error.rate' suits no law of the kind 'rate', which commands the rate itself")
         if self.error.gauge == "gibbs" and self.law.kind not in ("body", "inertial"):
             raise ValueError("error.gauge = 'gibbs' belongs to laws of the kinds 'body' and 'inertial'")
+        if self.error.gauge == "gibbs" and self.error.sign == "far":
+            raise ValueError("error.sign = 'far' contradicts error.gauge = 'gibbs', which has μ0 = 1: leave one out")
+        if self.law.kind in BASELINES and "sign" in self.error.model_fields_set:
+            raise ValueError(
+                f"the key 'error.sign' suits no law of the kind '{self.law.kind}', which takes λ and −λ alike"
+            )
         samplings = [p.sampling for p in (self.sensor, self.actuator) if p is not None and p.sampling is not None]
         if len(set(samplings)) > 1:
             raise ValueError("sensor.sampling and actuator.sampling differ: give both the same period, or one of them")

@@ -18,6 +18,10 @@ STYLES = {"before": (0, (5, 2)), "after": "solid"}
 SPARE = ("#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 AXIS_COLOURS = {"tangent": "#009E73", "normal": "#CC79A7", "binormal": "#E69F00"}
 RECORD, LIMIT = "0.45", "0.1"
+COMPONENTS = {"w": "#000000", "x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
+LINES = {"w": (0, (5, 2)), "x": "solid", "y": (0, (3, 1, 1, 1)), "z": (0, (1, 1))}
+"""Of the components of quaternions and vectors."""
+SUBSCRIPTS = {"w": "₀", "x": "₁", "y": "₂", "z": "₃"}
 
 WIDTH = 10.0  # [inch]
 ALWAYS = ("curvature", "lateral_acceleration")
@@ -68,6 +72,17 @@ def save(figure: Figure, file: str | os.PathLike[str]) -> None:
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(suffix)
     with mpl.rc_context(RC):
         figure.savefig(file, dpi=200, metadata=metadata)
+
+
+def title(dataset: xarray.Dataset) -> str:
+    """The name of the scenario, or of its file."""
+    return dataset.attrs.get("title") or dataset.attrs.get("scenario_file", "")
+
+
+def frame(axes: Any) -> None:
+    """A light grid, and the horizontal axis no longer than what is drawn."""
+    axes.grid(alpha=0.25, lw=0.5)
+    axes.margins(x=0)
 
 
 def _panels(dataset: xarray.Dataset) -> list[str]:

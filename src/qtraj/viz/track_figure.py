@@ -7,14 +7,13 @@ import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
-from qtraj.viz.figures import LIMIT, RC, WIDTH
-from qtraj.viz.turn_figure import COMPONENTS, LINES, frame, title
+from qtraj.viz.figures import COMPONENTS, LIMIT, LINES, RC, SUBSCRIPTS, WIDTH, frame, title
 
 HEIGHT = 7.6  # [inch]
 CLOSED = {"color": "0.0", "lw": 1.1, "ls": (0, (1, 1.6)), "zorder": 3}
+PROGRAM = {"color": "0.55", "lw": 0.8, "ls": "solid", "zorder": 1.5}
 LENGTH = {"color": "0.2", "lw": 1.2, "alpha": 0.8}
 LEAST_ANGLE = 1e-7  # [°] below it there is round-off only
-SUBSCRIPTS = {"w": "₀", "x": "₁", "y": "₂", "z": "₃"}
 
 
 def track_figure(dataset: xarray.Dataset, settled: float, limit: float | list[float] | None) -> Figure:
@@ -73,7 +72,7 @@ def _draw_error(axes: Any, dataset: xarray.Dataset) -> None:
 def _draw_command(axes: Any, dataset: xarray.Dataset, limit: float | list[float] | None) -> None:
     unit = _unit(dataset)
     _draw_components(axes, dataset, "command", "ω" if unit == "°/s" else "ε", "xyz", degrees=True)
-    values = np.degrees(dataset["command"].sel(component=["x", "y", "z"]).values)
+    values = np.degrees(dataset["command"].values)
     axes.plot(dataset["time"].values, np.linalg.norm(values, axis=1), label="length", **LENGTH)
     bounds = np.unique(np.degrees([] if limit is None else limit))
     peak = np.nanmax(np.abs(values), initial=0.0)
@@ -87,15 +86,15 @@ def _draw_command(axes: Any, dataset: xarray.Dataset, limit: float | list[float]
 
 
 def _draw_virtual(axes: Any, dataset: xarray.Dataset) -> None:
-    unit = _unit(dataset).replace("°", "1")  # of d/dt ln|λ|² there are no degrees
-    axes.plot(dataset["time"].values, dataset["command"].sel(component="w").values, color=COMPONENTS["w"], lw=1.5)
+    unit = {"s-1": "1/s", "s-2": "1/s²"}[dataset["virtual_command"].attrs["units"]]
+    axes.plot(dataset["time"].values, dataset["virtual_command"].values, color=COMPONENTS["w"], lw=1.5)
     axes.ticklabel_format(axis="y", scilimits=(-3, 4), useMathText=True)
     axes.set_ylabel(f"virtual command [{unit}]")
 
 
 def _draw_rate(axes: Any, dataset: xarray.Dataset) -> None:
     _draw_components(axes, dataset, "rate", "ω", "xyz", degrees=True)
-    lines = axes.plot(dataset["time"].values, np.degrees(dataset["program_rate"].values), **CLOSED)
+    lines = axes.plot(dataset["time"].values, np.degrees(dataset["program_rate"].values), **PROGRAM)
     lines[0].set_label("program")
     axes.set_ylabel("body rate [°/s]")
     _legend(axes)
@@ -114,7 +113,7 @@ def _draw_components(
     axes: Any, dataset: xarray.Dataset, name: str, symbol: str, labels: str, degrees: bool = False
 ) -> None:
     for label in labels:
-        values = dataset[name].sel(component=label).values
+        values = dataset[name].sel({str(dataset[name].dims[1]): label}).values
         axes.plot(
             dataset["time"].values,
             np.degrees(values) if degrees else values,

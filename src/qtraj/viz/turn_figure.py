@@ -7,14 +7,11 @@ import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
-from qtraj.viz.figures import LIMIT, RC, WIDTH
+from qtraj.viz.figures import COMPONENTS, LIMIT, LINES, RC, SUBSCRIPTS, WIDTH, frame, title
 
 HEIGHT = 6.6  # [inch]
 MARGINS = {"top": 0.9, "bottom": 0.08}
 ANGLE = "#0072B2"
-COMPONENTS = {"w": "#000000", "x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
-LINES = {"w": (0, (5, 2)), "x": "solid", "y": (0, (3, 1, 1, 1)), "z": (0, (1, 1))}
-SYMBOLS = dict(zip("wxyz", ("λ₀", "λ₁", "λ₂", "λ₃"), strict=True))
 ANGLE_LABEL, RATE_LABEL = r"angle $\Phi$ [°]", r"rate $\dot\Phi$ [°/s]"
 BEND_LABEL = r"acceleration $\ddot\Phi$ [°/s²]"
 HEADROOM = 1.12  # of a limit or a peak, so that neither lies on the frame
@@ -35,48 +32,30 @@ def turn_figure(dataset: xarray.Dataset, limits: dict[str, float]) -> Figure:
         phase, quaternion = (figure.add_subplot(right[row]) for row in (0, 1))
         _history(angle, dataset, "angle", ANGLE_LABEL, None)
         _history(rate, dataset, "angle_rate", RATE_LABEL, limits.get("max_rate"))
-        _history(
-            acceleration,
-            dataset,
-            "angle_acceleration",
-            r"acceleration $\ddot\Phi$ [°/s²]",
-            limits.get("max_acceleration"),
-        )
+        _history(acceleration, dataset, "angle_acceleration", BEND_LABEL, limits.get("max_acceleration"))
         acceleration.set_xlabel("time [s]")
         for axes in (angle, rate):
             axes.tick_params(labelbottom=False)
         _phase_plane(phase, dataset, limits.get("max_rate"))
-        draw_quaternion(quaternion, dataset, "quaternion")
+        _quaternion(quaternion, dataset)
         quaternion.set_xlabel("time [s]")
         figure.align_ylabels([angle, rate, acceleration])
         figure.suptitle(title(dataset), y=0.98, va="top", fontsize=11, fontweight="bold")
     return figure
 
 
-def draw_quaternion(axes: Any, dataset: xarray.Dataset, name: str) -> None:
-    """The four components of a quaternion against time."""
+def _quaternion(axes: Any, dataset: xarray.Dataset) -> None:
+    """The four components against time."""
     for label in dataset["component"].values:
-        values = dataset[name].sel(component=label).values
-        axes.plot(
-            dataset["time"].values, values, color=COMPONENTS[label], ls=LINES[label], lw=1.6, label=SYMBOLS[label]
-        )
+        line = {"color": COMPONENTS[label], "ls": LINES[label], "lw": 1.6}
+        values = dataset["quaternion"].sel(component=label).values
+        axes.plot(dataset["time"].values, values, label="λ" + SUBSCRIPTS[label], **line)
     axes.set_ylabel("quaternion [–]")
     frame(axes)
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=8, borderaxespad=0.1)
 
 
-def title(dataset: xarray.Dataset) -> str:
-    """The name of the scenario, or of its file."""
-    return dataset.attrs.get("title") or dataset.attrs.get("scenario_file", "")
-
-
-def frame(axes: Any) -> None:
-    """A light grid, and the horizontal axis no longer than what is drawn."""
-    axes.grid(alpha=0.25, lw=0.5)
-    axes.margins(x=0)
-
-
-def bound(axes: Any, limit: float, peak: float, text: str) -> None:
+def _bound(axes: Any, limit: float, peak: float, text: str) -> None:
     """Dotted lines at ± `limit`, the lower one only where something is drawn below zero."""
     low = min(float(np.nanmin(line.get_ydata())) for line in axes.lines)
     axes.axhline(limit, color=LIMIT, lw=1.0, ls=(0, (1, 1.5)), label=text)
@@ -96,7 +75,7 @@ def _history(axes: Any, dataset: xarray.Dataset, name: str, label: str, limit: f
     frame(axes)
     if limit is not None:
         top = float(np.degrees(limit))
-        bound(axes, top, float(np.abs(values).max()), f"limit {top:.4g}")
+        _bound(axes, top, float(np.abs(values).max()), f"limit {top:.4g}")
 
 
 def _phase_plane(axes: Any, dataset: xarray.Dataset, limit: float | None) -> None:
@@ -108,4 +87,4 @@ def _phase_plane(axes: Any, dataset: xarray.Dataset, limit: float | None) -> Non
     frame(axes)
     if limit is not None:
         top = float(np.degrees(limit))
-        bound(axes, top, float(np.abs(rate).max()), f"limit {top:.4g}")
+        _bound(axes, top, float(np.abs(rate).max()), f"limit {top:.4g}")

@@ -122,6 +122,8 @@ def test_gains_that_make_no_sense_are_refused():
     for call, message in [
         (lambda: gains.from_settling_time(-1.0), "settling time must be positive"),
         (lambda: gains.from_settling_time(1.0, 1.0), "between 0 and 1"),
+        (lambda: gains.rate_from_settling_time(0.0), "settling time must be positive"),
+        (lambda: gains.rate_from_settling_time(1.0, 0.0), "between 0 and 1"),
         (lambda: gains.from_damping(0.0, 1.0), "damping ratio"),
         (lambda: gains.from_damping(1.0, -1.0), "natural frequency"),
         (lambda: gains.from_weights(0.0, 1.0, 1.0), "weight of the error"),

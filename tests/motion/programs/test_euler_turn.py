@@ -175,6 +175,35 @@ def test_a_chain_passes_its_attitudes_at_rest():
     np.testing.assert_allclose(alone * np.sign(alone @ within), within, atol=ROUND_OFF)
 
 
+def test_the_switches_of_a_chain_are_those_of_its_turns():
+    attitudes = quaternions(4, seed=6)
+    attitudes[2] = -attitudes[1]  # no turn at all in between: its switches are one instant
+    law = SCurve(1.0, 0.8, 2.0)
+    chain, singles = TurnChain(attitudes, law), [EulerTurn(attitudes[k], attitudes[k + 1], law) for k in range(3)]
+    shifted = [float(t) + single.switches for t, single in zip(chain.times, singles, strict=False)]
+    np.testing.assert_allclose(chain.switches, np.concatenate(shifted), rtol=1e-14)
+    np.testing.assert_allclose(chain.switches[7:14], chain.times[1], atol=1e-9)
+    assert chain.switches[-1] == chain.duration
+    # Between two of them the jerk is constant: the acceleration jumps or bends nowhere else.
+    edges = np.concatenate([[0.0], chain.switches])
+    long = np.diff(edges) > 1e-6
+    inner = edges[:-1, None] + np.diff(edges)[:, None] * np.linspace(0.01, 0.99, 5)
+    acceleration = np.asarray(jax.jit(jax.vmap(lambda t: chain(t).acceleration))(inner[long].ravel())).reshape(-1, 5, 3)
+    np.testing.assert_allclose(np.diff(acceleration, n=2, axis=1), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("whole_turns", [1, 2])
+def test_round_off_is_no_turn(whole_turns):
+    """A whole turn on the same attitude is met again but for round-off; it takes no time, and counts for gradients."""
+    start, half = jnp.asarray(BASE / np.linalg.norm(BASE)), whole_turns * math.pi
+    spun = quaternion.product(start, jnp.asarray([math.cos(half), 0.0, 0.0, math.sin(half)]))
+    turn = EulerTurn(start, spun, TimeOptimal(1.0, 1.0))
+    assert (turn.angle, turn.duration) == (0.0, 0.0)
+    gradient = jax.jacfwd(lambda q: EulerTurn(start, q, turn.law).rotation_vector)(spun)
+    np.testing.assert_allclose(np.linalg.svd(gradient)[1], 2.0, rtol=1e-12)  # as of any small turn
+    assert EulerTurn([1.0, 0, 0, 0], [1.0, 1e-12, 0, 0], turn.law).angle == pytest.approx(2e-12)
+
+
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
 def test_programs_are_stored_exactly(suffix, tmp_path):
     law = TimeOptimal(0.3, 0.2)

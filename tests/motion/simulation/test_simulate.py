@@ -2,7 +2,6 @@
 
 import itertools
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq
-from scipy.spatial.transform import Rotation
 
 import qtraj as qt
 from qtraj.motion import control
@@ -21,9 +19,7 @@ from qtraj.motion.control import (
     QuaternionFeedback,
     RateLaw,
 )
-from qtraj.motion.simulation.actuator import Actuator
-from qtraj.motion.simulation.disturbance import DisturbanceAcceleration, DisturbanceTorque
-from qtraj.motion.simulation.sensor import Gyros, Sensor
+from qtraj.motion.simulation.disturbance import DisturbanceTorque
 from qtraj.motion.simulation.simulate import simulate
 
 from ..rigs import Choice, Rest, ThreeAxis, random_gains
@@ -199,198 +195,3 @@ def test_a_constant_torque_leaves_the_offset_that_linear_theory_tells():
         AccelerationLaw(k1, stiffness, "additive"), START - IDENTITY - offset, rate0, TIMES
     )
     np.testing.assert_allclose(solution.error, shifted + (offset + IDENTITY)[None], rtol=0, atol=1e-10)
-
-
-PERIOD, LIMIT = 0.1, 1.2
-BIAS = np.array([0.004, -0.003, 0.002])
-
-
-def on_board_loop(program, bias, instants):
-    """Independently: SciPy integrates the body under each held command; the computer sees gyros only."""
-    k1, k2 = 2.0, 1.0
-
-    def attitude(x):
-        return Rotation.from_quat(x / np.linalg.norm(x), scalar_first=True)
-
-    def flow(t, y, command):
-        q, w = y[:4], y[4:]
-        return np.concatenate(
-            [
-                [0.5 * (q[0] * w[0] - q[1:] @ w[1:])],
-                0.5 * (q[0] * w[1:] + w[0] * q[1:] + np.cross(q[1:], w[1:])),
-                command,
-            ]
-        )
-
-    def law(at, q, w):
-        mu = (attitude(at.quaternion).inv() * attitude(q)).as_quat(scalar_first=True) * np.linalg.norm(q)
-        mu = mu * np.sign(mu[0])  # the start is near the program and stays on its sheet
-        back = attitude(mu).inv()
-        omega = back.apply(at.rate)
-        excess = w[1:] - omega
-        vector = back.apply(at.acceleration) + np.cross(omega, excess) - (k1 + w[0]) * excess
-        vector = vector - 2 * k2 * mu[1:] / (mu @ mu)
-        vector = vector * min(1.0, LIMIT / np.linalg.norm(vector))
-        scalar = -0.5 * (w[0] ** 2 - excess @ excess) - k1 * w[0] - 2 * k2 * (1 - mu[0] / (mu @ mu))
-        return np.concatenate([[scalar], vector])
-
-    state, known = np.concatenate([NEAR, RATE]), attitude(NEAR)
-    history, last = [state], state[4:] + np.concatenate([[0.0], bias])
-    for k, t in enumerate(instants[:-1]):
-        reading = state[4:] + np.concatenate([[0.0], bias])
-        if k:
-            turn = 0.5 * PERIOD * (last + reading)[1:] + PERIOD**2 / 12 * np.cross(last[1:], reading[1:])
-            known = known * Rotation.from_rotvec(turn)
-        last = reading
-        size = np.linalg.norm(state[:4])
-        command = law(program(t), size * known.as_quat(scalar_first=True), reading)
-        state = solve_ivp(flow, (0, PERIOD), state, args=(command,), method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
-        history.append(state)
-    return np.array(history)
-
-
-NEAR = np.array([0.9, 0.1, -0.2, 0.3])
-
-
-def test_the_on_board_loop_with_gyros_alone():
-    """Sampled gyros → λ propagated on board → limited command, held (paper C, remark 1)."""
-    program = ThreeAxis()
-    outputs = PERIOD * np.arange(0, 41, 4)
-    on_time = jax.jit(lambda t: program(t))
-
-    def run(bias):
-        sensor = Gyros(PERIOD, bias=bias)
-        return simulate(
-            program, AccelerationLaw(2.0, 1.0), NEAR, RATE, outputs, sensor=sensor, actuator=Actuator(LIMIT)
-        )
-
-    drifting, ideal = run(BIAS), run(np.zeros(3))
-    expected = on_board_loop(lambda t: jax.tree.map(np.array, on_time(t)), BIAS, PERIOD * np.arange(41))[::4]
-    np.testing.assert_allclose(drifting.quaternion, expected[:, :4], rtol=0, atol=1e-8)
-    np.testing.assert_allclose(drifting.rate, expected[:, 4:], rtol=0, atol=1e-8)
-    np.testing.assert_allclose(drifting.peak_command, LIMIT, rtol=1e-12)
-    # The computer's attitude drifts by bias times time, and the body with it.
-    drift = qt.quaternion.product(qt.quaternion.conjugate(ideal.quaternion[-1]), drifting.quaternion[-1])
-    angle = 2 * jnp.arctan2(jnp.linalg.norm(drift[1:]), jnp.abs(drift[0]))
-    np.testing.assert_allclose(angle, np.linalg.norm(BIAS) * outputs[-1], rtol=0.3)
-
-
-def test_the_derivative_in_gains_and_in_switch_instants_is_exact():
-    """A held command changes at given instants: differentiation against central differences of the same loop."""
-
-    def miss(point):
-        k1, k2, *instants = point
-        actuator = Actuator(sampling=jnp.stack([jnp.zeros(()), *instants]))
-        solution = simulate(
-            Rest(),
-            AccelerationLaw(k1, k2),
-            NEAR,
-            RATE,
-            [0.0, 1.7],
-            actuator=actuator,
-            rtol=1e-12,
-            adjoint=diffrax.ForwardMode(),
-        )
-        return jnp.sum(solution.error[-1] * jnp.asarray([0.2, 1.0, -0.5, 0.7]))
-
-    @jax.jit
-    def with_slope(point, direction):
-        return jax.jvp(miss, (point,), (direction,))
-
-    point, step = np.array([2.1, 1.3, 0.31, 0.83, 1.2]), 1e-5
-    for direction in np.eye(5):
-        _, slope = with_slope(point, direction)
-        ends = [with_slope(point + sign * step * direction, direction)[0] for sign in (1, -1)]
-        np.testing.assert_allclose(slope, (ends[0] - ends[1]) / (2 * step), rtol=0, atol=1e-8)
-        assert abs(slope) > 1e-3
-
-
-@pytest.mark.parametrize(
-    ("actuator", "expected"),
-    [
-        (Actuator(), [9.0, 3.0, -4.0, 12.0]),
-        (Actuator(6.5), [9.0, 1.5, -2.0, 6.0]),
-        (Actuator(13.0), [9.0, 3.0, -4.0, 12.0]),
-        (Actuator(5.0, "axis"), [9.0, 3.0, -4.0, 5.0]),
-        (Actuator([1.0, 9.0, 2.0], "axis"), [9.0, 1.0, -4.0, 2.0]),
-    ],
-)
-def test_limits_leave_the_virtual_part_alone(actuator, expected):
-    command = jnp.asarray([9.0, 3.0, -4.0, 12.0])
-    np.testing.assert_allclose(actuator(command), expected, rtol=1e-15)
-    slope = jax.jacfwd(actuator)(jnp.zeros(4))
-    np.testing.assert_array_equal(slope, np.eye(4))
-
-
-def test_noise_belongs_to_its_key_and_has_its_size():
-    def readings(key):
-        sensor = Sensor(rate_noise=0.2, attitude_noise=0.01, rate_bias=[1.0, 0, 0], sampling=0.1, key=key)
-
-        def one(k):
-            q, w, _ = sensor.measure(k, jnp.asarray(0.1), jnp.asarray(2 * IDENTITY), jnp.zeros(4), None)
-            return q, w
-
-        return jax.jit(jax.vmap(one))(jnp.arange(4000))
-
-    q, w = readings(jax.random.key(1))
-    for typed, raw in zip((q, w), readings(jax.random.key_data(jax.random.key(1))), strict=True):
-        np.testing.assert_array_equal(typed, raw)
-    assert not np.allclose(w, readings(jax.random.key(2))[1])
-    np.testing.assert_allclose(np.std(w[:, 1:], axis=0), 0.2, rtol=0.05)
-    np.testing.assert_allclose(np.mean(w, axis=0), [0, 1, 0, 0], atol=0.02)
-    np.testing.assert_allclose(np.linalg.norm(q, axis=1), 2, rtol=1e-14)  # |λ| is the computer's own
-    np.testing.assert_allclose(np.std(2 * q[:, 1:] / q[:, :1], axis=0), 0.01, rtol=0.05)
-
-
-@pytest.mark.parametrize(
-    ("thing", "message"),
-    [
-        (lambda: Actuator(-1.0), "limit must be positive"),
-        (lambda: Actuator([1.0, 2, 3]), "does not suit"),
-        (lambda: Actuator(saturation="box"), "'norm' or 'axis'"),
-        (lambda: Actuator(sampling=0.0), "sampling period must be positive"),
-        (lambda: Actuator(sampling=[0.0, 2.0, 1.0]), "increase strictly"),
-        (lambda: Sensor(rate_noise=0.1, sampling=0.1), "needs a key"),
-        (lambda: Sensor(rate_noise=0.1, key=jax.random.key(0)), "needs sampling"),
-        (lambda: Gyros(0.1, noise=-1.0), "zero or positive"),
-        (lambda: Gyros(0.1, bias=[1.0]), r"bias must have shape \(3,\)"),
-        (lambda: DisturbanceTorque([0.0, 0, 1], [1.0, 1, -1]), "positive principal moments"),
-        (lambda: DisturbanceAcceleration([0.0, 1.0]), r"must have shape \(3,\)"),
-    ],
-)
-def test_parts_that_make_no_sense_are_refused(thing, message):
-    with pytest.raises(ValueError, match=message):
-        thing()
-
-
-def test_loops_that_make_no_sense_are_refused():
-    def loop(law=None, times=(0.0, 1.0), **parts):
-        simulate(Rest(), law or AccelerationLaw(2.0, 1.0), IDENTITY, np.zeros(4), times, **parts)
-
-    with pytest.raises(ValueError, match="no room for a disturbing acceleration"):
-        loop(RateLaw(1.0), disturbance=lambda t: jnp.zeros(3))
-    with pytest.raises(ValueError, match="rate that does not jump"):
-        loop(RateLaw(1.0), sensor=Gyros(0.1))
-    with pytest.raises(ValueError, match="sample differently"):
-        loop(sensor=Gyros(0.1), actuator=Actuator(sampling=0.2))
-    with pytest.raises(ValueError, match="comes after the first of times"):
-        loop(actuator=Actuator(sampling=[0.1, 0.2]))
-    with pytest.raises(ValueError, match="pass the instants"):
-        jax.jit(lambda period: loop(actuator=Actuator(sampling=period)))(0.1)
-
-
-@pytest.mark.parametrize(
-    "part",
-    [
-        Actuator([1.0, 2, 3], "axis", sampling=[0.0, 0.3]),
-        Sensor(rate_noise=0.1, sampling=0.1, key=jax.random.key(7)),
-        Gyros(0.2, bias=[0.1, 0, 0]),
-        DisturbanceTorque([0.1, 0.2, 0.3], 2.0),
-    ],
-)
-def test_parts_are_stored_and_read_back(part, tmp_path):
-    qt.foundation.document.save(part, tmp_path / "part.json")
-    back = qt.load(tmp_path / "part.json")
-    assert jax.tree.structure(back) == jax.tree.structure(part)
-    for a, b in zip(jax.tree.leaves(back), jax.tree.leaves(part), strict=True):
-        np.testing.assert_array_equal(a, b)

@@ -1,140 +1,131 @@
 """What a closed loop did: against its closed form, until it settled, with what commands."""
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-from qtraj.algebra.quaternion import conjugate, product
-from qtraj.algebra.vector import norm
+from qtraj.cli.tracking.course import Course
 from qtraj.cli.tracking.job import Job
-from qtraj.foundation.types import Quat, Scalar
-from qtraj.motion.attitude import Attitude
-from qtraj.motion.control.errors import error_quaternion, error_rate, state_from_error
+from qtraj.motion.control.errors import error_quaternion, error_rate
 from qtraj.motion.control.laws import AccelerationLaw, RateLaw
-from qtraj.motion.control.response import error_state
+from qtraj.motion.control.response import growth
+from qtraj.motion.control.sheet import least_norm
+from qtraj.motion.simulation import ode
 from qtraj.motion.simulation.sensor import Sensor
-from qtraj.motion.simulation.solution import Solution
+from qtraj.motion.simulation.simulate import NEAR
+from qtraj.motion.simulation.solution import NEAR_ZERO
 
 SETTLED = math.radians(1.0)
 """Within this angle [rad] a loop has settled, unless told otherwise."""
 REACHED = 1e-9
 """Relative: a command so near to its limit is limited."""
+ACCUMULATED = 100
+"""The errors of many steps may add up to so many tolerances of one."""
+ROUND_OFF, COARSE = 1e-12, 1e-2
+"""Relative: the closed form is met within no less than the first, and by no more than the second."""
 
 
-@dataclass(frozen=True)
-class ClosedForm:
-    """The error in closed form at the instants, as if nothing disturbed; `reason` says why it does not apply."""
-
-    error: np.ndarray
-    angle: np.ndarray
-    norm: np.ndarray
-    reason: str | None
-
-
-def closed_form(job: Job, references: Attitude, solution: Solution) -> ClosedForm | None:
-    """The closed form of a loop; None for a law that has none."""
-    if not isinstance(job.law, AccelerationLaw | RateLaw):
-        return None
-    error, angle, length = _closed(job.law, references, job.quaternion, job.rate, jnp.asarray(job.times))
-    return ClosedForm(np.asarray(error), np.asarray(angle), np.asarray(length), _effect(job, solution))
-
-
-def findings(job: Job, solution: Solution, closed: ClosedForm | None, settled: float) -> dict[str, Any]:
-    """The figures of a closed loop, in SI units; None where there is none."""
-    times, angle = job.times, np.asarray(solution.angle)
-    lengths = np.asarray(solution.norm)
-    commands = np.linalg.norm(np.asarray(solution.physical_command), axis=1)
+def findings(job: Job, course: Course, settled: float) -> dict[str, Any]:
+    """The figures of a closed loop at all instants of its course, in SI units; None where there is none."""
+    times, angle, lengths = course.times, np.asarray(course.solution.angle), np.asarray(course.solution.norm)
+    commands = np.linalg.norm(np.asarray(course.solution.physical_command), axis=1)
     known = np.isfinite(commands)
     peak = int(np.argmax(np.where(known, commands, -1.0)))
-    applies = closed is not None and closed.reason is None
+    reason = _reason(job, course)
+    time = float(course.solution.settling_time(settled))
     return {
+        "instants": len(times),
         "initial_angle": float(angle[0]),
         "final_angle": float(angle[-1]),
-        "settled": {"angle": settled, "time": settling_time(times, angle, settled)},
+        "settled": {"angle": settled, "time": None if math.isnan(time) else time},
         "peak_command": {"value": float(commands[peak]), "time": float(times[peak])} if known.any() else None,
-        "closed_form": {
-            "applies": applies,
-            "reason": "the closed loop of this law is not linear" if closed is None else closed.reason,
-            "deviation": _largest(np.asarray(solution.error) - closed.error) if closed and applies else None,
-        },
+        "closed_form": _closed_form(job, course, reason),
+        "least_error_norm": _least_error(job, course, reason),
         "norm": {
             "start": float(lengths[0]),
             "least": float(np.nanmin(lengths)) if known.any() else None,
             "largest": float(np.nanmax(lengths)) if known.any() else None,
-            "drift": _drift(lengths, closed),
+            "drift": _drift(course, lengths, reason),
         },
     }
 
 
-def settling_time(times: np.ndarray, angle: np.ndarray, settled: float) -> float | None:
-    """From when on the angle stays within `settled` to the end, by interpolation [s]; None where it does not."""
-    outside = np.flatnonzero(~(angle <= settled))
-    if not outside.size:
-        return float(times[0])
-    last = int(outside[-1])
-    if last + 1 == len(times) or not np.isfinite(angle[last]):
+def outcome(course: Course, found: dict[str, Any]) -> int:
+    """The code of the solution, or `NEAR_ZERO` where the closed form tells that between two instants."""
+    code, least = int(course.solution.code), found["least_error_norm"]
+    first = float(np.asarray(course.solution.norm)[0])
+    near = least is not None and least["value"] < NEAR * min(first, 1.0)
+    return NEAR_ZERO if near and code == ode.FINISHED else code
+
+
+def stability(job: Job) -> dict[str, Any]:
+    """The largest real part of the closed loop's eigenvalues [1/s], and whether the error decays."""
+    fastest = growth(job.law)
+    return {"growth": fastest, "stable": fastest < 0}
+
+
+def _closed_form(job: Job, course: Course, reason: str | None) -> dict[str, Any]:
+    """Whether the error is that of the closed form, relative to the largest error (and to 1)."""
+    if reason is not None or course.closed is None:
+        return {"applies": False, "reason": reason, "met": None, "deviation": None, "bound": None}
+    expected = np.asarray(course.closed.error)
+    deviation = _largest(np.asarray(course.solution.error) - expected) / max(1.0, _largest(expected))
+    bound = min(ROUND_OFF + ACCUMULATED * (job.rtol + job.atol), COARSE)
+    return {"applies": True, "reason": None, "met": deviation <= bound, "deviation": deviation, "bound": bound}
+
+
+def _least_error(job: Job, course: Course, reason: str | None) -> dict[str, Any] | None:
+    """The least |μ|, where the command is largest: by the closed form for ever, else at the instants."""
+    law, lengths = job.law, np.asarray(course.solution.norm)
+    if not isinstance(law, AccelerationLaw | RateLaw) or np.isnan(lengths).all():
         return None
-    part = (angle[last] - settled) / (angle[last] - angle[last + 1])
-    return float(times[last] + part * (times[last + 1] - times[last]))
+    least = float(np.nanmin(lengths))
+    kind = law.error if isinstance(law, AccelerationLaw) else "body"
+    if reason is not None or kind == "additive" or growth(law) >= 0:
+        return {"value": least, "exact": False}
+    start = job.program(course.solution.times[0])
+    mu, slope = (error_quaternion(start, job.quaternion, kind), error_rate(start, job.quaternion, job.rate, kind))
+    return {"value": min(least, float(least_norm(law, mu, slope))), "exact": True}
 
 
-def _effect(job: Job, solution: Solution) -> str | None:
+def _reason(job: Job, course: Course) -> str | None:
     """What makes the loop differ from its closed form."""
+    if course.closed is None:
+        return "the closed loop of this law is not linear"
     if job.disturbance is not None:
         return "a disturbance acts on the body"
-    samplings = [p.sampling for p in (job.sensor, job.actuator) if p is not None and p.sampling is not None]
-    if samplings:
+    if job.renewals is not None:
         return "the command is held between samples"
     if isinstance(job.sensor, Sensor) and (np.any(job.sensor.rate_bias) or np.any(job.sensor.attitude_bias)):
         return "the sensor has a bias"
-    if not bool(solution.successful):
+    if not bool(course.solution.successful):
         return "the integration did not finish"
-    if (when := _first_limited(job, solution)) is not None:
+    if (when := _first_limited(job, course)) is not None:
         return f"the actuator's limit is reached, first at t = {when:.6g} s"
     return None
 
 
-def _first_limited(job: Job, solution: Solution) -> float | None:
+def _first_limited(job: Job, course: Course) -> float | None:
     if job.actuator is None or job.actuator.limit is None:
         return None
-    limit, command = np.asarray(job.actuator.limit), np.asarray(solution.physical_command)
+    limit, command = np.asarray(job.actuator.limit), np.asarray(course.solution.physical_command)
     if job.actuator.saturation == "norm":
         command = np.linalg.norm(command, axis=1, keepdims=True)
     limited = (np.abs(command) >= limit * (1 - REACHED)).any(axis=1)
-    return float(job.times[np.argmax(limited)]) if limited.any() else None
+    return float(course.times[np.argmax(limited)]) if limited.any() else None
 
 
-def _drift(lengths: np.ndarray, closed: ClosedForm | None) -> float | None:
-    """How far |λ| comes from what it should be, relative to its start: from a constant, or from the closed form."""
-    if closed is not None and closed.reason is not None:
+def _drift(course: Course, lengths: np.ndarray, reason: str | None) -> float | None:
+    """How far |λ| comes from what it should be, relative to that: from a constant, or from the closed form."""
+    if course.closed is None:
+        return _largest((lengths - lengths[0]) / lengths[0])
+    if reason is not None:
         return None
-    return _largest((lengths - (lengths[0] if closed is None else closed.norm)) / lengths[0])
+    expected = np.linalg.norm(np.asarray(course.closed.quaternion), axis=1)
+    return _largest((lengths - expected) / np.maximum(expected, lengths[0]))
 
 
 def _largest(x: np.ndarray) -> float:
     """The largest length of a row, or magnitude of a number; NaN where one is."""
     return float(np.max(np.linalg.norm(x, axis=1) if x.ndim > 1 else np.abs(x)))
-
-
-@eqx.filter_jit
-def _closed(
-    law: AccelerationLaw | RateLaw, references: Attitude, quaternion: Quat, rate: Quat, times: Float[Array, " n"]
-) -> tuple[Float[Array, "n 4"], Float[Array, " n"], Float[Array, " n"]]:
-    kind = law.error if isinstance(law, AccelerationLaw) else "body"
-    first = jax.tree.map(lambda x: x[0], references)
-    start = error_quaternion(first, quaternion, kind)
-    start_rate = error_rate(first, quaternion, rate, kind)
-
-    def at(reference: Attitude, t: Scalar) -> tuple[Quat, Scalar, Scalar]:
-        error, slope = error_state(law, start, start_rate, t)
-        reached, _ = state_from_error(reference, error, slope, kind)
-        mu = product(conjugate(reference.quaternion), reached)
-        return error, 2 * jnp.arctan2(norm(mu[1:]), jnp.abs(mu[0])), norm(reached)
-
-    return jax.vmap(at)(references, times)

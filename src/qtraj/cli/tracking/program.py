@@ -10,11 +10,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from qtraj.cli.tuning.job import is_saved, lay, saved_path
-from qtraj.cli.turning.job import jumps, turn_program
+from qtraj.cli.turning.job import SMOOTH, turn_program
 from qtraj.foundation.document import load
+from qtraj.io.attitude_part import radians
 from qtraj.io.scenario import ScenarioFile, read_scenario
 from qtraj.io.scenario_model import Scenario
+from qtraj.io.scenario_part import given as given_keys
 from qtraj.io.tracking_model import ProgramPart, TrackingScenario
+from qtraj.io.turn_model import LIMITS, NEEDED, TurnPart
 from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
 from qtraj.motion.programs.frame_program import FrameProgram
@@ -33,20 +36,22 @@ def program_of(given: ScenarioFile[TrackingScenario]) -> AbstractProgram:
     """
     part = given.scenario.program
     if part.turn is not None:
-        return turn_program(part.turn, given.scenario.angles)
+        return _turn(part.turn, given.scenario.angles)
     if part.path is not None:
         return _framed(_path(given.beside(part.path)), part)
     return _saved(given.beside(str(part.file)))
 
 
 def holds(program: AbstractProgram) -> bool:
-    """Whether the program rests after its duration: then it may be followed for longer."""
-    return isinstance(program, EulerTurn | TurnChain)
+    """Whether the program comes to rest at its end: then it may be followed for longer."""
+    if isinstance(program, EulerTurn):
+        return float(program.profile.end_rate) == 0
+    return isinstance(program, TurnChain)
 
 
 def program_jumps(program: AbstractProgram) -> np.ndarray | None:
     """The instants at which the program's acceleration may jump [s]; None for none."""
-    return np.array(jumps(program)) if isinstance(program, EulerTurn | TurnChain) else None
+    return np.unique(program.switches) if isinstance(program, EulerTurn | TurnChain) else None
 
 
 def described(part: ProgramPart, program: AbstractProgram) -> str:
@@ -56,6 +61,20 @@ def described(part: ProgramPart, program: AbstractProgram) -> str:
     if part.file is not None:
         return f"{type(program).__name__} of {part.file}"
     return "chain of turns" if isinstance(program, TurnChain) else "turn"
+
+
+def _turn(part: TurnPart, angles: str) -> EulerTurn | TurnChain:
+    """The program of a turn that keeps every limit given, also one of a fixed duration."""
+    try:
+        program = turn_program(part, angles)
+        limits = {name: radians(angles) * getattr(part.law, name) for name in given_keys(part.law, *LIMITS)}
+        if limits and part.law.duration is not None and part.law.kind not in NEEDED:
+            law = SMOOTH[part.law.kind](duration=part.law.duration, **limits)
+            for angle in np.atleast_1d(program.angle if isinstance(program, EulerTurn) else program.angles):
+                law.profile(angle)  # which tells what is broken
+    except ValueError as error:
+        raise ValueError(f"in [program.turn], {error}") from error
+    return program
 
 
 def _path(file: Path) -> SpiralHelix:

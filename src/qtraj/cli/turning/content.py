@@ -10,12 +10,12 @@ from qtraj._version import __version__
 from qtraj.cli.content import finite, scenario_content
 from qtraj.cli.turning.job import Leg, fastest_law, turn_limits
 from qtraj.cli.turning.peaks import judged
+from qtraj.io.attitude_part import radians
 from qtraj.io.instants import Column
 from qtraj.io.scenario import ScenarioFile
-from qtraj.io.turn_model import TurnScenario
+from qtraj.io.turn_model import JERKY, TurnScenario
 
-JERKY = ("time_optimal",)
-"""Laws whose acceleration jumps within the turn: their jerk is no number."""
+STILL = "there is nothing to turn: all attitudes are the same."
 
 
 def turn_content(
@@ -36,9 +36,10 @@ def turn_content(
         "duration": turns[-1].end,
         "least_duration": least,
         "end": _end(scenario, turns[-1]),
+        "notes": _notes(scenario, turns),
         "limits": limits,
         "met": all(entry["status"] != "broken" for entry in limits.values()),
-        "result": _result(limits, least),
+        "result": _result(limits, least) if any(map(_moves, turns)) else STILL,
         "units": {"time": "s"} | {name: column.unit for name, column in columns.items()},
         "columns": {"time": times.tolist()} | {name: column.values.tolist() for name, column in columns.items()},
         "files": [],
@@ -49,12 +50,17 @@ def turn_content(
 def _turn(leg: Leg) -> dict[str, Any]:
     return {
         "angle": float(leg.profile.total),
-        "axis_body": np.asarray(leg.turn.axis("body")).tolist(),
-        "axis_inertial": np.asarray(leg.turn.axis("inertial")).tolist(),
+        "axis_body": np.asarray(leg.turn.axis("body")).tolist() if _moves(leg) else None,
+        "axis_inertial": np.asarray(leg.turn.axis("inertial")).tolist() if _moves(leg) else None,
         "start": leg.start,
         "duration": float(leg.profile.duration),
-        "switches": leg.switches(),
+        "switches": leg.switches,
     }
+
+
+def _moves(leg: Leg) -> bool:
+    """Whether there is anything to turn, and so an axis: with end rates a turn by no angle goes out and back."""
+    return float(leg.profile.total) != 0 or not leg.profile.proportional
 
 
 def _least_duration(scenario: TurnScenario, turns: Sequence[Leg]) -> float | None:
@@ -71,6 +77,27 @@ def _end(scenario: TurnScenario, last: Leg) -> dict[str, Any]:
     wanted = scenario.end.unit_quaternion(scenario.angles)
     sign = 1 if wanted is None or float(reached @ np.asarray(wanted)) >= 0 else -1
     return {"quaternion": reached.tolist(), "sign": sign}
+
+
+def _notes(scenario: TurnScenario, turns: Sequence[Leg]) -> list[str]:
+    """What a reader of the scenario might not expect."""
+    notes = []
+    for k, (name, attitude) in enumerate(scenario.attitudes().items()):
+        if (given := attitude.excess_turn(scenario.angles)) is not None:
+            turned = "." if k == 0 else f": the turn to it is by {math.degrees(turns[k - 1].profile.total):.6g}°."
+            notes.append(
+                f"The rotation vector of [{name}] is {math.degrees(given):.6g}° long, more than a half turn. It is "
+                f"the attitude that counts, reached by the shorter way{turned}"
+            )
+    ends = {"starts": scenario.law.start_rate, "ends": scenario.law.end_rate}
+    moving = [f"{verb} at {_per_second(rate, scenario.angles)}" for verb, rate in ends.items() if rate]
+    if moving:
+        notes.append(f"The program {' and '.join(moving)}, but is at rest before and after: its rate jumps there.")
+    return notes
+
+
+def _per_second(rate: float, angles: str) -> str:
+    return f"{math.degrees(radians(angles) * rate):.6g}°/s"
 
 
 def _result(limits: dict[str, dict[str, Any]], least: float | None) -> str:

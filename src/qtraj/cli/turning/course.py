@@ -44,8 +44,14 @@ def turn_columns(program: AbstractProgram, turns: Sequence[Leg], times: np.ndarr
 def fine_times(turns: Sequence[Leg]) -> np.ndarray:
     """Instants for a figure, which shows jumps as such."""
     duration = turns[-1].end
-    switches = np.array([t for leg in turns for t in (*leg.switches(), leg.end)])
-    return np.unique(np.concatenate([np.linspace(0, duration, FINE + 1), switches, switches - SIDE * duration]))
+    switches = np.array([t for leg in turns for t in (*leg.switches, leg.end)])
+    both = np.concatenate([switches, switches - SIDE * duration])
+    return np.unique(np.concatenate([np.linspace(0, duration, FINE + 1), both.clip(0, duration)]))
+
+
+def even_times(turns: Sequence[Leg], samples: int) -> np.ndarray:
+    """Equally spaced instants of a table, both ends included; one where nothing takes any time."""
+    return np.linspace(0.0, turns[-1].end, samples if turns[-1].end > 0 else 1)
 
 
 @eqx.filter_jit

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qtraj.io.attitude_part import KnownAttitudePart, radians
+from qtraj.io.attitude_part import radians
 from qtraj.io.scenario_part import given
 from qtraj.io.turn_model import END_RATES, LIMITS, NEEDED, TurnLawPart, TurnPart
 from qtraj.motion.profiles.profile import AbstractLaw, Profile
@@ -32,23 +32,26 @@ class Leg:
         """When it is over [s]."""
         return self.start + float(self.profile.duration)
 
+    @property
     def switches(self) -> list[float]:
-        """The instants within the turn at which the law passes from one piece to the next [s]."""
-        starts, widths = np.asarray(self.profile.starts), np.asarray(self.profile.widths)
+        """The distinct instants within the turn at which the law passes from one piece to the next [s]."""
         duration = float(self.profile.duration)
-        inner = [float(t) for t in starts[widths > 0] if SAME * duration < t < (1 - SAME) * duration]
-        return [self.start + t for k, t in enumerate(inner) if k == 0 or t - inner[k - 1] > SAME * duration]
+        found: list[float] = []
+        for t in np.asarray(self.turn.switches).tolist():
+            if SAME * duration < t < (1 - SAME) * duration and (not found or t - found[-1] > SAME * duration):
+                found.append(t)
+        return [self.start + t for t in found]
 
 
 def turn_program(part: TurnPart, angles: str) -> EulerTurn | TurnChain:
     """The program of the tables of a turn: one turn, or a chain by way of [[via]].
 
-    **Raises:** ValueError for an Euler sequence that is none, or a duration in which no such turn is possible.
+    **Raises:** ValueError for a duration in which no such turn is possible.
     """
-    attitudes = [_attitude(table, angles) for table in (part.start, *part.via, part.end)]
+    attitudes = np.stack([attitude.attitude(angles) for attitude in part.attitudes().values()])
     try:
         law = turn_law(part.law, angles)
-        return TurnChain(np.stack(attitudes), law) if part.via else EulerTurn(attitudes[0], attitudes[1], law)
+        return TurnChain(attitudes, law) if part.via else EulerTurn(attitudes[0], attitudes[1], law)
     except ValueError as error:
         raise ValueError(f"[law]: {error}") from error
 
@@ -78,18 +81,6 @@ def legs(program: EulerTurn | TurnChain) -> list[Leg]:
     turns = [EulerTurn(a, b, program.law) for a, b in itertools.pairwise(attitudes)]
     starts = [float(t) for t in np.asarray(program.times)[:-1]]
     return [Leg(start, turn, turn.profile) for start, turn in zip(starts, turns, strict=True)]
-
-
-def jumps(program: EulerTurn | TurnChain) -> list[float]:
-    """The instants at which the acceleration of a program, or a derivative of it, may jump, without its start [s]."""
-    return [t for leg in legs(program) for t in (*leg.switches(), leg.end)]
-
-
-def _attitude(part: KnownAttitudePart, angles: str) -> np.ndarray:
-    q = part.unit_quaternion(angles)
-    if q is None:
-        raise ValueError("there is no attitude")
-    return np.asarray(q)
 
 
 def _limited(part: TurnLawPart, angles: str, duration: float | None) -> AbstractLaw:

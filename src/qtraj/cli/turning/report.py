@@ -1,6 +1,5 @@
 """The outcome of `qtraj turn` on the terminal, in degrees, readable at 80 columns."""
 
-import math
 from typing import Any
 
 import numpy as np
@@ -8,18 +7,16 @@ from rich.console import Console
 from rich.text import Text
 
 from qtraj.cli.layout import (
+    degrees,
     facts_table,
     heading,
     number,
-    numbers_table,
     plain_table,
     print_files,
+    print_instants,
     print_scenario,
     verdict,
 )
-
-ROWS = 21
-"""Of the program on the terminal; the files and --json hold all instants."""
 
 HEADERS = {
     "time": ["t"],
@@ -47,7 +44,7 @@ def print_turn(console: Console, content: dict[str, Any]) -> None:
 def _print_turn(console: Console, turn: dict[str, Any], title: str) -> None:
     heading(console, title)
     rows = [
-        ("angle", f"{math.degrees(turn['angle']):.4f}°"),
+        ("angle", f"{np.degrees(turn['angle']):.4f}°"),
         ("axis, body", _vector(turn["axis_body"])),
         ("axis, inertial", _vector(turn["axis_inertial"])),
         ("duration", f"{turn['duration']:.4f} s"),
@@ -66,6 +63,8 @@ def _print_end(console: Console, content: dict[str, Any]) -> None:
         console.print(Text(text + "the same attitude by the shorter way. Go on from this sign."))
     if content["least_duration"] is not None:
         console.print(Text(f"Within the limits the least duration is {content['least_duration']:.4f} s."))
+    for note in content["notes"]:
+        console.print(Text(note))
 
 
 def _print_limits(console: Console, limits: dict[str, dict[str, Any]]) -> None:
@@ -74,7 +73,7 @@ def _print_limits(console: Console, limits: dict[str, dict[str, Any]]) -> None:
     for name, entry in limits.items():
         status = "binds" if entry["binding"] else entry["status"] or "no limit"
         margin = 0.0 if entry["binding"] else entry["margin"]
-        numbers = [_degrees(value) for value in (entry["value"], entry["limit"], margin)]
+        numbers = [degrees(value) for value in (entry["value"], entry["limit"], margin)]
         ending = verdict(status) if entry["status"] else Text(status)
         unit = Text(entry["unit"].replace("rad", "°"))
         table.add_row(name.removeprefix("max_"), *numbers, number(entry["time"], 6), unit, ending)
@@ -82,20 +81,12 @@ def _print_limits(console: Console, limits: dict[str, dict[str, Any]]) -> None:
 
 
 def _print_program(console: Console, columns: dict[str, Any]) -> None:
-    count = len(columns["time"])
-    shown = np.unique(np.linspace(0, count - 1, min(ROWS, count)).round().astype(int))
-    values = {name: np.array(columns[name], dtype=float)[shown] for name in HEADERS}
+    values = {name: np.array(columns[name], dtype=float) for name in HEADERS}
     for name in ("angle", "angle_rate", "angle_acceleration"):
         values[name] = np.degrees(values[name])
     heading(console, "Program: t [s], angle Φ [°], rate [°/s], accel. [°/s²], quaternion λ")
-    console.print(numbers_table(values, HEADERS, {}))
-    if len(shown) < count:
-        console.print(Text(f"{len(shown)} of {count} instants; the files hold, and --json prints, them all"))
+    print_instants(console, values, HEADERS)
 
 
-def _degrees(value: float | None) -> str:
-    return number(None if value is None else math.degrees(value))
-
-
-def _vector(values: list[float]) -> str:
-    return "(" + ", ".join(f"{round(v, 6) + 0.0:.6f}" for v in values) + ")"
+def _vector(values: list[float] | None) -> str:
+    return "-" if values is None else "(" + ", ".join(f"{round(v, 6) + 0.0:.6f}" for v in values) + ")"

@@ -5,30 +5,17 @@ from typing import Any
 
 import numpy as np
 
-from qtraj.cli.columns import write_csv
 from qtraj.cli.content import provenance, scenario_content
 from qtraj.cli.output import Writer, check_folder, write_all
+from qtraj.cli.results import result_writers
 from qtraj.cli.terminal import watching
 from qtraj.cli.turning.content import turn_content
-from qtraj.cli.turning.course import fine_times, turn_columns
+from qtraj.cli.turning.course import even_times, fine_times, turn_columns
 from qtraj.cli.turning.job import legs, turn_limits, turn_program
-from qtraj.io.dataset import write_netcdf
 from qtraj.io.instants import instants_dataset
 from qtraj.io.scenario import TURN, read_scenario
 from qtraj.io.turn_model import TurnScenario
-from qtraj.viz.figures import save
 from qtraj.viz.turn_figure import turn_figure
-
-HEADERS = {
-    "time": ["time [s]"],
-    "angle": ["angle [rad]"],
-    "angle_rate": ["angle_rate [rad/s]"],
-    "angle_acceleration": ["angle_acceleration [rad/s²]"],
-    "quaternion": ["qw", "qx", "qy", "qz"],
-    "rate": ["rate_x [rad/s]", "rate_y [rad/s]", "rate_z [rad/s]"],
-    "acceleration": ["acceleration_x [rad/s²]", "acceleration_y [rad/s²]", "acceleration_z [rad/s²]"],
-}
-"""Columns of the CSV file."""
 
 
 def run(file: Path | None, out: Path, samples: int) -> tuple[dict[str, Any], bool]:
@@ -46,24 +33,16 @@ def run(file: Path | None, out: Path, samples: int) -> tuple[dict[str, Any], boo
         except ValueError as error:
             raise ValueError(f"{given.file}: {error}") from error
         turns = legs(program)
-        times, fine = np.linspace(0.0, turns[-1].end, samples), fine_times(turns)
+        times, fine = even_times(turns, samples), fine_times(turns)
         both = turn_columns(program, turns, np.concatenate([times, fine]))  # at once: one compilation
-        columns = {name: c._replace(values=c.values[:samples]) for name, c in both.items()}
-        drawn = {name: c._replace(values=c.values[samples:]) for name, c in both.items()}
+        columns = {name: c._replace(values=c.values[: len(times)]) for name, c in both.items()}
+        drawn = {name: c._replace(values=c.values[len(times) :]) for name, c in both.items()}
         content = turn_content(given, turns, times, columns)
         watch.say("writing")
         notes = provenance(given.file, scenario_content(given)) | {"law": content["law"], "result": content["result"]}
         dataset = instants_dataset(times, columns, notes)
         limits = turn_limits(given.scenario.law, given.scenario.angles)
         figure = turn_figure(instants_dataset(fine, drawn, notes), limits)
-        writers: dict[str, Writer] = {
-            "program.toml": program.save,
-            "table.nc": lambda file: write_netcdf(dataset, file),
-            "table.csv": lambda file: write_csv(
-                {"time": times} | {name: c.values for name, c in columns.items()}, HEADERS, file
-            ),
-            "turn.png": lambda file: save(figure, file),
-            "turn.svg": lambda file: save(figure, file),
-        }
+        writers: dict[str, Writer] = {"program.toml": program.save, **result_writers(dataset, figure, "turn")}
         content["files"] = [str(file) for file in write_all(out, writers)]
     return content, content["met"]

@@ -12,7 +12,8 @@
 import jax.numpy as jnp
 
 from qtraj.algebra.quaternion import conjugate, derivative, inverse, product
-from qtraj.foundation.types import Quat, Vec3
+from qtraj.algebra.vector import norm
+from qtraj.foundation.types import Quat, Scalar, Vec3
 from qtraj.motion.attitude import Attitude
 
 KINDS = ("body", "inertial", "additive")
@@ -55,6 +56,12 @@ def error_rate(reference: Attitude, quaternion: Quat, rate: Quat, kind: str = "b
         omega_program = to_inertial(reference.quaternion, pure(reference.rate))
         return 0.5 * (product(omega, error) - product(error, omega_program))
     return derivative(quaternion, rate) - derivative(reference.quaternion, reference.rate)
+
+
+def error_angle(reference: Attitude, quaternion: Quat) -> Scalar:
+    """The angle of the turn from the program to the body, 0 … π [rad]; λ and −λ have the same."""
+    mu = error_quaternion(reference, quaternion)
+    return 2 * jnp.arctan2(norm(mu[1:]), jnp.abs(mu[0]))
 
 
 def state_from_error(reference: Attitude, error: Quat, rate: Quat, kind: str = "body") -> tuple[Quat, Quat]:

@@ -1,4 +1,5 @@
-"""Gains of ẍ + K1ẋ + K2x = 0 from what is wanted of the response; each returns (K1 [1/s], K2 [1/s²]).
+"""Gains of ẍ + K1ẋ + K2x = 0 from what is wanted of the response; each returns (K1 [1/s], K2 [1/s²]),
+`rate_from_settling_time` the K [1/s] of ẋ + Kx = 0.
 
 `AccelerationLaw(*gains.from_settling_time(10.0))`. All are differentiable in their arguments.
 """
@@ -20,13 +21,18 @@ def from_settling_time(time: ArrayInput, residual: ArrayInput = 0.02) -> tuple[S
 
     **Raises:** ValueError for a time that is not positive, or a residual outside (0, 1).
     """
-    time, residual = _of_one_dtype(time, residual)
-    require_positive(time, "the settling time", "s")
-    known = concrete(residual)
-    if known is not None and not 0 < known < 1:
-        raise ValueError(f"the residual must lie between 0 and 1, but {known.tolist()} was given")
+    time, residual = _settling(time, residual)
     k = _critical_time(residual) / time
     return 2 * k, k * k
+
+
+def rate_from_settling_time(time: ArrayInput, residual: ArrayInput = 0.02) -> Scalar:
+    """The gain K = −ln(residual)/time [1/s] of a `RateLaw`: the error falls to `residual` of itself in `time` [s].
+
+    **Raises:** ValueError for a time that is not positive, or a residual outside (0, 1).
+    """
+    time, residual = _settling(time, residual)
+    return -jnp.log(residual) / time
 
 
 def from_damping(ratio: ArrayInput, frequency: ArrayInput) -> tuple[Scalar, Scalar]:
@@ -56,6 +62,16 @@ def from_weights(error: ArrayInput, rate: ArrayInput, command: ArrayInput) -> tu
         raise ValueError(f"the weight of the rate must not be negative, but {known.tolist()} was given")
     k2 = jnp.sqrt(q1 / r)
     return jnp.sqrt(q2 / r + 2 * k2), k2
+
+
+def _settling(time: ArrayInput, residual: ArrayInput) -> list[Scalar]:
+    """The two as scalars of one dtype; ValueError for what is known to be wrong."""
+    time, residual = _of_one_dtype(time, residual)
+    require_positive(time, "the settling time", "s")
+    known = concrete(residual)
+    if known is not None and not 0 < known < 1:
+        raise ValueError(f"the residual must lie between 0 and 1, but {known.tolist()} was given")
+    return [time, residual]
 
 
 def _of_one_dtype(*values: ArrayInput) -> list[Scalar]:

@@ -11,11 +11,16 @@ import jax.numpy as jnp
 
 from qtraj.algebra.quaternion import norm_squared
 from qtraj.algebra.vector import norm
-from qtraj.foundation.types import Quat, Scalar, ScalarLike
+from qtraj.foundation.arrays import concrete
+from qtraj.foundation.types import Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import Attitude
-from qtraj.motion.control.errors import error_quaternion, error_rate, pure
-from qtraj.motion.control.laws import AccelerationLaw, RateLaw
+from qtraj.motion.control.errors import error_quaternion, error_rate, pure, state_from_error
+from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
 from qtraj.motion.control.response import error_state
+
+SIGNS, GAUGES = ("auto", "near", "far"), ("unit", "gibbs")
+HALF_TURN = 1e-6
+"""No Gibbs gauge where the scalar part of the unit error quaternion is smaller."""
 
 _SAMPLES = 128
 _REFINEMENTS = 40
@@ -80,6 +85,46 @@ def gibbs_gauge(reference: Attitude, quaternion: Quat, rate: Quat) -> tuple[Quat
     excess = rate[1:] - reference.rate  # only its part along μ_v counts, which is the same in both axes
     omega0 = scaled[1:] @ excess
     return quaternion / mu[0], pure(rate[1:]).at[0].set(omega0)
+
+
+def place(
+    law: AbstractLaw, reference: Attitude, mu: Quat, excess: Vec3, sign: str = "auto", gauge: str = "unit"
+) -> tuple[Quat, Quat]:
+    """λ (4,) and ω (4,) [rad/s] of a body that starts with the error `mu` (4,), of length 1 and either sign.
+
+    `excess` (3,) [rad/s], body axes: its rate less the program's. `sign` of λ: "near" (μ0 ≥ 0), "far"
+    or "auto", the better one for laws whose error is linear (`choose_sign`) and the near one for others. `gauge`:
+    "unit" (|λ| = 1, ω0 = 0) or "gibbs" (`gibbs_gauge`, in which μ0 = 1 whatever the sign).
+
+    **Raises:** ValueError for another sign or gauge, and for the Gibbs gauge of the far sign or at a half turn.
+    """
+    if sign not in SIGNS or gauge not in GAUGES:
+        raise ValueError(f"sign must be one of {SIGNS} and gauge one of {GAUGES}, but {sign!r}, {gauge!r} were given")
+    if gauge == "gibbs":
+        _require_gibbs(mu, sign)
+    return _placed(law, reference, mu, excess, sign, gauge)
+
+
+@eqx.filter_jit
+def _placed(law: AbstractLaw, reference: Attitude, mu: Quat, excess: Vec3, sign: str, gauge: str) -> tuple[Quat, Quat]:
+    near = jnp.where(mu[0] < 0, -mu, mu)
+    quaternion, rate = state_from_error(reference, near, jnp.zeros_like(near))
+    rate = pure(rate[1:] + excess)
+    if gauge == "gibbs":
+        return gibbs_gauge(reference, quaternion, rate)
+    if sign == "far":
+        return -quaternion, rate
+    if sign == "auto" and isinstance(law, AccelerationLaw | RateLaw):
+        return choose_sign(law, reference, quaternion, rate), rate
+    return quaternion, rate
+
+
+def _require_gibbs(mu: Quat, sign: str) -> None:
+    if sign == "far":
+        raise ValueError("the Gibbs gauge has μ0 = 1, on the near sheet: leave out sign = 'far'")
+    scalar = concrete(mu[0])
+    if scalar is not None and abs(float(scalar)) < HALF_TURN:
+        raise ValueError("the Gibbs gauge is not possible at a half turn, which has no Gibbs vector")
 
 
 def gain_growth(mu: Quat) -> Scalar:

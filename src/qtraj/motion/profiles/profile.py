@@ -10,7 +10,9 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
+from numpy.polynomial import Polynomial
 
 from qtraj.algebra import polynomial
 from qtraj.foundation.arrays import as_float, concrete, one_instant, real_scalar, require_finite, require_positive
@@ -19,6 +21,8 @@ from qtraj.foundation.types import ArrayInput, Flag, Scalar, ScalarLike
 
 TOLERANCE = 16
 """A fixed duration may be this many machine epsilons (relatively) under the minimal one: that is round-off."""
+EQUAL = 1e-9
+"""Relative: peaks nearer to each other than this are one, and the first of them counts."""
 
 
 @storable
@@ -72,6 +76,27 @@ class Profile(eqx.Module):
         """
         return _shape(self, one_instant(t).astype(self.duration.dtype), order)
 
+    def peak(self, order: int) -> tuple[float, float]:
+        """The first instant [s] at which the magnitude of derivative `order` of Φ is largest, and that magnitude.
+
+        Exactly, from the roots of the pieces' derivatives: each piece counts with its own ends, so at a switch both
+        sides do. (0, 0) for a turn that takes no time.
+
+        **Raises:** ValueError within a trace, where the profile is not known.
+        """
+        fields = (self.starts, self.widths, self.pieces)
+        if any(concrete(x) is None for x in (*fields, self.total)):
+            raise ValueError("the peak of a profile asks for its numbers: call it outside of jax.jit, grad and vmap")
+        total = float(self.total) if self.proportional else 1.0
+        when, best = 0.0, 0.0
+        for start, width, coefficients in zip(*map(np.asarray, fields), strict=True):
+            for u, slope in _extremes(coefficients, order) if width > 0 else ():
+                with np.errstate(all="ignore"):  # of a width near 0 the derivatives are infinite
+                    value = abs(float(total * slope / width**order))
+                if value > best * (1 + EQUAL):
+                    when, best = float(start + u * width), value
+        return when, best
+
 
 @eqx.filter_jit
 def _shape(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"]:
@@ -95,6 +120,17 @@ def _held(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"]
     if order > 0:
         held.append(jnp.where(t == profile.duration, zero if profile.proportional else profile.end_rate, 0.0))
     return jnp.stack(held + [zero] * (order - 1))
+
+
+def _extremes(coefficients: np.ndarray, order: int) -> list[tuple[float, np.float64]]:
+    """The k-th u-derivative of one piece at u = 0 and 1 and wherever it is stationary in between, with that u."""
+    curve = Polynomial(coefficients.astype(float)).deriv(order)
+    slope = curve.deriv()
+    # Coefficients that no value on [0, 1] shows would make the other roots inexact.
+    slope = slope.trim(float(np.finfo(float).eps * np.abs(slope.coef).max()))
+    # Of a complex pair the real part is taken as well: one point more does no harm, a double root that is lost may.
+    inner = [float(u) for u in np.sort(slope.roots().real) if 0 < u < 1]
+    return [(u, np.float64(curve(u))) for u in (0.0, *inner, 1.0)]
 
 
 class AbstractLaw(eqx.Module):

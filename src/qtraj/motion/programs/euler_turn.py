@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.lax import stop_gradient
 from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion, rotation
@@ -13,6 +14,9 @@ from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.checks import common_dtype, require_axes
 from qtraj.motion.profiles.profile import AbstractLaw, Profile
+
+UNRESOLVED = 8
+"""In machine epsilons [rad]: the quaternions of one attitude, normalised and multiplied, may differ by so much."""
 
 
 @storable
@@ -55,6 +59,11 @@ class EulerTurn(AbstractProgram):
     def profile(self) -> Profile:
         """Φ(t) and its derivatives: `profile.angle(t)`, `.rate(t)`, `.acceleration(t)`."""
         return self.law.profile(self.angle)
+
+    @property
+    def switches(self) -> Float[Array, " _"]:
+        """The instants at which a piece of the law ends [s], the last at the duration: `jumps` for an integration."""
+        return self.profile.switches
 
     @property
     def angle(self) -> Scalar:
@@ -121,6 +130,14 @@ class TurnChain(AbstractProgram):
         return _arrivals(self.law, self.angles)
 
     @property
+    def switches(self) -> Float[Array, " _"]:
+        """The instants at which a piece of a turn ends [s], in order: `jumps` for an integration.
+
+        Some may be the same: where a piece, or a whole turn, takes no time.
+        """
+        return _switches(self.law, self.angles)
+
+    @property
     def angles(self) -> Float[Array, " _"]:
         """The angle of each turn, in [0, π] [rad]."""
         return jax.vmap(_length)(self.attitudes[:-1], self.attitudes[1:])
@@ -152,7 +169,10 @@ def _require_attitudes(quaternions: Float[Array, "n 4"], name: str) -> None:
 def _shorter_turn(start: Quat, end: Quat) -> Vec3:
     """Φe in body axes: smooth at Φ = 0; where a0 = 0, e is along a_v."""
     a = quaternion.product(quaternion.conjugate(quaternion.unit(start)), quaternion.unit(end))
-    return 2 * quaternion.log(jnp.where(a[0] < 0, -a, a))
+    vector = 2 * quaternion.log(jnp.where(a[0] < 0, -a, a))
+    # Equal attitudes: round-off is no turn, which would take time. The derivative stays that of a turn.
+    round_off = norm(vector) <= UNRESOLVED * float(jnp.finfo(vector.dtype).eps)
+    return vector - stop_gradient(jnp.where(round_off, vector, 0.0))
 
 
 @jax.jit
@@ -165,6 +185,13 @@ def _arrivals(law: AbstractLaw, angles: Float[Array, " m"]) -> Float[Array, " m+
     """When turns by these angles, one after the other, are over [s]; 0 first."""
     durations = jax.vmap(lambda angle: law.profile(angle).duration)(angles)
     return jnp.concatenate([jnp.zeros_like(durations, shape=1), jnp.cumsum(durations)])
+
+
+@eqx.filter_jit
+def _switches(law: AbstractLaw, angles: Float[Array, " m"]) -> Float[Array, " _"]:
+    """When pieces of turns by these angles, one after the other, end [s]."""
+    within = jax.vmap(lambda angle: law.profile(angle).switches)(angles)
+    return (_arrivals(law, angles)[:-1, None] + within).ravel()
 
 
 def _direction(vector: Vec3) -> Vec3:

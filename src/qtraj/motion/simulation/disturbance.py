@@ -1,6 +1,7 @@
 """What acts on a body besides its command."""
 
 import abc
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -9,13 +10,37 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from qtraj.foundation.arrays import as_float, real_vector
+from qtraj.foundation.arrays import as_float, real_scalar, real_vector, require_finite, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Scalar, Vec3
 from qtraj.motion.dynamics import inertia_matrix
 
 Course = Callable[[Scalar], Vec3] | Vec3
 """A vector as a function of time [s], or a constant one."""
+
+
+@storable
+class Sinusoid(eqx.Module):
+    """amplitude·sin(2πt/period + phase): a course of a disturbance that can be stored.
+
+    `amplitude` (3,), in the disturbance's unit; `period` [s]; `phase` [rad].
+
+    **Raises:** ValueError for another shape, a period that is not positive, or a phase that is not finite.
+    """
+
+    amplitude: Vec3
+    period: Scalar
+    phase: Scalar
+
+    def __init__(self, amplitude: ArrayInput, period: ArrayInput, phase: ArrayInput = 0.0):
+        self.amplitude = real_vector(amplitude, "the amplitude", 3)
+        self.period, self.phase = real_scalar(period, "the period"), real_scalar(phase, "the phase")
+        require_positive(self.period, "the period", "s")
+        require_finite(self.phase, "the phase")
+
+    def __call__(self, t: Scalar) -> Vec3:
+        wave = jnp.sin(2 * math.pi * t / self.period.astype(t.dtype) + self.phase.astype(t.dtype))
+        return self.amplitude * wave.astype(self.amplitude.dtype)
 
 
 class AbstractDisturbance(eqx.Module):
@@ -30,7 +55,7 @@ class AbstractDisturbance(eqx.Module):
 class DisturbanceAcceleration(AbstractDisturbance):
     """An angular acceleration in body axes: a function t [s] → (3,) [rad/s²], or a constant (3,).
 
-    A constant one can be stored.
+    A constant one and a `Sinusoid` can be stored.
     """
 
     course: Course
@@ -47,7 +72,7 @@ class DisturbanceTorque(AbstractDisturbance):
     """A torque on a body of given inertia, ε = J⁻¹M: a function t [s] → (3,) [N m] in body axes, or a constant (3,).
 
     `inertia` [kg m²]: a scalar, (3,) principal moments or (3, 3). The gyroscopic torque ω×Jω is the commanded
-    torque's business: see `dynamics.torque`. A constant torque can be stored.
+    torque's business: see `dynamics.torque`. A constant torque and a `Sinusoid` can be stored.
 
     **Raises:** ValueError for an inertia that is not symmetric and positive.
     """

@@ -25,6 +25,9 @@ from qtraj.motion.simulation.task import Scale, Task
 ROUNDING = 1e-9
 """A last renewal this part of a period before the end counts as one at the end, and so does what round-off moves."""
 
+MOST_RENEWALS = 1_000_000
+"""More renewals of the command than this would take minutes, or for ever."""
+
 
 class Loop(eqx.Module):
     """All that closes the loop around a body.
@@ -150,7 +153,8 @@ def _sampled(plant: Plant, task: Task, renewals: Float[Array, " m"]) -> tuple[St
 def renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:
     """The instants of new commands [s], from those of sensor and actuator; None for a continuous loop.
 
-    **Raises:** ValueError where the two differ, where a period is traced, or where the first instant comes late.
+    **Raises:** ValueError where the two differ, where a period is traced or gives more than `MOST_RENEWALS` instants,
+    or where the first instant comes late.
     """
     with jax.ensure_compile_time_eval():  # what is known outside a trace stays known inside
         return _renewal_instants(loop, times)
@@ -171,6 +175,11 @@ def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m
         raise ValueError("a traced period or span has no known number of renewals: pass the instants as sampling")
     periods = float(span) / float(period)
     rounding = ROUNDING + 4 * float(np.finfo(span.dtype).eps) * periods
+    if periods > MOST_RENEWALS:
+        raise ValueError(
+            f"a sampling period of {float(period):.6g} s means {periods:.3g} commands in {float(span):.6g} s, but no "
+            f"more than {MOST_RENEWALS} are possible: take a longer period, or none for a continuous loop"
+        )
     count = int(np.floor(periods + rounding)) + 1
     return times[0] + sampling * jnp.arange(count, dtype=times.dtype)
 

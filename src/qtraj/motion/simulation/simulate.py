@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from qtraj.algebra.quaternion import conjugate, norm_squared, product
-from qtraj.algebra.vector import norm
-from qtraj.foundation.types import ArrayInput, Quat, Scalar
+from qtraj.algebra.quaternion import norm_squared
+from qtraj.foundation.types import ArrayInput
 from qtraj.motion.attitude import AbstractProgram, Attitude
+from qtraj.motion.control.errors import error_angle
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
 from qtraj.motion.simulation import ode
 from qtraj.motion.simulation.actuator import Actuator
@@ -23,7 +23,8 @@ from qtraj.motion.simulation.solution import FAR_SHEET, NEAR_ZERO, Solution
 from qtraj.motion.simulation.task import Task, checked
 
 NEAR = 0.1
-"""An error quaternion that shrinks below this part of itself (and of 1) is worth a word: the gain grew by 100."""
+"""An error quaternion that at an instant is below this part of its first (and of 1) is worth a word: the gain grew by
+100."""
 
 
 def simulate(
@@ -58,7 +59,8 @@ def simulate(
     assumed to supply the commanded acceleration: `dynamics.torque` tells the torque for that.
 
     **Raises:** ValueError as `integrate`; for parts that are none; for a disturbance or a strapdown computer with a
-    rate law; where sensor and actuator sample differently; for a period that is traced. RuntimeError with `throw`.
+    rate law; where sensor and actuator sample differently; for a period that is traced or much too short. RuntimeError
+    with `throw`.
     """
     task = checked(quaternion, rate, times, jumps, rtol, atol, Method(solver, adjoint, max_steps))
     loop = Loop(program, law, _disturbance(disturbance), sensor, Actuator() if actuator is None else actuator)
@@ -73,15 +75,9 @@ def _simulate(loop: Loop, task: Task, renewals: Float[Array, " m"] | None) -> So
     states, code = run(loop, task, renewals)
     references = jax.vmap(lambda t: loop.reference(t, t.dtype))(task.times)
     errors = jax.vmap(loop.law.deviation)(references, states.quaternion)
-    angles = jax.vmap(_angle)(references, states.quaternion)
+    angles = jax.vmap(error_angle)(references, states.quaternion)
     code = _judged(loop.law, code, references, states.quaternion)
     return Solution(task.times, states.quaternion, states.rate, code, states.command, errors, angles)
-
-
-def _angle(reference: Attitude, quaternion: Quat) -> Scalar:
-    """The angle of the turn from the program to the body, 0 … π."""
-    mu = product(conjugate(reference.quaternion), quaternion)
-    return 2 * jnp.arctan2(norm(mu[1:]), jnp.abs(mu[0]))
 
 
 def _judged(

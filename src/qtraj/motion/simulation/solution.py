@@ -122,6 +122,14 @@ class Solution(eqx.Module):
         """The vector part of the command, which acts on the body."""
         return _required(self.command)[..., 1:]
 
+    def settling_time(self, within: ArrayInput) -> Float[Array, "*lanes"]:
+        """From when on the angle stays within `within` [rad] to the last instant [s], linear between two instants.
+
+        NaN where at the last instant, or where an instant was not reached, it does not.
+        """
+        find = jnp.vectorize(_settled, signature="(n),(n),()->()")
+        return find(self.times, _required(self.angle), as_float(within).astype(self.times.dtype))
+
     @property
     def peak_command(self) -> Float[Array, "*lanes"]:
         """The largest length of the physical command at the instants; NaN where one was not reached."""
@@ -148,7 +156,17 @@ def _lengths(x: Array) -> Array:
     return jnp.where(positive | jnp.isnan(square), safe + 0 * square, 0.0)
 
 
-def _required(command: Array | None) -> Array:
-    if command is None:
-        raise ValueError("an open-loop integration has no command: simulate gives one")
-    return command
+def _settled(times: Array, angle: Array, within: Array) -> Array:
+    outside = ~(angle <= within)
+    last = jnp.max(jnp.where(outside, jnp.arange(times.size), -1))
+    here, after = jnp.maximum(last, 0), jnp.minimum(last + 1, times.size - 1)
+    kept = (last < times.size - 1) & jnp.isfinite(angle[here])
+    fall = jnp.where((last >= 0) & kept, angle[here] - angle[after], 1.0)
+    inner = times[here] + (angle[here] - within) / fall * (times[after] - times[here])
+    return jnp.where(last < 0, times[0], jnp.where(kept, inner, jnp.nan))
+
+
+def _required(column: Array | None) -> Array:
+    if column is None:
+        raise ValueError("an open-loop integration has no command and no error: simulate gives them")
+    return column

@@ -1,0 +1,36 @@
+"""Which command a file belongs to, where it was given to another."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from qtraj.io.scenario_model import Scenario
+from qtraj.io.scenario_part import Part
+from qtraj.io.tracking_model import TrackingScenario
+from qtraj.io.turn_model import TurnScenario
+
+COMMANDS: dict[type[Part], str] = {
+    Scenario: "`qtraj tune` and `qtraj evaluate`",
+    TurnScenario: "`qtraj turn`",
+    TrackingScenario: "`qtraj track`",
+}
+PATHS = ("track", "start", "path")
+"""A path scenario has one of these; no key of it must be there."""
+
+
+def misplaced(data: Mapping[str, Any], model: type[Part]) -> str | None:
+    """What a file is, and who reads it, where its first level shows that it is no scenario of this kind; else None."""
+    if "format" in data and "type" in data:
+        return (
+            f"this is a saved {data['type']}, not a scenario: `qtraj track` follows a saved program, with file = "
+            "'its name' in [program]; `qtraj evaluate` tabulates a saved path"
+        )
+    fitting = [other for other in COMMANDS if _fits(data, other)]
+    if model in fitting or not fitting:
+        return None
+    return f"this is a scenario of {COMMANDS[fitting[0]]}"
+
+
+def _fits(data: Mapping[str, Any], model: type[Part]) -> bool:
+    needed = {name for name, field in model.model_fields.items() if field.is_required()}
+    whole = any(name in data for name in PATHS) if model is Scenario else True
+    return whole and needed <= data.keys() <= model.model_fields.keys()

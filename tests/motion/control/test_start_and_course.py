@@ -1,0 +1,113 @@
+"""Where a body is placed at the start, its motion in closed form over a program, and whether a law decays at all."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+import qtraj as qt
+from qtraj.motion import control
+from qtraj.motion.control import gains
+
+from ..rigs import Rest, ThreeAxis, random_gains
+
+EXACT = 1e-13
+NEAR_CRITICAL = 1e-6  # relative, of a double eigenvalue: the square root of round-off
+MU = jnp.asarray([0.8, 0.36, 0.48, 0.0])
+EXCESS = jnp.asarray([0.2, -0.1, 0.3])
+LAW = control.AccelerationLaw(2.0, 1.0)
+
+
+@pytest.mark.parametrize("given", [1.0, -1.0])
+@pytest.mark.parametrize(("sign", "expected"), [("near", 1.0), ("far", -1.0), ("auto", 1.0)])
+def test_a_body_is_placed_with_its_error_and_its_excess_of_rate(given, sign, expected):
+    at = ThreeAxis()(1.3)
+    quaternion, rate = control.place(LAW, at, given * MU, EXCESS, sign)
+    np.testing.assert_allclose(control.error_quaternion(at, quaternion), expected * MU, atol=EXACT)
+    own = Rotation.from_quat(np.array(MU), scalar_first=True).inv().apply(np.array(at.rate))
+    np.testing.assert_allclose(rate, [0.0, *(own + EXCESS)], atol=EXACT)
+
+
+def test_the_better_sign_is_that_of_choose_sign():
+    """At speed towards the far sheet; a baseline has no better one."""
+    mu, fast = jnp.asarray([0.3, np.sqrt(1 - 0.09), 0, 0]), jnp.asarray([12.0, 0, 0])
+    quaternion, rate = control.place(LAW, Rest()(0.0), mu, fast)
+    np.testing.assert_array_equal(quaternion, control.choose_sign(LAW, Rest()(0.0), mu, rate))
+    assert quaternion[0] < 0
+    assert control.place(control.QuaternionFeedback(2.0, 1.0), Rest()(0.0), mu, fast)[0][0] > 0
+
+
+def test_the_gibbs_gauge_is_placed_on_the_near_sheet():
+    at = ThreeAxis()(0.4)
+    for sign in (1.0, -1.0):
+        quaternion, rate = control.place(LAW, at, sign * MU, EXCESS, "near", "gibbs")
+        mu, slope = control.error_quaternion(at, quaternion), control.error_rate(at, quaternion, rate)
+        np.testing.assert_allclose([mu[0], slope[0]], [1.0, 0.0], atol=EXACT)
+        np.testing.assert_allclose(mu[1:], MU[1:] / MU[0], atol=EXACT)
+
+
+@pytest.mark.parametrize(
+    ("mu", "choices", "message"),
+    [
+        (MU, ("nearest",), "sign must be one of"),
+        (MU, ("near", "euler"), "gauge one of"),
+        (MU, ("far", "gibbs"), "leave out sign = 'far'"),
+        (jnp.asarray([0.0, 1.0, 0, 0]), ("near", "gibbs"), "half turn"),
+    ],
+)
+def test_places_that_make_no_sense_are_refused(mu, choices, message):
+    with pytest.raises(ValueError, match=message):
+        control.place(LAW, Rest()(0.0), mu, EXCESS, *choices)
+
+
+@pytest.mark.parametrize("law", [control.AccelerationLaw(2.0, 1.5, kind) for kind in ("body", "inertial", "additive")])
+def test_the_closed_motion_is_program_and_error(law):
+    """The error is `error_response`, λ the attitude that has it; on a clock that does not begin at zero."""
+    program, times = ThreeAxis(), 2.0 + np.linspace(0.0, 4.0, 9)
+    references = jax.jit(jax.vmap(program))(jnp.asarray(times))
+    quaternion, rate = jnp.asarray([0.9, 0.7, -0.5, 0.6]), jnp.asarray([0.1, 0.6, -0.4, 0.9])
+    motion = control.closed_motion(law, references, quaternion, rate, jnp.asarray(times))
+    start = jax.tree.map(lambda x: x[0], references)
+    x, v = (
+        control.error_quaternion(start, quaternion, law.error),
+        control.error_rate(start, quaternion, rate, law.error),
+    )
+    np.testing.assert_allclose(motion.error, qt.error_response(law, x, v, times - 2.0), atol=EXACT)
+    np.testing.assert_allclose(motion.quaternion[0], quaternion, atol=EXACT)
+    found = jax.vmap(lambda r, q: control.error_quaternion(r, q, law.error))(references, motion.quaternion)
+    np.testing.assert_allclose(found, motion.error, atol=EXACT)
+    turns = [Rotation.from_quat(np.array(q), scalar_first=True) for q in (references.quaternion, motion.quaternion)]
+    np.testing.assert_allclose(motion.angle, (turns[0].inv() * turns[1]).magnitude(), atol=1e-12)
+
+
+def test_the_closed_motion_of_a_rate_law_needs_no_rate():
+    times = jnp.linspace(0.0, 2.0, 3)
+    references = jax.vmap(Rest())(times)
+    motion = control.closed_motion(control.RateLaw(1.5), references, MU, jnp.full(4, jnp.nan), times)
+    decay = np.exp(-1.5 * np.asarray(times))[:, None]
+    np.testing.assert_allclose(motion.quaternion, np.eye(4)[0] + decay * (np.asarray(MU) - np.eye(4)[0]), atol=EXACT)
+
+
+@pytest.mark.parametrize(("k1", "k2"), [(3.0, 2.0), (0.4, 9.0), (-0.4, 9.0), (1.0, -6.0)])
+def test_growth_is_the_larger_root(k1, k2):
+    expected = np.roots([1.0, k1, k2]).real.max()
+    for law in (control.AccelerationLaw(k1, k2), control.GeometricFeedback(k1, k2)):
+        assert control.growth(law) == pytest.approx(expected, rel=1e-12)
+    assert control.growth(control.RateLaw([1.0, 2.0, k1, 3.0])) == pytest.approx(-min(1.0, k1))
+
+
+def test_growth_of_full_gains_is_that_of_the_exponential():
+    """ln|exp(At)|/t tends to the largest real part."""
+    for k1, k2 in random_gains(np.random.default_rng(3))[2:]:
+        block = np.block([[np.zeros((4, 4)), np.eye(4)], [-k2, -k1]])
+        expected = np.log(np.linalg.norm(expm(60 * block)) / np.linalg.norm(expm(50 * block))) / 10
+        assert control.growth(control.AccelerationLaw(k1, k2)) == pytest.approx(expected, rel=0.05)
+
+
+def test_the_gain_of_a_rate_law_leaves_the_residual():
+    k = gains.rate_from_settling_time(2.0, 0.01)
+    assert float(jnp.exp(-2.0 * k)) == pytest.approx(0.01, rel=1e-14)
+    slope = jax.grad(gains.rate_from_settling_time)(2.0, 0.01)
+    assert float(slope) == pytest.approx(-float(k) / 2.0, rel=1e-14)
