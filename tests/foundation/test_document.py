@@ -31,7 +31,7 @@ def test_round_trip_is_exact(tmp_path, suffix):
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
 def test_what_is_not_finite_is_kept(tmp_path, suffix):
-    found = qt.Certificate(["speed"] * 3, ["broken"] * 3, [jnp.inf, -jnp.inf, jnp.nan], [1.0, 2.0, 3.0], [1.0] * 3)
+    found = qt.Certificate(["speed"] * 3, [2] * 3, [jnp.inf, -jnp.inf, jnp.nan], [1.0, 2.0, 3.0], [1.0] * 3)
     document.save(found, tmp_path / f"found{suffix}")
     times = qt.load(tmp_path / f"found{suffix}").times
     np.testing.assert_array_equal(times, [np.inf, -np.inf, np.nan])
