@@ -3,11 +3,9 @@
 import subprocess
 import sys
 
-SCRIPT = """
-import jax, numpy as np
-jax.config.update("jax_enable_x64", True)
-import qtraj as qt
+import pytest
 
+PATHS = """
 helix = qt.SpiralHelix([1.0], [0.0, 1.0], [0.0], 2.0)
 start = qt.BoundaryState([10.0, 0.0, 0.0], [0.0, 4.0, 0.0])
 end = qt.BoundaryState([0.0, 10.0, 0.0], [-4.0, 0.0, 0.0])
@@ -23,6 +21,33 @@ mistakes = [
     (lambda: qt.tune(start, end, limits, objective=lambda path: path.angle), "the objective must be one number"),
     (lambda: qt.BoundaryState(start, end), "must be 3 real numbers"),
 ]
+"""
+
+MOTION = """
+one, still, times = [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0], [0.0, 1.0]
+turn = qt.EulerTurn(one, [1.0, 1.0, 0.0, 0.0], qt.Quintic(duration=1.0))
+law = qt.AccelerationLaw(2.0, 1.0)
+mistakes = [
+    (lambda: qt.simulate(lambda t: t, law, one, still, times), "program must be one such as FrameProgram(path)"),
+    (lambda: qt.simulate(turn, 2.0, one, still, times), "law must be one such as AccelerationLaw"),
+    (lambda: qt.simulate(turn, law, one, still, times, sensor=0.1), "sensor must be one such as"),
+    (lambda: qt.simulate(turn, law, one, still, times, actuator=1.0), "actuator must be one such as"),
+    (lambda: qt.simulate(turn, law, one, [0.0] * 3, times), "the initial rate must have shape (4,)"),
+    (lambda: qt.integrate(lambda t, q, w: jnp.zeros(3), one, still, times), "the virtual scalar part first"),
+    (lambda: qt.propagate(lambda t: jnp.zeros(2), one, times), "omega(t) must have shape (3,)"),
+    (lambda: qt.EulerTurn(one, one, 2.0), "a law such as TimeOptimal"),
+    (lambda: qt.FrameProgram(qt.SpiralHelix([1.0], [0.0, 1.0], [0.0], 2.0), qt.Natural), "a frame such as Natural()"),
+    (lambda: turn(np.zeros(4)), "jax.vmap over the instants"),
+    (lambda: qt.TimeOptimal("fast", 1.0), "must be a number"),
+    (lambda: qt.error_response(law, one, still[:3], 1.0), "the rate of the error must have shape (4,)"),
+]
+"""
+
+SCRIPT = """
+import jax, jax.numpy as jnp, numpy as np
+jax.config.update("jax_enable_x64", True)
+import qtraj as qt
+{given}
 for mistake, expected in mistakes:
     try:
         mistake()
@@ -34,7 +59,9 @@ for mistake, expected in mistakes:
 """
 
 
-def test_mistakes_are_explained():
-    done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=False)
+@pytest.mark.parametrize("given", [PATHS, MOTION], ids=["paths", "motion"])
+def test_mistakes_are_explained(given):
+    script = SCRIPT.format(given=given)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""
