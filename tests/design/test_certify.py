@@ -52,8 +52,8 @@ def test_the_rate_of_the_natural_frame_and_its_acceleration_are_proved_for_unifo
 
 
 def test_degrees_beyond_proof_are_sampled_and_called_so():
-    found = qt.certify(lane(random_turns(2, "hermite"), 0), qt.Limits(angular_acceleration=1e3, angular_rate=1e3))
-    assert found.status == {"angular_rate": "proved", "angular_acceleration": "sampled"}
+    found = qt.certify(lane(random_turns(2, "hermite"), 0), qt.Limits(angular_acceleration=1e3, speed=1e3))
+    assert found.status == {"speed": "proved", "angular_acceleration": "sampled"}
     assert found.met
     assert not found.holds
 
@@ -130,7 +130,7 @@ def test_proofs_do_not_depend_on_the_size_of_a_path(scale):
         scale * PATH.radius * powers, PATH.angle * powers[:3], scale * PATH.height * powers, scale * PATH.duration
     )
     _, peak = qt.peak(PATH, "curvature")
-    limits = qt.Limits(curvature=peak / scale * (1 + 1e-8), angular_rate=100 / scale, speed=100.0)
+    limits = qt.Limits(curvature=peak / scale * (1 + 1e-8), speed=100.0)
     assert qt.certify(path, limits).holds
     assert qt.certify(path, qt.Limits(curvature=peak / scale * (1 - 1e-8))).status["curvature"] == "broken"
 

@@ -142,7 +142,7 @@ def powers(u: Scalar, n: int) -> Float[Array, " {n}+1"]:
 def _after(inherited: Scalar, count: int, size: Scalar) -> Scalar:
     """An error bound after `count` more roundings of quantities of this size."""
     limits = jnp.finfo(size.dtype)
-    return (inherited + count * float(limits.eps) * size) * SLACK + float(limits.tiny)
+    return (inherited + count * float(limits.eps) * size) * SLACK + (count + 1) * float(limits.tiny)  # underflow
 
 
 def _alike(p: Bernstein, q: Bernstein) -> tuple[Bernstein, Bernstein]:
