@@ -61,7 +61,7 @@ def test_ratios(name):
 
 @pytest.mark.parametrize("motion", ["uniform", "hermite"])
 def test_no_random_proof_is_contradicted(motion):
-    """5000 turns of each motion, limits from 1e-9 to 1 beside the peak, checked at 50 digits."""
+    """5000 turns of each motion, limits from 1e-9 to 0.5 beside the peak, checked at 50 digits."""
     count, rng = 5000, np.random.default_rng(50)
     paths = random_turns(count, motion, seed=1)
     beside = rng.choice([-1.0, 1.0], count) * 10 ** rng.uniform(-9, -0.3, count)

@@ -86,6 +86,20 @@ def test_what_is_not_finite_is_left_open():
     assert judged(Bernstein(jnp.full(4, jnp.nan), jnp.asarray(0.0))).code == OPEN
 
 
+@pytest.mark.parametrize("bad", [jnp.nan, jnp.inf, -jnp.inf])
+@pytest.mark.parametrize("cell", [0.0, 0.375, 0.875])
+def test_one_cell_that_overflowed_is_not_forgotten(bad, cell):
+    """All the others are positive: the question must stay open."""
+
+    def build(bad, low, high):
+        there = (low <= cell) & (cell < high)
+        return Bernstein(jnp.ones(4), jnp.where(there, jnp.abs(bad), 0.0)) * Bernstein(
+            jnp.ones(1).at[0].set(jnp.where(there, bad, 1.0)), jnp.asarray(0.0)
+        )
+
+    assert positive(build, jnp.asarray(bad)).code == OPEN
+
+
 @pytest.mark.parametrize("degree", [0, 1])
 def test_low_degrees(degree):
     found = minimum(Bernstein(jnp.asarray([3.0, 2.0])[: degree + 1], jnp.asarray(0.0)))

@@ -2,6 +2,7 @@
 
 import math
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import mpmath
@@ -135,6 +136,45 @@ def test_proofs_do_not_depend_on_the_size_of_a_path(scale):
     assert qt.certify(path, qt.Limits(curvature=peak / scale * (1 - 1e-8))).status["curvature"] == "broken"
 
 
+def test_where_height_and_azimuth_begin_does_not_count():
+    """A path at 6400 km above the origin is proved as one at 0."""
+    _, peak = qt.peak(PATH, "slope")
+    limits = qt.Limits(slope=peak * (1 + 1e-8), curvature=1.0)
+    high = qt.SpiralHelix(PATH.radius, PATH.angle.at[0].set(1e4), PATH.height.at[0].set(6.4e6), PATH.duration)
+    assert qt.certify(high, limits).holds
+
+
+def test_what_overflows_is_not_proved():
+    """Only the last of the cells overflow: the curvature is beyond its limit long before."""
+    path = qt.SpiralHelix([1.0, 0.0, -0.3], [0.0, 1e49, 0.0, 0.0, 1e50], [0.0, 0.0], 1.0)
+    found = qt.certify(path, qt.Limits(curvature=1.4))
+    assert found.worst["curvature"][1] > 1.4
+    assert not found.met
+
+
+@pytest.mark.parametrize("loose", [1.01, 10.0, 1000.0])
+def test_the_largest_value_does_not_depend_on_the_limit(loose):
+    _, peak = qt.peak(PATH, "curvature")
+    _, value, _ = qt.certify(PATH, qt.Limits(curvature=loose * peak)).worst["curvature"]
+    assert value == pytest.approx(float(peak), rel=1e-9)
+
+
+def test_a_limit_that_is_not_met_does_not_bind():
+    names, times, values, limits = ["speed", "slope"], [0.0, 1.0], [1.0, 1.0], [1.0, 1.0]
+    found = qt.Certificate(names, [0, 3], times, values, limits)
+    assert found.status == {"speed": "proved", "slope": "undecided"}
+    assert found.binding == ["speed"]
+    assert found.unmet == ["slope"]
+
+
+def test_quintics_are_proved_up_to_the_highest_degree():
+    start = qt.BoundaryState([20.0, 0.0, 0.0], [0.5, 8.0, 0.3], [0.2, 0.1, 0.0])
+    end = qt.BoundaryState([0.0, 25.0, 1.0], [-8.0, 0.3, 0.2], [0.0, -0.3, 0.0])
+    found = qt.certify(qt.SpiralHelix.hermite(start, end, 4.5), qt.Limits(speed=30.0, torsion=50.0))
+    assert found.status["speed"] == "proved"
+    assert found.status["torsion"] == "sampled"
+
+
 def test_values_are_differentiable():
     """The peak's gradient by the envelope theorem against a central difference."""
 
@@ -159,6 +199,10 @@ def test_a_batch_is_judged_lane_by_lane():
         assert alone.worst["curvature"] == pytest.approx(together[k].worst["curvature"], rel=1e-9)
     assert together.holds.tolist() == [together[k].holds for k in range(5)]
     assert "5 paths" in str(together)
+    grid = jax.tree.map(lambda x: jnp.stack([x, x]), paths)
+    assert jnp.array_equal(qt.certify(grid, limits).codes[1], together.codes)
+    with pytest.raises(ValueError, match="in front of every array"):
+        qt.certify(eqx.tree_at(lambda p: p.radius, paths, PATH.radius), limits)
 
 
 def test_texts_are_refused_inside_a_trace():

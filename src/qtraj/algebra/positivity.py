@@ -21,10 +21,10 @@ POSITIVE, NEGATIVE, OPEN = 0, 1, 2
 """Codes of an answer: proved positive everywhere; proved negative somewhere; neither."""
 
 CELLS = 8
-"""Cells of the first round."""
+"""Cells of a round: a power of two, so that their borders are exact in binary."""
 
 ROUNDS = 24
-"""Halvings: the last cells are 2⁻²⁷ wide."""
+"""The last cells to be judged are 2⁻²⁶ wide."""
 
 NEWTON_STEPS = 4
 
@@ -61,18 +61,20 @@ def minimum(p: Bernstein) -> Enclosure:
     best = jnp.argmin(values)
     low = jnp.min(p.coefficients) - p.error
     low = jnp.maximum(low, jnp.where(_convex(p), _tangent_bound(p, u), -jnp.inf))
-    return Enclosure(low, values[best] + rounding, where[best])
+    high = values[best] + rounding
+    # What overflowed is not known: NaN must not pass for a bound.
+    return Enclosure(jnp.where(jnp.isnan(low), -jnp.inf, low), jnp.where(jnp.isnan(high), jnp.inf, high), where[best])
 
 
-def positive(build: Build, parts: Any, cells: int = CELLS, rounds: int = ROUNDS) -> Answer:
+def positive(build: Build, parts: Any) -> Answer:
     """Whether the polynomial that `build` makes of `parts` is positive on the whole of [0, 1].
 
-    `cells`, even: the interval is divided into so many at first, and half as many undecided ones are halved in a round.
+    The question is left open where more than half of the cells of a round are undecided, too.
     """
     front = jax.lax.while_loop(
-        lambda front: jnp.any(front.active) & ~front.open & (front.high >= 0) & (front.round < rounds),
+        lambda front: jnp.any(front.active) & ~front.open & (front.high >= 0) & (front.round < ROUNDS),
         lambda front: _next(build, parts, front),
-        _undivided(build, parts, cells),
+        _undivided(build, parts),
     )
     left = front.open | jnp.any(front.active)
     code = jnp.where(front.high < 0, NEGATIVE, jnp.where(left, OPEN, POSITIVE))
@@ -98,15 +100,15 @@ class _Front(eqx.Module):
     round: Int[Array, ""]
 
 
-def _undivided(build: Build, parts: Any, cells: int) -> _Front:
+def _undivided(build: Build, parts: Any) -> _Front:
     end = jnp.asarray(1.0)
     dtype = jax.eval_shape(lambda: build(parts, end, end)).error.dtype
     nothing = jnp.asarray(jnp.inf, dtype)
     return _Front(
-        start=jnp.arange(cells, dtype=dtype) / cells,
-        width=jnp.full((cells,), 1 / cells, dtype),
-        floor=jnp.full((cells,), -jnp.inf, dtype),
-        active=jnp.ones((cells,), bool),
+        start=jnp.arange(CELLS, dtype=dtype) / CELLS,
+        width=jnp.full((CELLS,), 1 / CELLS, dtype),
+        floor=jnp.full((CELLS,), -jnp.inf, dtype),
+        active=jnp.ones((CELLS,), bool),
         low=nothing,
         high=nothing,
         at=jnp.zeros_like(nothing),

@@ -18,7 +18,8 @@ STATUSES = ("proved", "sampled", "broken", "undecided", "undefined")
 """By their codes.
 
 Met on the whole path, by proof; met on a refined grid whose peaks were polished, which is strong evidence and no proof;
-exceeded at a known time; so near to the limit that rounding leaves it open; not existing at a known time.
+exceeded at a known time; left open, for being too near to the limit for the rounding or for want of a proof that the
+quantity exists; not to be told from one that does not exist at a known time.
 """
 PROVED, SAMPLED, BROKEN, UNDECIDED, UNDEFINED = range(len(STATUSES))
 
@@ -30,9 +31,9 @@ BINDING = 1e-6
 class Certificate(eqx.Module):
     """The findings on each given limit, of one path or of many (`*lanes` in front).
 
-    `names`, and arrays over them: `codes` of `STATUSES`; `times` [s] of the largest values, or of the instant where the
-    quantity does not exist; `values`, NaN there; `limits`. A batch of findings gives arrays where one path gives a text
-    or a number; `certificate[k]` is that of one lane.
+    `names`, and arrays over them: `codes` of `STATUSES`; `times` [s] and `values` of the largest values found, or the
+    instant where the quantity does not exist, and NaN; `limits`. A batch of findings gives arrays where one path gives
+    a text or a number; `certificate[k]` is that of one lane.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -82,7 +83,10 @@ class Certificate(eqx.Module):
     @property
     def binding(self) -> list[str]:
         """Names of the limits that are met with nothing to spare (a relative margin below 1e-6), of one path."""
-        return [name for name, (_, value, limit) in self.worst.items() if 0 <= limit - value <= BINDING * limit]
+        worst, unmet = self.worst, self.unmet
+        return [
+            name for name, (_, value, limit) in worst.items() if name not in unmet and limit - value <= BINDING * limit
+        ]
 
     def describe(self, name: str) -> str:
         """The largest value of one quantity against its limit, in words."""

@@ -1,5 +1,6 @@
 """Limits judged on the whole path: proved where they are polynomial inequalities, sampled where not."""
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -7,21 +8,19 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from qtraj.algebra.positivity import NEGATIVE, POSITIVE, Answer, positive
+from qtraj.algebra.positivity import NEGATIVE, POSITIVE, positive
 from qtraj.design.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate
-from qtraj.design.inequalities import FORMS, HIGHEST_DEGREE, Parts, divisor, parts, slack
+from qtraj.design.inequalities import FORMS, HIGHEST_DEGREE, divisor, parts, slack
 from qtraj.design.limits import Limits, magnitude, moving_derivatives, peak
 from qtraj.design.peaks import largest, summit
-from qtraj.foundation.types import Flag, Scalar, ScalarLike
+from qtraj.foundation.types import Flag, Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.invariants import existence
+from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
 
-Finding = tuple[Array, Array, Array]
-"""Code, time [s] and value."""
-
 GAP = 1e-9
-"""A relative speed or bend below this counts as zero: the quantities that divide by it do not exist there."""
+"""A relative speed or bend that is not proved positive, and below this at its least, cannot be told from zero."""
 
 DIVISORS = ("motion", "bend")
 """What magnitudes divide by: the speed squared S, and the bend N = |ṙ×r̈|²."""
@@ -38,24 +37,29 @@ def certify(path: AbstractHodograph, limits: Limits) -> Certificate:
 
     Of a spiral-helix every limit is a polynomial inequality in t (paper S; see `inequalities`), whose sign is proved in
     Bernstein form with its rounding accounted for: "proved" is a proof for the path and limit as given, without any
-    tolerance, and "broken" names an instant. A margin lost in rounding (about 1e-11, relative) is "undecided".
-    Quantities that divide by the speed or the bend need a proof that these never vanish, or are "undefined". Slope
-    about an axis that is not vertical, angular acceleration of anything but uniform cubics, and all of a `Curve` are
-    judged by refined sampling, and called "sampled".
+    tolerance, and "broken" names an instant. "undecided" is what no proof reached, mostly for a margin lost in rounding
+    (relative, about 1e-11). Quantities that divide by the speed or the bend need a proof that these never vanish; where
+    they cannot be told from zero they are "undefined". Inequalities beyond degree 72 (see docs/tuning.md), the slope
+    about an axis that is not vertical and all of a `Curve` are judged by refined sampling, and called "sampled".
 
     A batch of paths (stacked, as from `jax.vmap`) gives findings with the lanes in front. Under `jit` and `vmap` the
-    certificate's arrays are known, its texts are not; `values` are differentiable in the path (envelope theorem).
+    certificate's arrays are known, its texts are not; `values` are differentiable in the path (envelope theorem). They
+    are the largest values found: of a limit with room to spare a needle between the samples may be missed, its proof is
+    not.
 
-    **Raises:** ValueError in float32, whose rounding exceeds the margins that matter here.
+    **Raises:** ValueError in float32, whose rounding exceeds the margins that matter here, and for a batch in which not
+    every array has the lanes in front.
     """
     require_float64(path)
     given = limits.given()
     if not given:
         nothing = jnp.zeros((*path.duration.shape, 0), path.duration.dtype)
         return Certificate((), nothing, nothing, nothing, nothing)
-    gaps = {which: _over_lanes(path, which) for which in DIVISORS if any(FORMS[n].divisor == which for n in given)}
+    needed = {FORMS[name].divisor for name in given}
+    gaps = {which: _over_lanes(_gap, (path,), which) for which in DIVISORS if which in needed}
     found = [
-        _judged(_over_lanes(path, name, limit), gaps.get(FORMS[name].divisor or "")) for name, limit in given.items()
+        _over_lanes(_finding, (path, gaps.get(FORMS[name].divisor or "none")), name, limit)
+        for name, limit in given.items()
     ]
     bounds = jnp.broadcast_to(jnp.stack([*given.values()]), (*path.duration.shape, len(given)))
     codes, times, values = (jnp.stack(column, axis=-1) for column in zip(*found, strict=True))
@@ -72,57 +76,21 @@ def require_float64(path: AbstractHodograph) -> None:
 
 
 @eqx.filter_jit
-def _over_lanes(path: AbstractHodograph, name: str, limit: Scalar | None = None) -> Any:
-    """The finding on one limit, or on one divisor, of one path or lane by lane; compiled once for each."""
-
-    def judge(path: AbstractHodograph) -> Any:
-        return _gap(path, name) if limit is None else _finding(path, name, limit.astype(path.duration.dtype))
-
-    if path.duration.ndim == 0:
-        return judge(path)
-    arrays, static = eqx.partition(path, eqx.is_array)
-    return jax.lax.map(lambda lane: judge(eqx.combine(lane, static)), arrays, batch_size=TOGETHER)
-
-
-def _judged(found: Finding, gap: "_Gap | None") -> Finding:
-    """A finding, given whether what it divides by vanishes."""
-    if gap is None:
-        return found
-    code, time, value = found
-    code = jnp.where(gap.positive | (code == BROKEN), code, UNDECIDED)
-    code = jnp.where(gap.zero, UNDEFINED, code)
-    return code, jnp.where(gap.zero, gap.time, time), jnp.where(gap.zero, jnp.nan, value)
-
-
-def _finding(path: AbstractHodograph, name: str, limit: Scalar) -> Finding:
-    """Code, time and value of one limit, as if the quantity existed everywhere."""
-    if not isinstance(path, SpiralHelix) or not _low_enough(path, name):
-        time, value = peak(path, name)
-        return jnp.where(value <= limit, SAMPLED, BROKEN), time, value
-    answer = _proof(parts(path, FORMS[name].order), name, limit)
-    time, value = summit(lambda path, t: magnitude(path, t, name), path, jax.lax.stop_gradient(answer.at))
-    code = jnp.where(answer.code == POSITIVE, PROVED, jnp.where(answer.code == NEGATIVE, BROKEN, UNDECIDED))
-    if name == "slope":
-        code = jnp.where(_upright(path), code, jnp.where(value <= limit, SAMPLED, BROKEN))
-    return code, time, value
-
-
-def _low_enough(path: SpiralHelix, name: str) -> bool:
-    """Whether the inequality of a limit has a degree that is proved."""
-    one = jnp.ones((), path.duration.dtype)
-    form = jax.eval_shape(lambda: slack(parts(path, FORMS[name].order), one, FORMS[name], 0.0, 1.0))
-    return form.degree <= HIGHEST_DEGREE
-
-
-def _proof(known: Parts, name: str, limit: Scalar) -> Answer:
-    def build(known: Parts, low: ScalarLike, high: ScalarLike):
-        return slack(known, limit, FORMS[name], low, high)
-
-    return positive(build, jax.lax.stop_gradient(known))
+def _over_lanes(judge: Callable[..., Any], mapped: tuple[Any, ...], *shared: Any) -> Any:
+    """`judge`(*mapped, *shared), lane by lane where the path, the first of `mapped`, has lanes."""
+    lanes = mapped[0].duration.shape
+    if not lanes:
+        return judge(*mapped, *shared)
+    arrays, static = eqx.partition(mapped, eqx.is_array)
+    if any(x.shape[: len(lanes)] != lanes for x in jax.tree.leaves(arrays)):
+        raise ValueError(f"a batch of paths has {lanes} in front of every array of it: stack the paths by jax.vmap")
+    flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[len(lanes) :]), arrays)
+    found = jax.lax.map(lambda lane: judge(*eqx.combine(lane, static), *shared), flat, batch_size=TOGETHER)
+    return jax.tree.map(lambda x: x.reshape(*lanes, *x.shape[1:]), found)
 
 
 class _Gap(eqx.Module):
-    """Whether what magnitudes divide by is proved positive, or is found zero, and when [s]."""
+    """Whether what magnitudes divide by is proved positive, or cannot be told from zero, and when it is least [s]."""
 
     positive: Flag
     zero: Flag
@@ -142,9 +110,44 @@ def _gap(path: AbstractHodograph, which: str) -> _Gap:
     return _Gap(proved, ~proved & (size(path, time) < GAP**2), time)
 
 
-def _upright(path: SpiralHelix) -> Flag:
+def _finding(path: AbstractHodograph, gap: _Gap | None, name: str, limit: Scalar) -> tuple[Array, Scalar, Scalar]:
+    """Code, time [s] and value of one limit, given whether what it divides by vanishes."""
+    code, time, value = _as_if_defined(path, gap, name, limit.astype(path.duration.dtype))
+    if gap is None:
+        return code, time, value
+    code = jnp.where(gap.positive | (code == BROKEN), code, UNDECIDED)
+    code = jnp.where(gap.zero, UNDEFINED, code)
+    return code, jnp.where(gap.zero, gap.time, time), jnp.where(gap.zero, jnp.nan, value)
+
+
+def _as_if_defined(path: AbstractHodograph, gap: _Gap | None, name: str, limit: Scalar) -> tuple[Array, Scalar, Scalar]:
+    if not isinstance(path, SpiralHelix) or not _low_enough(path, name):
+        return _sampled(path, name, limit)
+    known = jax.lax.stop_gradient(parts(path, FORMS[name].order))
+    answer = positive(lambda known, low, high: slack(known, limit, FORMS[name], low, high), known)
+    code = jnp.where(answer.code == POSITIVE, PROVED, jnp.where(answer.code == NEGATIVE, BROKEN, UNDECIDED))
+    hints = [answer.at] if gap is None else [answer.at, gap.time / path.duration]
+    summits = summit(lambda path, t: magnitude(path, t, name), path, jax.lax.stop_gradient(jnp.stack(hints)))
+    if name != "slope" or path.placement is None:
+        return code, *summits
+    upright, samples = _upright(path.placement), _sampled(path, name, limit)
+    code, time, value = (jnp.where(upright, a, b) for a, b in zip((code, *summits), samples, strict=True))
+    return code, time, value
+
+
+def _sampled(path: AbstractHodograph, name: str, limit: Scalar) -> tuple[Array, Scalar, Scalar]:
+    time, value = peak(path, name)
+    return jnp.where(value <= limit, SAMPLED, jnp.where(value > limit, BROKEN, UNDECIDED)), time, value
+
+
+def _low_enough(path: SpiralHelix, name: str) -> bool:
+    """Whether the inequality of a limit has a degree that is proved."""
+    one = jnp.ones((), path.duration.dtype)
+    form = jax.eval_shape(lambda: slack(parts(path, FORMS[name].order), one, FORMS[name], 0.0, 1.0))
+    return form.degree <= HIGHEST_DEGREE
+
+
+def _upright(placement: Placement) -> Flag:
     """Whether the axis is vertical to the last bit, so that the slope is a ratio of polynomials."""
-    if path.placement is None:
-        return jnp.asarray(True)
-    tilt = path.placement.to_local(jnp.zeros((3,), path.duration.dtype).at[2].set(1.0))
-    return (tilt[0] == 0) & (tilt[1] == 0)
+    w, x, y, z = placement.orientation
+    return ((x == 0) & (y == 0)) | ((w == 0) & (z == 0))

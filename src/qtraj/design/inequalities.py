@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.algebra.bernstein import Bernstein, constant, cross, dot, from_ascending, stacked
-from qtraj.foundation.types import Scalar, ScalarLike
+from qtraj.foundation.types import Flag, Scalar, ScalarLike
 from qtraj.path.spiral_helix import SpiralHelix
 
 Ratio = tuple[Bernstein, Bernstein]
@@ -37,9 +37,11 @@ class Parts(eqx.Module):
 
 def parts(path: SpiralHelix, order: int) -> Parts:
     """The first `order` derivatives of a path."""
-    powers = [_in_durations(c, path.duration) for c in (path.radius, path.angle, path.height)]
-    length = _power_of_two(jnp.max(jnp.abs(jnp.concatenate([powers[0], powers[2][1:]]))))
-    radius, angle, height = (from_ascending(c, _rounding(c)) for c in powers)
+    # Where height and azimuth begin does not count, and must not coarsen what does.
+    coefficients = path.radius, path.angle.at[0].set(0.0), path.height.at[0].set(0.0)
+    powers = [_in_durations(c, path.duration) for c in coefficients]
+    length = _power_of_two(jnp.max(jnp.abs(jnp.concatenate([powers[0], powers[2]]))))
+    radius, angle, height = (from_ascending(c, _rounding(c, path.duration)) for c in powers)
     turning = angle.derivative()
     a, h = radius.scaled(1 / length), height.scaled(1 / length).derivative()
     a, b = a.derivative(), a * turning
@@ -66,8 +68,10 @@ class Form(NamedTuple):
 def slack(parts: Parts, limit: Scalar, form: Form, low: ScalarLike, high: ScalarLike) -> Bernstein:
     """limit² · denominator − numerator on a part of [0, 1]: the limit holds where this is not negative."""
     numerator, denominator = form.ratio(parts.on(low, high))
-    bound = limit * parts.length**-form.length * parts.duration**form.time
-    rounding = 16 * float(jnp.finfo(bound.dtype).eps) * bound**2
+    scaled = limit * parts.length**-form.length
+    bound = scaled * parts.duration**form.time
+    normal = _normal(scaled) & _normal(bound) & _normal(bound**2)
+    rounding = jnp.where(normal, 16 * float(jnp.finfo(bound.dtype).eps) * bound**2, jnp.inf)
     return denominator.scaled(bound**2, rounding) - numerator
 
 
@@ -160,8 +164,18 @@ def _in_durations(coefficients: Float[Array, " n"], duration: Scalar) -> Float[A
     return coefficients * jnp.stack(powers)
 
 
-def _rounding(coefficients: Float[Array, " n"]) -> Scalar:
-    return coefficients.shape[0] * float(jnp.finfo(coefficients.dtype).eps) * jnp.max(jnp.abs(coefficients))
+def _rounding(coefficients: Float[Array, " n"], duration: Scalar) -> Scalar:
+    """What forming the coefficients in u may have done to any of them; infinite where a power left the normal range."""
+    count = coefficients.shape[0]
+    relative = count * float(jnp.finfo(coefficients.dtype).eps)
+    normal = _normal(duration ** (count - 1)) & _normal(duration)
+    return jnp.where(normal, relative * jnp.max(jnp.abs(coefficients)), jnp.inf)
+
+
+def _normal(x: Scalar) -> Flag:
+    """Whether a positive number is far from overflow and underflow, so that its rounding is relative."""
+    limits = jnp.finfo(x.dtype)
+    return (x > float(limits.tiny) / float(limits.eps)) & (x < float(limits.max) * float(limits.eps))
 
 
 def _power_of_two(size: Scalar) -> Scalar:

@@ -18,7 +18,7 @@ from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 
 NEWTON_STEPS = 4
-NODES, POLISHED = 65, 2
+NODES, POLISHED = 257, 3
 """Of `summit`: where it looks, and how many of the highest places it polishes."""
 
 OfPath = Callable[[AbstractHodograph, Scalar], Scalar]
@@ -49,14 +49,14 @@ def largest(f: OfPath, path: AbstractHodograph, cells: int) -> tuple[Scalar, Sca
     return times[worst], values[worst]
 
 
-def summit(f: OfPath, path: AbstractHodograph, hint: Scalar) -> tuple[Scalar, Scalar]:
-    """As `largest`, from fewer nodes and `hint`, a fraction of the duration at which a high value is suspected."""
+def summit(f: OfPath, path: AbstractHodograph, hints: Float[Array, " n"]) -> tuple[Scalar, Scalar]:
+    """As `largest`, from fewer nodes and `hints`, fractions of the duration at which a high value is suspected."""
     frozen = _frozen(path)
 
     def g(u: Scalar) -> Scalar:
         return f(frozen, u * frozen.duration)
 
-    nodes = jnp.append(jnp.linspace(0.0, 1.0, NODES, dtype=path.duration.dtype), hint)
+    nodes = jnp.concatenate([jnp.linspace(0.0, 1.0, NODES, dtype=path.duration.dtype), hints])
     seeds = nodes[jnp.argsort(-jax.vmap(g)(nodes))[:POLISHED]]
     reach = 1 / (NODES - 1)
     tops = _newton(g, seeds, jnp.maximum(seeds - reach, 0.0), jnp.minimum(seeds + reach, 1.0))

@@ -111,3 +111,12 @@ def test_the_gain_of_a_rate_law_leaves_the_residual():
     assert float(jnp.exp(-2.0 * k)) == pytest.approx(0.01, rel=1e-14)
     slope = jax.grad(gains.rate_from_settling_time)(2.0, 0.01)
     assert float(slope) == pytest.approx(-float(k) / 2.0, rel=1e-14)
+
+
+def test_an_undamped_loop_neither_grows_nor_decays():
+    """Coupled gains: what the eigenvalues' rounding leaves of a real part is no growth."""
+    rng = np.random.default_rng(7)
+    root = rng.normal(size=(4, 4))
+    law = qt.AccelerationLaw(np.zeros((4, 4)), root @ root.T + np.eye(4))
+    assert control.growth(law) == 0.0
+    assert control.growth(qt.AccelerationLaw(0.1, root @ root.T + np.eye(4))) < 0

@@ -110,7 +110,10 @@ def growth(law: AbstractLaw) -> float:
     size = 4 if isinstance(law, AccelerationLaw) else 3
     nothing, identity = np.zeros((size, size)), np.eye(size)
     block = np.block([[nothing, identity], [-_full(k2, size), -_full(k1, size)]])
-    return float(np.linalg.eigvals(block).real.max())
+    eigenvalues = np.linalg.eigvals(block)
+    largest = float(eigenvalues.real.max())
+    rounding = len(block) * np.finfo(float).eps * float(np.abs(eigenvalues).max())
+    return 0.0 if abs(largest) <= rounding else largest
 
 
 def _full(k: Array, size: int) -> np.ndarray:
