@@ -17,19 +17,12 @@ from qtraj.cli.turning.peaks import judged
 from qtraj.io.scenario import TURN, read_scenario
 from qtraj.io.turn_model import TurnPart, TurnScenario
 
+from .turn_scenarios import LAW, REST
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FILES = ["program.toml", "table.nc", "table.csv", "turn.png", "turn.svg"]
 ROUND_OFF = 1e-12
 V, A = np.radians(1.0), np.radians(0.05)  # of the embedded scenario
-
-REST = """
-angles = "deg"
-[start]
-quaternion = [1, 0, 0, 0]
-[end]
-rotation_vector = [0, 0, 90]
-"""
-LAW = "[law]\nmax_rate = 1\nmax_acceleration = 0.05\n"
 
 
 @pytest.fixture(scope="module")

@@ -5,14 +5,7 @@ import pytest
 from qtraj.io.scenario import DEFAULT, TRACK
 from qtraj.io.turn_model import TurnLawPart
 
-REST = """
-angles = "deg"
-[start]
-quaternion = [1, 0, 0, 0]
-[end]
-rotation_vector = [0, 0, 90]
-"""
-LAW = "[law]\nmax_rate = 1\nmax_acceleration = 0.05\n"
+from .turn_scenarios import LAW, REST
 
 
 @pytest.mark.parametrize(
