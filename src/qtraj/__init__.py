@@ -4,11 +4,12 @@ from qtraj._version import __version__
 from qtraj.algebra import quaternion, rotation
 from qtraj.batch.evaluate import evaluate
 from qtraj.batch.table import Table
-from qtraj.design.certificate import Certificate
-from qtraj.design.certify import certify
-from qtraj.design.fit import fit
-from qtraj.design.limits import Limits, peak
-from qtraj.design.tune import Tuned, tune
+from qtraj.design.proof.certificate import Certificate
+from qtraj.design.proof.certify import certify
+from qtraj.design.fitting.fit import fit
+from qtraj.design.limits import Limits
+from qtraj.design.magnitudes import peak
+from qtraj.design.tuning.tune import Tuned, tune
 from qtraj.foundation.document import load
 from qtraj.io.track_file import read_track
 from qtraj.motion import control, dynamics

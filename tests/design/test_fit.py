@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from qtraj.design.fit import fit
+from qtraj.design.fitting.fit import fit
 from qtraj.foundation import document
 from qtraj.io.track_file import read_track
 from qtraj.path.placement import Placement

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 import qtraj as qt
-from qtraj.design.limits import UNITS, magnitude
+from qtraj.design.magnitudes import UNITS, magnitude
 
 ALL = dict.fromkeys(UNITS, 1.0)
 PLACEMENTS = [None, qt.Placement([5.0, 6.0, 7.0]), qt.Placement([0.0, 0.0, 0.0], [1.0, 0.2, -0.1, 0.3])]

@@ -10,8 +10,8 @@ import pytest
 from scipy.optimize import NonlinearConstraint, minimize
 
 import qtraj as qt
-from qtraj.design.limits import magnitude
-from qtraj.design.problem import pose
+from qtraj.design.magnitudes import magnitude
+from qtraj.design.tuning.problem import pose
 
 RATE = 0.35
 START = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, RATE * 20, 0.3])

@@ -20,15 +20,22 @@ def evaluate(coefficients: Float[Array, " n"], t: ScalarLike) -> Scalar:
 def taylor(coefficients: Float[Array, " n"], t: ScalarLike, order: int) -> Float[Array, " {order}+1"]:
     """Coefficients in s of the polynomial at t + s, up to s^order: the k-th derivative at `t` divided by k!.
 
-    Repeated synthetic division (Ruffini–Horner); orders above the degree are zero.
+    Orders above the degree are zero.
     """
-    c = list(coefficients)
+    return jnp.stack(terms(coefficients, t, order))
+
+
+def terms(coefficients: Float[Array, " n"], t: ScalarLike, order: int) -> list[Scalar]:
+    """As `taylor`, one number each: what is computed from them then stays apart, which compiles to faster loops.
+
+    Repeated synthetic division (Ruffini–Horner).
+    """
+    c = [coefficients[i] for i in range(coefficients.shape[0])]
     t = as_float(t).astype(coefficients.dtype)
     for k in range(min(order + 1, len(c) - 1)):
         for i in range(len(c) - 2, k - 1, -1):
             c[i] = c[i] + t * c[i + 1]
-    c = c[: order + 1] + [jnp.zeros_like(t)] * (order + 1 - len(c))
-    return jnp.stack(c)
+    return c[: order + 1] + [jnp.zeros_like(t)] * (order + 1 - len(c))
 
 
 def product(p: Float[Array, " n"], q: Float[Array, " m"]) -> Float[Array, " n+m-1"]:

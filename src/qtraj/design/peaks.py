@@ -36,7 +36,7 @@ def cell_peaks(f: OfPath, path: AbstractHodograph, cells: int) -> Float[Array, "
     def g(u: Scalar) -> Scalar:
         return f(frozen, u * frozen.duration)
 
-    candidates = jnp.stack([_newton(g, nodes, low, high), nodes, low, high])
+    candidates = jnp.stack([climb(g, nodes, low, high), nodes, low, high])
     values = jax.vmap(jax.vmap(g))(candidates)
     return jnp.take_along_axis(candidates, jnp.argmax(values, axis=0)[None], axis=0)[0]
 
@@ -59,7 +59,7 @@ def summit(f: OfPath, path: AbstractHodograph, hints: Float[Array, " n"]) -> tup
     nodes = jnp.concatenate([jnp.linspace(0.0, 1.0, NODES, dtype=path.duration.dtype), hints])
     seeds = nodes[jnp.argsort(-jax.vmap(g)(nodes))[:POLISHED]]
     reach = 1 / (NODES - 1)
-    tops = _newton(g, seeds, jnp.maximum(seeds - reach, 0.0), jnp.minimum(seeds + reach, 1.0))
+    tops = climb(g, seeds, jnp.maximum(seeds - reach, 0.0), jnp.minimum(seeds + reach, 1.0))
     places = jnp.concatenate([tops, seeds])
     time = places[jnp.argmax(jax.vmap(g)(places))] * path.duration
     return time, f(path, time)
@@ -69,8 +69,12 @@ def _frozen(path: AbstractHodograph) -> AbstractHodograph:
     return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, path)
 
 
-def _newton(
-    g: Callable[[Scalar], Scalar], u: Float[Array, " n"], low: Float[Array, " n"], high: Float[Array, " n"]
+def climb(
+    g: Callable[[Scalar], Scalar],
+    u: Float[Array, " n"],
+    low: Float[Array, " n"],
+    high: Float[Array, " n"],
+    steps: int = NEWTON_STEPS,
 ) -> Float[Array, " n"]:
     """Newton's iteration for g' = 0 in every cell at once; uphill to the border where g is not concave."""
 
@@ -86,4 +90,4 @@ def _newton(
     def step(_: ScalarLike, u: Float[Array, " n"]) -> Float[Array, " n"]:
         return jax.vmap(improve)(u, low, high)
 
-    return jax.lax.fori_loop(0, NEWTON_STEPS, step, u)
+    return jax.lax.fori_loop(0, steps, step, u)

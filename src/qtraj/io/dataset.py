@@ -20,7 +20,8 @@ from jaxtyping import Array, Float
 from qtraj._version import __version__
 from qtraj.batch.evaluate import evaluate
 from qtraj.batch.table import AXES, DESCRIPTIONS, LABELS
-from qtraj.design.limits import UNITS, Limits, magnitude
+from qtraj.design.limits import Limits
+from qtraj.design.magnitudes import UNITS, magnitude
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.track import Track, known
 

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from qtraj.design.fit import BOUNDS, POSITION_SIGMA, VELOCITY_SIGMA
+from qtraj.design.fitting.fit import BOUNDS, POSITION_SIGMA, VELOCITY_SIGMA
 from qtraj.io.scenario_part import (
     ABOUT,
     NAME,

@@ -12,7 +12,7 @@ from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path import boundary_problem as problem
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.invariants import rotating_derivatives
+from qtraj.path.invariants import Components, rotating_components
 from qtraj.path.placement import Placement
 
 
@@ -68,9 +68,11 @@ class SpiralHelix(AbstractHodograph):
 
     def rotating_derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """As `derivatives`, in the rotating basis (e_ρ, e_φ, k) at `t` and about the path's own axis."""
-        t = one_instant(t)
-        jets = [polynomial.taylor(c, t, order) for c in (self.radius, self.angle, self.height)]
-        return rotating_derivatives(*jets)
+        return jnp.stack([jnp.stack(row) for row in self.rotating_components(one_instant(t), order)])
+
+    def rotating_components(self, t: ScalarLike, order: int) -> list[Components]:
+        """As `rotating_derivatives`, one number for each component."""
+        return rotating_components(*(polynomial.terms(c, t, order) for c in (self.radius, self.angle, self.height)))
 
     @property
     def turn(self) -> Scalar:

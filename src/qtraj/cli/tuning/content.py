@@ -5,9 +5,9 @@ from typing import Any
 from qtraj._version import __version__
 from qtraj.cli.content import finite, scenario_content
 from qtraj.cli.tuning.job import Job
-from qtraj.design.certificate import Certificate
-from qtraj.design.limits import UNITS
-from qtraj.design.tune import Tuned
+from qtraj.design.proof.certificate import Certificate
+from qtraj.design.magnitudes import UNITS
+from qtraj.design.tuning.tune import Tuned
 from qtraj.io.scenario import ScenarioFile
 from qtraj.path.boundary import BoundaryState, cylindrical
 from qtraj.path.placement import Placement

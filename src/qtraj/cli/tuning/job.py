@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from qtraj.design.fit import fit
-from qtraj.design.given import given_path
+from qtraj.design.fitting.fit import fit
+from qtraj.design.tuning.given import given_path
 from qtraj.design.limits import Limits
-from qtraj.design.tune import Tuned
+from qtraj.design.tuning.tune import Tuned
 from qtraj.foundation.document import load
 from qtraj.io.scenario import ScenarioFile
 from qtraj.io.scenario_model import Scenario

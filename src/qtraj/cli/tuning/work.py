@@ -8,9 +8,9 @@ from qtraj.cli.output import Writer, check_folder, write_all
 from qtraj.cli.terminal import Watch, watching
 from qtraj.cli.tuning.content import tune_content
 from qtraj.cli.tuning.job import Choice, Job, is_saved, lay
-from qtraj.design.certificate import Certificate
-from qtraj.design.certify import certify
-from qtraj.design.tune import Tuned, tune
+from qtraj.design.proof.certificate import Certificate
+from qtraj.design.proof.certify import certify
+from qtraj.design.tuning.tune import Tuned, tune
 from qtraj.io.dataset import path_dataset, write_netcdf
 from qtraj.io.scenario import DEFAULT, ScenarioFile, read_scenario
 from qtraj.io.scenario_model import Scenario

@@ -42,9 +42,6 @@ class Problem(eqx.Module):
     Uniform: [V_ρA, V_hA, V_ρB, V_hB] and ln ω. Hermite: all six components and ln T. Velocities are counted in units
     of `speed` from the given ones; the logarithms keep the sense of rotation and the duration positive. The last
     variable is left out where the duration is held.
-
-    Each variable passes through a bounded function that is the identity near zero, so that a problem without a
-    solution does not send the search to numbers that overflow.
     """
 
     start: Cylindrical
@@ -65,7 +62,7 @@ class Problem(eqx.Module):
 
     def path(self, z: Variables) -> SpiralHelix:
         """The path of these variables."""
-        duration = self.duration if self.holds_duration else self.duration * jnp.exp(_bounded(z[-1], LARGEST_LOGARITHM))
+        duration = self.duration if self.holds_duration else self.duration * jnp.exp(z[-1])
         va, vb = self._velocities(z, duration)
         a = dataclasses.replace(self.start, velocity=va)
         b = dataclasses.replace(self.end, velocity=vb)
@@ -89,7 +86,6 @@ class Problem(eqx.Module):
 
     def _velocities(self, z: Variables, duration: Scalar) -> tuple[Vec3, Vec3]:
         a, b, v = self.start.velocity, self.end.velocity, self.speed
-        z = _bounded(z, LARGEST_CHANGE)
         if self.motion == "hermite":
             return a + v * z[:3], b + v * z[3:6]
         rate = self.turn / duration
@@ -104,10 +100,6 @@ class Problem(eqx.Module):
         if self.motion == "hermite":
             total = total + ((path.duration - self.duration) / self.duration * self.speed) ** 2
         return total
-
-
-def _bounded(z: Array, bound: float) -> Array:
-    return bound * jnp.tanh(z / bound)
 
 
 def integrated_squared_jerk(path: SpiralHelix) -> Scalar:

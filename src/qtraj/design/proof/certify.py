@@ -9,9 +9,10 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from qtraj.algebra.positivity import NEGATIVE, POSITIVE, positive
-from qtraj.design.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate
-from qtraj.design.inequalities import FORMS, HIGHEST_DEGREE, divisor, parts, slack
-from qtraj.design.limits import Limits, magnitude, moving_derivatives, peak
+from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate
+from qtraj.design.proof.inequalities import FORMS, HIGHEST_DEGREE, divisor, parts, slack
+from qtraj.design.limits import Limits
+from qtraj.design.magnitudes import magnitude, moving_derivatives, peak
 from qtraj.design.peaks import largest, summit
 from qtraj.foundation.types import Flag, Scalar
 from qtraj.path.hodograph import AbstractHodograph
@@ -99,7 +100,7 @@ class _Gap(eqx.Module):
 
 def _gap(path: AbstractHodograph, which: str) -> _Gap:
     def size(path: AbstractHodograph, t: Scalar) -> Scalar:
-        r, _ = moving_derivatives(path, t, 3)
+        r = moving_derivatives(path, t, 3)
         return getattr(existence(r[1], r[2], r[3], path.duration), which)
 
     if not isinstance(path, SpiralHelix):

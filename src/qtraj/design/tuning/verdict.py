@@ -4,11 +4,12 @@ import jax
 import jax.numpy as jnp
 
 from qtraj.algebra import polynomial
-from qtraj.design import augmented
-from qtraj.design.augmented import FEASIBLE, Iterate
-from qtraj.design.certificate import Certificate
-from qtraj.design.limits import Limits, quantity
-from qtraj.design.problem import Problem
+from qtraj.design.tuning import augmented
+from qtraj.design.tuning.augmented import FEASIBLE, Iterate
+from qtraj.design.proof.certificate import Certificate
+from qtraj.design.limits import Limits
+from qtraj.design.magnitudes import quantity
+from qtraj.design.tuning.problem import Problem
 from qtraj.path.spiral_helix import SpiralHelix
 
 RELAXED = 1e6

@@ -14,9 +14,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from qtraj.design.limits import Limits, squared
+from qtraj.design.limits import Limits
+from qtraj.design.magnitudes import squared
 from qtraj.design.peaks import cell_peaks
-from qtraj.design.problem import Problem, Variables
+from qtraj.design.tuning.problem import Problem, Variables
 from qtraj.foundation.types import Flag, Scalar
 
 CELLS = 65

@@ -5,12 +5,12 @@ import os
 import equinox as eqx
 import jax.numpy as jnp
 
-from qtraj.design import verdict
-from qtraj.design.augmented import FEASIBLE, Iterate, Progress, least_violation, solve
-from qtraj.design.certificate import Certificate
-from qtraj.design.certify import certify, require_float64
+from qtraj.design.tuning import verdict
+from qtraj.design.tuning.augmented import FEASIBLE, Iterate, Progress, least_violation, solve
+from qtraj.design.proof.certificate import Certificate
+from qtraj.design.proof.certify import certify, require_float64
 from qtraj.design.limits import Limits
-from qtraj.design.problem import Objective, Problem, pose
+from qtraj.design.tuning.problem import Objective, Problem, pose
 from qtraj.foundation import document
 from qtraj.foundation.arrays import real_scalar
 from qtraj.foundation.document import storable

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from qtraj.design.limits import quantity
+from qtraj.design.magnitudes import quantity
 from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput

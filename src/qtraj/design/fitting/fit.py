@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 
-from qtraj.design.axis_search import starts
-from qtraj.design.turn_problem import TERMS, basis_at, minimise, problem
+from qtraj.design.fitting.axis_search import starts
+from qtraj.design.fitting.turn_problem import TERMS, basis_at, minimise, problem
 from qtraj.path.placement import Placement
 from qtraj.path.residual import compare
 from qtraj.path.spiral_helix import SpiralHelix

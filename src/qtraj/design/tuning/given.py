@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 
 from qtraj.design.limits import Limits
-from qtraj.design.problem import Objective, pose
+from qtraj.design.tuning.problem import Objective, pose
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState, azimuth_difference, cylindrical

@@ -1,0 +1,1 @@
+"""Recorded windows fitted by spiral-helices."""

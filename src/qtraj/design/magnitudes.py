@@ -1,0 +1,158 @@
+"""The magnitudes that limits bound, at one instant and at their largest over a path."""
+
+from collections.abc import Callable
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.algebra import polynomial
+from qtraj.design.peaks import largest
+from qtraj.foundation.types import Scalar, ScalarLike
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.invariants import Components, cross, dot
+from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.trihedral import Natural
+
+UNITS = {
+    "curvature": "1/m",
+    "torsion": "1/m",
+    "speed": "m/s",
+    "acceleration": "m/s²",
+    "lateral_acceleration": "m/s²",
+    "longitudinal_acceleration": "m/s²",
+    "slope": "",
+    "angular_rate": "rad/s",
+    "angular_acceleration": "rad/s²",
+}
+"""The unit of each limit; their order here is the order everywhere."""
+
+CELLS = 1025
+"""Cells of time in which peaks are sought."""
+
+
+def quantity(name: str, value: float) -> str:
+    """A value of one magnitude with its unit, in words."""
+    return f"{value:.6g} {UNITS[name]}".rstrip()
+
+
+def peak(path: AbstractHodograph, name: str) -> tuple[Scalar, Scalar]:
+    """Time [s] and size of the largest value of one magnitude (a field of `Limits`) over the whole path.
+
+    Sought in 1025 cells of time by Newton's method; differentiable in the path (envelope theorem).
+
+    **Raises:** ValueError for an unknown name.
+    """
+    if name not in UNITS:
+        raise ValueError(f"unknown magnitude {name!r}; known are {', '.join(UNITS)}")
+    return largest(lambda path, t: magnitude(path, t, name), path, CELLS)
+
+
+def squared(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
+    """The square of one limited magnitude at one instant: a ratio of polynomials in t for a spiral-helix."""
+    order, formula = _SQUARES[name]
+    r, up = moving_components(path, t, order)
+    return formula(r, up, path.duration)
+
+
+def magnitude(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
+    """One limited magnitude at one instant, in its limit's unit; infinite where it grows without bound."""
+    square = squared(path, t, name)
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+
+
+Derivatives = list[Components]
+
+
+def _curvature(r: Derivatives, up: Components, duration: Scalar) -> Scalar:
+    area, speed = _area_and_speed(r)
+    return _over(area, speed**3)
+
+
+def _torsion(r: Derivatives, up: Components, duration: Scalar) -> Scalar:
+    area = cross(r[1], r[2])
+    return _over(dot(area, r[3]) ** 2, dot(area, area) ** 2)
+
+
+def _speed(r: Derivatives, up: Components, duration: Scalar) -> Scalar:
+    return dot(r[1], r[1])
+
+
+def _acceleration(r: Derivatives, up: Components, duration: Scalar) -> Scalar:
+    return dot(r[2], r[2])
+
+
+def _lateral(r: Derivatives, up: Components, duration: Scalar) -> Scalar:
+    return _over(*_area_and_speed(r))
+
+
+def _longitudinal(r: Derivatives, up: Components, duration: Scalar) -> Scalar:
+    return _over(dot(r[1], r[2]) ** 2, dot(r[1], r[1]))
+
+
+def _slope(r: Derivatives, up: Components, duration: Scalar) -> Scalar:
+    rise = dot(r[1], up)
+    x, y, z = (v - rise * u for v, u in zip(r[1], up, strict=True))
+    return _over(rise**2, x**2 + y**2 + z**2)
+
+
+def _angular_rate(r: Derivatives, up: Components, duration: Scalar) -> Scalar:
+    area, speed = _area_and_speed(r)
+    return speed * _torsion(r, up, duration) + _over(area, speed**2)
+
+
+def _angular_acceleration(r: Derivatives, up: Components, duration: Scalar) -> Scalar:
+    acceleration = Natural().trihedral(_stacked(r), duration).acceleration
+    return acceleration @ acceleration
+
+
+_SQUARES: dict[str, tuple[int, Callable[[Derivatives, Components, Scalar], Scalar]]] = {
+    "curvature": (2, _curvature),
+    "torsion": (3, _torsion),
+    "speed": (1, _speed),
+    "acceleration": (2, _acceleration),
+    "lateral_acceleration": (2, _lateral),
+    "longitudinal_acceleration": (2, _longitudinal),
+    "slope": (1, _slope),
+    "angular_rate": (3, _angular_rate),
+    "angular_acceleration": (4, _angular_acceleration),
+}
+"""Of each magnitude: the highest derivative it needs, and its square."""
+
+
+def _area_and_speed(r: Derivatives) -> tuple[Scalar, Scalar]:
+    """N and S."""
+    area = cross(r[1], r[2])
+    return dot(area, area), dot(r[1], r[1])
+
+
+def _over(part: Scalar, whole: Scalar) -> Scalar:
+    """part/whole; 0/0 is 0, and anything else over 0 is infinite, with zero gradient there."""
+    positive = whole > 0
+    ratio = part / jnp.where(positive, whole, 1.0)
+    return jnp.where(positive, ratio, jnp.where(part > 0, jnp.inf, 0.0))
+
+
+def moving_components(path: AbstractHodograph, t: ScalarLike, order: int) -> tuple[Derivatives, Components]:
+    """Derivatives in a basis of the path's own choice, and the world's vertical in that basis, by components."""
+    if not isinstance(path, SpiralHelix):
+        r = path.derivatives(t, order)
+        zero = jnp.zeros_like(r[0, 0])
+        return [(row[0], row[1], row[2]) for row in r], (zero, zero, jnp.ones_like(zero))
+    r = path.rotating_components(t, order)
+    zero = jnp.zeros_like(r[0][0])
+    if path.placement is None:
+        return r, (zero, zero, jnp.ones_like(zero))
+    x, y, z = path.placement.to_local(jnp.stack([zero, zero, jnp.ones_like(zero)]))
+    phi = polynomial.evaluate(path.angle, t)
+    cos, sin = jnp.cos(phi), jnp.sin(phi)
+    return r, (x * cos + y * sin, y * cos - x * sin, z)
+
+
+def moving_derivatives(path: AbstractHodograph, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
+    """Derivatives in a basis of the path's own choice."""
+    return _stacked(moving_components(path, t, order)[0])
+
+
+def _stacked(r: Derivatives) -> Float[Array, "n 3"]:
+    return jnp.stack([jnp.stack(row) for row in r])

@@ -1,0 +1,1 @@
+"""Limits proved on the whole path."""

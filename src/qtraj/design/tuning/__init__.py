@@ -1,0 +1,1 @@
+"""Boundary velocities that meet limits."""

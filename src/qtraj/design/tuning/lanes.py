@@ -1,0 +1,78 @@
+"""Many searches at once: block by block on all cores, the unfinished ones gathered together from time to time.
+
+Lanes that are computed together wait for the slowest of them. So each stage runs a few steps, and the lanes that are
+not done by then move together into fewer blocks. The blocks are independent calls of one compiled function, and the
+cores share them.
+"""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from qtraj.design.tuning.sqp import State, Task, begin, proceed
+
+BLOCK = 64
+"""Lanes computed together: their numbers stay in the cache."""
+
+STAGES = (6, 9, 14, 24, 40)
+"""Steps after which the unfinished lanes are gathered."""
+
+Told = Callable[[int, int], None]
+
+
+def search(tasks: Task, z: Float[Array, "lanes n"], most_steps: int, tell: Told | None = None) -> State:
+    """The searches of stacked tasks, each from its own `z`. `tell(done, lanes)` is called after every block."""
+    stacked, rest = eqx.partition(tasks, eqx.is_array)
+    given = jax.tree.map(np.asarray, stacked)
+    states: Any = None
+    lanes = z.shape[0]
+    left = np.arange(lanes)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for steps in (0, *(s for s in STAGES if s < most_steps), most_steps):
+            blocks = [left[k : k + BLOCK] for k in range(0, left.size, BLOCK)]
+            source = np.asarray(z) if states is None else states
+            jobs = [pool.submit(_run, _take(given, b, lanes), rest, _take(source, b, lanes), steps) for b in blocks]
+            for block, job in zip(blocks, jobs, strict=True):
+                found = job.result()
+                if states is None:
+                    states = jax.tree.map(lambda x: np.zeros((lanes, *x.shape[1:]), x.dtype), found)
+                _put(states, block, found)
+                if tell is not None:
+                    tell(int(states.done.sum()), lanes)
+            left = left[~states.done[left]]
+            if left.size == 0:
+                break
+    return jax.tree.map(jnp.asarray, states)
+
+
+def _run(given: Task, rest: Task, source: Any, steps: int) -> State:
+    call = _begin(given, rest, source) if steps == 0 else _proceed(given, rest, source, jnp.asarray(steps))
+    return jax.tree.map(np.asarray, call)
+
+
+@eqx.filter_jit
+def _begin(given: Task, rest: Task, z: Float[Array, "lanes n"]) -> State:
+    return jax.vmap(lambda task, z: begin(eqx.combine(task, rest), z))(given, z)
+
+
+@eqx.filter_jit
+def _proceed(given: Task, rest: Task, states: State, steps: Array) -> State:
+    return jax.vmap(lambda task, s: proceed(eqx.combine(task, rest), s, steps))(given, states)
+
+
+def _take(tree: Any, block: np.ndarray, lanes: int) -> Any:
+    """The lanes of a block, filled up with its first to the size for which the search is compiled."""
+    full = np.concatenate([block, np.full(min(BLOCK, lanes) - block.size, block[0])])
+    return jax.tree.map(lambda x: x[full], tree)
+
+
+def _put(states: Any, block: np.ndarray, found: Any) -> None:
+    for whole, part in zip(jax.tree.leaves(states), jax.tree.leaves(found), strict=True):
+        whole[block] = part[: block.size]

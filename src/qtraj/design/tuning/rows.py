@@ -1,0 +1,172 @@
+"""The limits on a path as inequality rows: each at its highest peaks in time, with derivatives in the variables.
+
+A row is g(z, u) = ½((value/limit)² − 1) ≤ 0 at a fraction u of the duration. At an inner peak u moves with z so that
+∂g/∂u = 0: the gradient of the peak is ∂g/∂z (envelope theorem), its Hessian g_zz − g_zu g_uz/g_uu. Both ends are rows
+as well. Fixed times between them, with gradients alone, foretell the peaks that a step would raise.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from qtraj.design.limits import Limits
+from qtraj.design.magnitudes import squared
+from qtraj.design.peaks import climb
+from qtraj.design.tuning.problem import Problem, Variables
+from qtraj.foundation.types import Scalar
+
+NODES = 65
+"""Times at which peaks are sought."""
+
+STRIDE = 4
+"""Every so many nodes one is a fixed time, with a row of its own."""
+
+ENDS = 2
+
+ABSENT = -1e3
+"""The value of a row for a peak that is not there."""
+
+TOO_MUCH = 1e9
+"""The value of a row that is not finite."""
+
+NEWTON_STEPS = 3
+FOLLOWED = 0.1  # of the duration: so far a peak is followed through one step
+
+
+class Rows(NamedTuple):
+    """Rows, limit after limit: values, gradients, and where they stand, as fractions of the duration."""
+
+    value: Float[Array, " m"]
+    slope: Float[Array, "m n"]
+    time: Float[Array, " m"]
+
+
+class Peaks(NamedTuple):
+    """Where the peaks and ends of all limits stand, and which of them there are."""
+
+    time: Float[Array, "limits k"]
+    present: Bool[Array, "limits k"]
+
+
+def peaks_of_each(limits: Limits) -> int:
+    """How many peaks of each limit become rows: fewer of each where there are more limits."""
+    return {1: 4, 2: 3}.get(len(limits.given()), 2)
+
+
+def find_peaks(problem: Problem, limits: Limits, z: Variables) -> Peaks:
+    """The peaks and ends of all limits at `z`."""
+    number = peaks_of_each(limits)
+    found = [_inner_peaks(problem, z, name, limit, number) for name, limit in limits.given().items()]
+    ends = jnp.asarray([0.0, 1.0], z.dtype)
+    times = jnp.stack([jnp.concatenate([inner, ends]) for inner, _ in found])
+    return Peaks(times, jnp.stack([jnp.concatenate([there, jnp.ones(ENDS, bool)]) for _, there in found]))
+
+
+def values_at(problem: Problem, limits: Limits, z: Variables, peaks: Peaks) -> Float[Array, "limits k"]:
+    """The values at peaks and ends."""
+
+    def of(name: str, limit: Scalar, times: Float[Array, " k"]) -> Float[Array, " k"]:
+        return jax.vmap(lambda u: excess(problem, z, u, name, limit))(times)
+
+    values = jnp.stack([of(name, limit, peaks.time[k]) for k, (name, limit) in enumerate(limits.given().items())])
+    return jnp.where(peaks.present, jnp.where(jnp.isfinite(values), values, TOO_MUCH), ABSENT)
+
+
+def values_nearby(problem: Problem, limits: Limits, z: Variables, rows: Rows) -> Float[Array, " m"]:
+    """The values at `z` of rows that stand elsewhere, their peaks followed to where they are; absent ones stay so."""
+    given = limits.given()
+    times = rows.time.reshape(len(given), -1)
+    number = peaks_of_each(limits)
+    values = []
+    for k, (name, limit) in enumerate(given.items()):
+        g = _at_path(problem, z, name, limit)
+        peaks = times[k, :number]
+        followed = climb(g, peaks, jnp.maximum(peaks - FOLLOWED, 0.0), jnp.minimum(peaks + FOLLOWED, 1.0), NEWTON_STEPS)
+        values.append(jax.vmap(g)(jnp.concatenate([followed, times[k, number:]])))
+    flat = 0.5 * (jnp.concatenate(values) - 1.0)
+    return jnp.where(rows.value > ABSENT, jnp.where(jnp.isfinite(flat), flat, rows.value), ABSENT)
+
+
+def rows_at(problem: Problem, limits: Limits, z: Variables, peaks: Peaks) -> tuple[Rows, Float[Array, "limits k n n"]]:
+    """All rows of all limits at `z`, peaks and ends before fixed times, and the Hessians of peaks and ends."""
+    fixed = jnp.linspace(0.0, 1.0, NODES, dtype=z.dtype)[STRIDE:-1:STRIDE]
+    rows, hessians = [], []
+    for k, (name, limit) in enumerate(limits.given().items()):
+        highest, hessian = _highest(problem, z, name, limit, Peaks(peaks.time[k], peaks.present[k]))
+        rows += [highest, _fixed(problem, z, name, limit, fixed)]
+        hessians.append(hessian)
+    return Rows(*(jnp.concatenate(field) for field in zip(*rows, strict=True))), jnp.stack(hessians)
+
+
+def excess(problem: Problem, z: Variables, u: Scalar, name: str, limit: Scalar) -> Scalar:
+    """g = ½((value/limit)² − 1) at the fraction `u` of the duration."""
+    path = problem.path(z)
+    return 0.5 * (squared(path, u * path.duration, name) / limit**2 - 1.0)
+
+
+def _excesses(problem: Problem, name: str, limit: Scalar) -> Callable[[Variables, Array], Array]:
+    """g of many times at once, so that a derivative in z passes through the path once for all of them."""
+    return lambda z, times: jax.vmap(lambda u: excess(problem, z, u, name, limit))(times)
+
+
+def _highest(
+    problem: Problem, z: Variables, name: str, limit: Scalar, peaks: Peaks
+) -> tuple[Rows, Float[Array, "k n n"]]:
+    """The rows of one limit's peaks and ends, and their Hessians."""
+    g = _excesses(problem, name, limit)
+    u, present = peaks
+
+    def rate(z: Variables, u: Float[Array, " k"]) -> Float[Array, " k"]:
+        return jax.jvp(lambda u: g(z, u), (u,), (jnp.ones_like(u),))[1]
+
+    value, slope, hessian = g(z, u), jax.jacfwd(g)(z, u), jax.jacfwd(jax.jacfwd(g))(z, u)
+    mixed = jax.jacfwd(rate)(z, u)
+    bend = jax.jvp(lambda u: rate(z, u), (u,), (jnp.ones_like(u),))[1]
+    inner = (jnp.arange(u.shape[0]) < u.shape[0] - ENDS) & (u > 0) & (u < 1) & (bend < 0)
+    moving = jnp.where(inner, 1 / jnp.where(inner, bend, 1.0), 0.0)
+    curvature = hessian - moving[:, None, None] * mixed[:, :, None] * mixed[:, None, :]
+    sound = jnp.isfinite(value) & jnp.all(jnp.isfinite(slope), 1) & jnp.all(jnp.isfinite(curvature), (1, 2))
+    height = jnp.where(present, jnp.where(sound, value, TOO_MUCH), ABSENT)
+    kept = present & sound
+    return Rows(height, _keep(slope, kept[:, None]), u), _keep(curvature, kept[:, None, None])
+
+
+def _fixed(problem: Problem, z: Variables, name: str, limit: Scalar, times: Float[Array, " r"]) -> Rows:
+    """The rows of one limit at fixed times."""
+    g = _excesses(problem, name, limit)
+    value, slope = g(z, times), jax.jacfwd(g)(z, times)
+    sound = jnp.isfinite(value) & jnp.all(jnp.isfinite(slope), 1)
+    return Rows(jnp.where(sound, value, ABSENT), _keep(slope, sound[:, None]), times)
+
+
+def _keep(x: Array, keep: Array) -> Array:
+    return jnp.where(keep, x, jnp.zeros_like(x))
+
+
+def _at_path(problem: Problem, z: Variables, name: str, limit: Scalar) -> Callable[[Scalar], Scalar]:
+    """(value/limit)² of the path of `z`."""
+    path = problem.path(z)
+    return lambda u: squared(path, u * path.duration, name) / limit**2
+
+
+def _inner_peaks(
+    problem: Problem, z: Variables, name: str, limit: Scalar, peaks: int
+) -> tuple[Float[Array, " peaks"], Bool[Array, " peaks"]]:
+    """The highest inner local maxima over the nodes, polished, and which of them there are."""
+    g = _at_path(problem, z, name, limit)
+    nodes = jnp.linspace(0.0, 1.0, NODES, dtype=z.dtype)
+    values = jax.vmap(g)(nodes)
+    middle = values[1:-1]
+    heights = jnp.where((middle >= values[:-2]) & (middle > values[2:]), middle, -jnp.inf)
+    picked, present = [], []
+    for _ in range(peaks):  # a few passes are cheaper than sorting
+        k = jnp.argmax(heights)
+        picked.append(nodes[k + 1])
+        present.append(heights[k] > -jnp.inf)
+        heights = jnp.where(jnp.arange(NODES - 2) == k, -jnp.inf, heights)
+    u = jnp.stack(picked)
+    reach = 1 / (NODES - 1)
+    return climb(g, u, u - reach, u + reach, NEWTON_STEPS), jnp.stack(present)
