@@ -11,6 +11,8 @@ from qtraj.design.limits import Limits
 from qtraj.design.magnitudes import peak
 from qtraj.design.tuning.tune import Tuned, tune
 from qtraj.foundation.document import load
+from qtraj.io import exchange
+from qtraj.io.dataset_file import load_dataset, save_dataset
 from qtraj.io.track_file import read_track
 from qtraj.motion import control, dynamics
 from qtraj.motion.attitude import AbstractProgram, Attitude
@@ -90,9 +92,11 @@ __all__ = [
     "dynamics",
     "error_response",
     "evaluate",
+    "exchange",
     "fit",
     "integrate",
     "load",
+    "load_dataset",
     "peak",
     "propagate",
     "propagate_samples",
@@ -100,6 +104,7 @@ __all__ = [
     "quaternion",
     "read_track",
     "rotation",
+    "save_dataset",
     "simulate",
     "trihedral",
     "tune",

@@ -75,6 +75,16 @@ def canonical(q: Quat) -> Quat:
     return jnp.where(_negative(s, _negative(x, _negative(y, z < 0))), -q, q)
 
 
+def from_xyzw(xyzw: Quat) -> Quat:
+    """λ from components with the scalar part last, as SciPy's default, ROS and TUM files have them."""
+    return jnp.roll(xyzw, 1)
+
+
+def to_xyzw(q: Quat) -> Quat:
+    """The components of λ with the scalar part last."""
+    return jnp.roll(q, -1)
+
+
 def _negative(x: Scalar, next_is: Flag) -> Flag:
     return (x < 0) | ((x == 0) & next_is)
 

@@ -4,6 +4,7 @@ import typer
 
 from qtraj._version import __version__
 from qtraj.cli.evaluate import evaluate
+from qtraj.cli.report import report
 from qtraj.cli.track import track
 from qtraj.cli.tune import tune
 from qtraj.cli.turn import turn
@@ -18,6 +19,7 @@ app.command(epilog="Example:  qtraj tune turn.toml --out results")(tune)
 app.command(epilog="Example:  qtraj evaluate turn.toml --samples 11")(evaluate)
 app.command(epilog="Example:  qtraj turn quarter.toml --out results")(turn)
 app.command(epilog="Example:  qtraj track loop.toml --out results")(track)
+app.command(epilog="Example:  qtraj tune && qtraj report    (reads qtraj-out, writes qtraj-out/report.html)")(report)
 
 
 def _version(wanted: bool) -> bool:

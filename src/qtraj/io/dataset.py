@@ -22,6 +22,7 @@ from qtraj.batch.evaluate import evaluate
 from qtraj.batch.table import AXES, DESCRIPTIONS, LABELS
 from qtraj.design.limits import Limits
 from qtraj.design.magnitudes import UNITS, magnitude
+from qtraj.io.provenance import made_with
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.track import Track, known
 
@@ -94,7 +95,8 @@ def path_dataset(
         coordinates["recorded_time"] = ("record", known(track.elapsed), _notes("s", "time from the first record"))
         dims = ("record", "world")
         variables["recorded_position"] = (dims, known(track.positions), _notes("m", "recorded position, world axes"))
-    notes = {"source": f"qtraj {__version__}", **CONVENTIONS, **(attributes or {})}
+    made = made_with(np.asarray(next(iter(paths.values())).duration).dtype)
+    notes = {"source": f"qtraj {__version__}", **CONVENTIONS, **made, **(attributes or {})}
     return xarray.Dataset(variables, coordinates, notes)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import xarray
 
 from qtraj._version import __version__
+from qtraj.io.provenance import made_with
 
 LABELS = {"body": ["x", "y", "z"], "component": ["w", "x", "y", "z"]}
 
@@ -26,16 +27,23 @@ class Column(NamedTuple):
 
 
 def instants_dataset(
-    times: np.ndarray, columns: Mapping[str, Column], attributes: Mapping[str, Any] | None = None
+    times: np.ndarray,
+    columns: Mapping[str, Column],
+    attributes: Mapping[str, Any] | None = None,
+    limits: Mapping[str, Any] | None = None,
 ) -> xarray.Dataset:
-    """The columns over `times` (n,) [s], with units, meanings and conventions in the attributes (extra `io`)."""
+    """The columns over `times` (n,) [s], with units, meanings and conventions in the attributes (extra `io`).
+
+    A column that `limits` names holds its bound, or one for each component, as attribute `limit`.
+    """
     variables: dict[str, Any] = {}
     for name, column in columns.items():
         axes = () if column.axis is None else (column.axis,)
         variables[name] = (("time", *axes), column.values, {"units": column.unit, "long_name": column.meaning})
+    for name, limit in (limits or {}).items():
+        variables[name][2]["limit"] = limit
     used = {column.axis for column in columns.values()}
     coordinates: dict[str, Any] = {axis: labels for axis, labels in LABELS.items() if axis in used}
     coordinates["time"] = ("time", times, {"units": "s", "long_name": "time from the start of the program"})
-    return xarray.Dataset(
-        variables, coordinates, {"source": f"qtraj {__version__}", **CONVENTIONS, **(attributes or {})}
-    )
+    notes = {"source": f"qtraj {__version__}", **CONVENTIONS, **made_with(np.asarray(times).dtype)}
+    return xarray.Dataset(variables, coordinates, notes | dict(attributes or {}))

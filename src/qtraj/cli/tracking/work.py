@@ -33,8 +33,9 @@ def run(file: Path | None, out: Path, samples: int | None = None) -> tuple[dict[
             "law": content["law"]["kind"],
             "result": content["result"],
         }
-        dataset = instants_dataset(job.times, columns, notes)
-        figure = track_figure(dataset, content["findings"]["settled"]["angle"], content["command_limit"])
+        limit = content["command_limit"]
+        dataset = instants_dataset(job.times, columns, notes, {} if limit is None else {"command": limit})
+        figure = track_figure(dataset, content["findings"]["settled"]["angle"], limit)
         writers: dict[str, Writer] = {
             "solution.toml": course.tabulated().save,
             **result_writers(dataset, figure, "track"),

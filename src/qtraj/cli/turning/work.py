@@ -17,6 +17,9 @@ from qtraj.io.scenario import TURN, read_scenario
 from qtraj.io.turn_model import TurnScenario
 from qtraj.viz.turn_figure import turn_figure
 
+BOUNDED = {"max_rate": "angle_rate", "max_acceleration": "angle_acceleration"}
+"""The column that each limit bounds."""
+
 
 def run(file: Path | None, out: Path, samples: int) -> tuple[dict[str, Any], bool]:
     """Make the program of a turn and write it: what there is to say, and whether all limits are met.
@@ -40,8 +43,9 @@ def run(file: Path | None, out: Path, samples: int) -> tuple[dict[str, Any], boo
         content = turn_content(given, turns, times, columns)
         watch.say("writing")
         notes = provenance(given.file, scenario_content(given)) | {"law": content["law"], "result": content["result"]}
-        dataset = instants_dataset(times, columns, notes)
         limits = turn_limits(given.scenario.law, given.scenario.angles)
+        bounds = {BOUNDED[name]: limit for name, limit in limits.items() if name in BOUNDED}
+        dataset = instants_dataset(times, columns, notes, bounds)
         figure = turn_figure(instants_dataset(fine, drawn, notes), limits)
         writers: dict[str, Writer] = {"program.toml": program.save, **result_writers(dataset, figure, "turn")}
         content["files"] = [str(file) for file in write_all(out, writers)]

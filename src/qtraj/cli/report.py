@@ -1,0 +1,33 @@
+"""`qtraj report`: a result as a page for the browser."""
+
+import json
+from pathlib import Path
+
+import typer
+
+from qtraj.cli.terminal import guarded, stdout
+
+
+def report(
+    result: Path = typer.Argument(
+        Path("qtraj-out"), metavar="RESULT", help="A folder of results, a dataset, or a saved path."
+    ),
+    out: Path | None = typer.Option(None, metavar="DIR", help="Folder for report.html; without it, that of RESULT."),
+    as_json: bool = typer.Option(False, "--json", help="Print what was found as JSON instead."),
+) -> None:
+    """Write a result as one HTML file to look at in a browser, without any network.
+
+    It shows the path with its moving trihedral, or an attitude with its moving
+    axes, beside everything over time, with slider, play and pause, tables and
+    provenance. RESULT is what the other commands write: a folder, a dataset
+    (.nc, .zarr, .parquet, .csv), or a saved path (.toml, .json).
+    """
+    with guarded():  # imports here, so that --help need not wait for xarray
+        from qtraj.cli.reporting.text import print_report
+        from qtraj.cli.reporting.work import run
+
+        content = run(result, out)
+    if as_json:
+        typer.echo(json.dumps(content, indent=2, allow_nan=False))
+    else:
+        print_report(stdout(), content)

@@ -1,0 +1,89 @@
+"""From what `qtraj report` is given to the dataset that it draws."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import xarray
+
+from qtraj.design.limits import Limits
+from qtraj.design.tune import Tuned
+from qtraj.foundation.document import load
+from qtraj.io.dataset import path_dataset
+from qtraj.io.dataset_file import SUFFIXES, load_dataset
+from qtraj.path.hodograph import AbstractHodograph
+
+DATASETS = ("paths.nc", "table.nc")
+"""What the commands write into their folders, each of which can be drawn."""
+TUNED = "tuning.toml"
+DOCUMENTS = (".toml", ".json")
+
+
+@dataclass(frozen=True)
+class Job:
+    """The file that is drawn, its dataset, and the tuning that belongs to it, where there is one."""
+
+    file: Path
+    dataset: xarray.Dataset
+    tuned: Tuned | None = None
+
+
+def find(result: Path) -> Job:
+    """The dataset of a result: of a folder, a dataset's file, or a saved path.
+
+    **Raises:** OSError where nothing is there or it cannot be read; ValueError, naming the file, for what is no result.
+    """
+    if not result.exists():
+        raise FileNotFoundError(f"{result}: there is no such result; 'qtraj tune' writes one into qtraj-out")
+    if result.suffix in DOCUMENTS:
+        return _saved(result)
+    file = _within(result) if is_folder(result) else result
+    dataset = load_dataset(file)
+    return Job(file, dataset, _tuning(file.parent / TUNED, dataset))
+
+
+def is_folder(result: Path) -> bool:
+    """Whether a result is a folder of files, not a Zarr store."""
+    return result.is_dir() and result.suffix not in SUFFIXES
+
+
+def _within(folder: Path) -> Path:
+    """The one dataset of a folder."""
+    found = [folder / name for name in DATASETS if (folder / name).is_file()]
+    if not found:
+        names = " nor ".join(DATASETS)
+        raise ValueError(f"{folder}: this folder holds neither {names}, which qtraj's commands write into their --out")
+    if len(found) > 1:
+        raise ValueError(f"{folder}: this folder holds several results: name one of {', '.join(map(str, found))}")
+    return found[0]
+
+
+def _saved(file: Path) -> Job:
+    """The dataset of a saved path, or of a saved tuning and its path."""
+    stored = load(file)
+    tuned = stored if isinstance(stored, Tuned) else None
+    path = stored if tuned is None else tuned.path
+    if not isinstance(path, AbstractHodograph):
+        raise ValueError(
+            f"{file}: a saved path or tuning was expected, but the file holds a {type(stored).__name__}: name the "
+            "table.nc beside it"
+        )
+    name, limits = ("path", None) if tuned is None else ("after", _limits(tuned))
+    notes = {"title": file.name} | ({} if tuned is None else {"tuning_result": tuned.result})
+    return Job(file, path_dataset({name: path}, limits, attributes=notes), tuned)
+
+
+def _limits(tuned: Tuned) -> Limits:
+    """The limits that a tuning was given, as far as its certificate knows them."""
+    return Limits(**{name: limit for name, (_, _, limit) in tuned.certificate.worst.items()})
+
+
+def _tuning(file: Path, dataset: xarray.Dataset) -> Tuned | None:
+    """The tuning stored beside a dataset, if it is the one whose path stands in it as "after"."""
+    if not file.is_file() or "path" not in dataset.dims or "after" not in dataset["path"].values.tolist():
+        return None
+    try:
+        tuned = load(file)
+    except ValueError:  # some other file of this name
+        return None
+    duration = float(dataset["duration"].sel(path="after")) if "duration" in dataset else None
+    return tuned if isinstance(tuned, Tuned) and float(tuned.path.duration) == duration else None

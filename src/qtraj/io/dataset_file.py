@@ -1,0 +1,164 @@
+"""Labelled datasets as files: netCDF, Zarr, Parquet and CSV by the name of the file, every float exactly.
+
+netCDF and Zarr hold any dataset as it is. Parquet and CSV hold one table: a row for each instant (of each path), a
+column for each component, and a header with everything else (see `qtraj.io.flat`), so that pandas reads the table and
+`load_dataset` the whole. All four need the extra `io`, which is imported only when they are used.
+"""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from qtraj.io.extras import needed
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class Labelled(Protocol):
+    """What knows itself as a dataset, such as the table of `qtraj.evaluate`."""
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The same as an `xarray.Dataset`."""
+        ...
+
+
+def save_dataset(dataset: "xarray.Dataset | Labelled", file: str | os.PathLike[str]) -> None:
+    """Write a dataset, or a result that has `to_xarray()`, to a .nc, .zarr, .parquet or .csv file.
+
+    Values, their types, labels, units and all other attributes come back from `load_dataset`, floats bit by bit. The
+    file (of Zarr: the folder) appears whole or not at all, and takes the place of one of the same name.
+
+    **Raises:** ValueError for another suffix, or for values that the format cannot hold; OSError where the file cannot
+    be written; ModuleNotFoundError, naming the extra, where a package is missing.
+    """
+    path = Path(file)
+    write = _by_suffix(path, _WRITERS)
+    needed("xarray", "saving a dataset")
+    import xarray
+
+    content = dataset if isinstance(dataset, xarray.Dataset) else dataset.to_xarray()
+    if path.is_dir() and not _is_store(path):
+        raise IsADirectoryError(f"{path}: this folder is no Zarr store and is left alone")
+    stage = Path(tempfile.mkdtemp(prefix=".qtraj-", dir=path.absolute().parent))
+    try:
+        write(content.drop_encoding(), stage / path.name)
+        if path.is_dir():
+            os.replace(path, stage / "old")
+        os.replace(stage / path.name, path)
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+
+
+def load_dataset(file: str | os.PathLike[str]) -> "xarray.Dataset":
+    """The dataset in a .nc, .zarr, .parquet or .csv file, wholly in memory.
+
+    **Raises:** OSError where there is no such file; ValueError, naming it, for another suffix or where it holds no
+    dataset; ModuleNotFoundError, naming the extra, where a package is missing.
+    """
+    path = Path(file)
+    read = _by_suffix(path, _READERS)
+    needed("xarray", "loading a dataset")
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: there is no such file")
+    return read(path)
+
+
+def _write_netcdf(dataset: "xarray.Dataset", file: Path) -> None:
+    needed("h5netcdf", "saving netCDF")
+    from qtraj.io.dataset import write_netcdf
+
+    write_netcdf(dataset, file)
+
+
+def _read_netcdf(file: Path) -> "xarray.Dataset":
+    needed("h5netcdf", "loading netCDF")
+    import xarray
+
+    try:
+        return xarray.load_dataset(file, engine="h5netcdf")
+    except PermissionError:
+        raise
+    except (OSError, ValueError) as error:  # h5py says OSError of what is no HDF5 file
+        raise ValueError(f"{file}: no netCDF-4 file ({error})") from error
+
+
+def _write_zarr(dataset: "xarray.Dataset", file: Path) -> None:
+    needed("zarr", "saving Zarr")
+    from qtraj.io.zarr_store import write_zarr
+
+    write_zarr(dataset, file)
+
+
+def _read_zarr(file: Path) -> "xarray.Dataset":
+    needed("zarr", "loading Zarr")
+    from qtraj.io.zarr_store import read_zarr
+
+    return read_zarr(file)
+
+
+def _write_parquet(dataset: "xarray.Dataset", file: Path) -> None:
+    needed("pyarrow", "saving Parquet")
+    from qtraj.io.flat import flatten
+    from qtraj.io.flat_parquet import write_parquet
+
+    write_parquet(flatten(dataset), file)
+
+
+def _read_parquet(file: Path) -> "xarray.Dataset":
+    needed("pyarrow", "loading Parquet")
+    from qtraj.io.flat_parquet import read_parquet
+
+    return _unfolded(read_parquet(file), file)
+
+
+def _write_csv(dataset: "xarray.Dataset", file: Path) -> None:
+    from qtraj.io.flat import flatten
+    from qtraj.io.flat_csv import write_csv
+
+    write_csv(flatten(dataset), file)
+
+
+def _read_csv(file: Path) -> "xarray.Dataset":
+    from qtraj.io.flat_csv import read_csv
+
+    return _unfolded(read_csv(file), file)
+
+
+def _unfolded(flat: Any, file: Path) -> "xarray.Dataset":
+    from qtraj.io.flat import unflatten
+
+    try:
+        return unflatten(flat)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{file}: header and table do not belong together ({error})") from error
+
+
+def _is_store(folder: Path) -> bool:
+    return any((folder / name).is_file() for name in (".zgroup", "zarr.json"))
+
+
+_WRITERS: dict[str, Callable[[Any, Path], None]] = {
+    ".nc": _write_netcdf,
+    ".zarr": _write_zarr,
+    ".parquet": _write_parquet,
+    ".csv": _write_csv,
+}
+_READERS: dict[str, Callable[[Path], Any]] = {
+    ".nc": _read_netcdf,
+    ".zarr": _read_zarr,
+    ".parquet": _read_parquet,
+    ".csv": _read_csv,
+}
+SUFFIXES = tuple(_READERS)
+"""Of the files that can be loaded."""
+
+
+def _by_suffix(path: Path, choices: dict[str, Callable[..., Any]]) -> Callable[..., Any]:
+    try:
+        return choices[path.suffix.lower()]
+    except KeyError:
+        raise ValueError(f"{path}: the name of a dataset's file must end in {', '.join(choices)}") from None

@@ -1,0 +1,75 @@
+"""Attitudes to and from SciPy, jaxlie and plain arrays; the order of components stands in each function's name.
+
+`wxyz` is qtraj's own order, scalar first; `xyzw` is that of SciPy's default, ROS and many files. Quaternions here may
+be many, (..., 4), and of any length but zero, body to inertial; both libraries then hold the active rotation R(λ) that
+turns the inertial basis into the body basis, and their `apply` takes body components to inertial ones. SciPy and jaxlie
+are imported only when they are used.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from qtraj.foundation.arrays import as_float
+from qtraj.foundation.types import ArrayInput
+from qtraj.io.extras import needed
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+
+def xyzw_from_wxyz(wxyz: ArrayInput) -> Float[Array, "*n 4"]:
+    """The same quaternions with the scalar part last."""
+    return jnp.roll(_quaternions(wxyz), -1, axis=-1)
+
+
+def wxyz_from_xyzw(xyzw: ArrayInput) -> Float[Array, "*n 4"]:
+    """The same quaternions with the scalar part first."""
+    return jnp.roll(_quaternions(xyzw), 1, axis=-1)
+
+
+def scipy_from_wxyz(wxyz: ArrayInput) -> "Rotation":
+    """SciPy's `Rotation` of quaternions (4,) or (n, 4); it keeps their signs and forgets their lengths.
+
+    **Raises:** ValueError for other shapes, and for a quaternion of length zero.
+    """
+    needed("scipy", "an exchange with SciPy", None)
+    from scipy.spatial.transform import Rotation
+
+    values = np.asarray(_quaternions(wxyz), dtype=float)
+    if values.ndim > 2:
+        raise ValueError(f"SciPy takes quaternions of shape (4,) or (n, 4), but {values.shape} was given")
+    return Rotation.from_quat(values, scalar_first=True)
+
+
+def wxyz_from_scipy(rotation: "Rotation") -> np.ndarray:
+    """The unit quaternions (4,) or (n, 4) of a SciPy `Rotation`, with the signs that it holds."""
+    return rotation.as_quat(canonical=False, scalar_first=True)
+
+
+def jaxlie_from_wxyz(wxyz: ArrayInput) -> Any:
+    """jaxlie's `SO3` of quaternions (..., 4), made unit as jaxlie expects them; NaN for a length of zero.
+
+    It may be traced and differentiated.
+    """
+    needed("jaxlie", "an exchange with jaxlie", None)
+    import jaxlie
+
+    values = _quaternions(wxyz)
+    largest = jnp.max(jnp.abs(values), axis=-1, keepdims=True)  # squares of small components must not underflow
+    scaled = values / largest
+    return jaxlie.SO3(wxyz=scaled / jnp.sqrt(jnp.sum(scaled * scaled, axis=-1, keepdims=True)))
+
+
+def wxyz_from_jaxlie(rotation: Any) -> Float[Array, "*n 4"]:
+    """The quaternions (..., 4) of a jaxlie `SO3`."""
+    return rotation.wxyz
+
+
+def _quaternions(values: ArrayInput) -> Array:
+    given = as_float(values)
+    if given.ndim == 0 or given.shape[-1] != 4:
+        raise ValueError(f"quaternions have four components on the last axis, but the shape {given.shape} was given")
+    return given

@@ -1,0 +1,143 @@
+"""A dataset as one table with a header: what Parquet and CSV files hold.
+
+The rows are the instants, path by path where there are several: the dimensions of `time`, and `path`. A variable of
+more dimensions has a column for each component (`position_x`, `dcm_tangent_x`); one of fewer is repeated (`duration` on
+each row of its path). What has nothing to do with the rows (the names of axes, a recording) stands in the header,
+beside all dimensions, types, units and other attributes.
+"""
+
+import itertools
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray
+
+FORMAT = "qtraj-dataset/1"
+TEXT = "str"
+KINDS = "fiub"
+
+
+@dataclass(frozen=True)
+class Flat:
+    """Columns (n,) by name, and a header of JSON's types."""
+
+    columns: dict[str, np.ndarray]
+    header: dict[str, Any]
+
+
+def flatten(dataset: xarray.Dataset) -> Flat:
+    """The table and the header of a dataset.
+
+    **Raises:** ValueError for a dataset without dimensions, for values that are neither numbers nor texts, and for
+    attributes that JSON cannot hold.
+    """
+    rows = _rows(dataset)
+    columns: dict[str, np.ndarray] = {}
+    variables: dict[str, Any] = {}
+    for key, variable in dataset.variables.items():
+        name = str(key)
+        about: dict[str, Any] = {"dims": [str(dim) for dim in variable.dims], "dtype": _kind(variable, name)}
+        about |= {"coordinate": key in dataset.coords, "attributes": _plain(variable.attrs, name)}
+        values = variable.values.astype(str) if about["dtype"] == TEXT else variable.values
+        if set(rows) & set(variable.dims):
+            others = [dim for dim in variable.dims if dim not in rows]
+            names = _names(dataset, name, others, columns)
+            parts = _spread(xarray.Variable(variable.dims, values), rows, dataset.sizes, others)
+            columns |= dict(zip(names, parts, strict=True))
+            about["columns"] = names
+        else:
+            about["values"] = values.ravel().tolist()
+        variables[name] = about
+    header = {"format": FORMAT, "rows": list(map(str, rows))}
+    header |= {"dimensions": {str(dim): n for dim, n in dataset.sizes.items()}}
+    header |= {"attributes": _plain(dataset.attrs, "the dataset"), "variables": variables}
+    return Flat(columns, header)
+
+
+def unflatten(flat: Flat) -> xarray.Dataset:
+    """The dataset of a table and its header.
+
+    **Raises:** KeyError or ValueError where they do not belong together.
+    """
+    rows, sizes = flat.header["rows"], flat.header["dimensions"]
+    variables, coordinates = {}, {}
+    for name, about in flat.header["variables"].items():
+        if "columns" in about:
+            values = _gathered(about, flat.columns, rows, sizes)
+        else:
+            values = np.array(about["values"], about["dtype"]).reshape([sizes[dim] for dim in about["dims"]])
+        (coordinates if about["coordinate"] else variables)[name] = (about["dims"], values, about["attributes"])
+    return xarray.Dataset(variables, coordinates, flat.header["attributes"])
+
+
+def _rows(dataset: xarray.Dataset) -> list[Any]:
+    """The dimensions along which the rows run."""
+    if not dataset.sizes:
+        raise ValueError("a dataset without dimensions makes no table: save it as .nc or .zarr")
+    if "time" not in dataset.variables:
+        return list(dataset.sizes)[:1]
+    return [dim for dim in dataset.sizes if dim == "path" or dim in dataset["time"].dims]
+
+
+def _spread(
+    variable: xarray.Variable, rows: list[Any], sizes: Mapping[Any, int], others: list[Any]
+) -> list[np.ndarray]:
+    """One array over all rows for each component."""
+    own = [dim for dim in rows if dim in variable.dims]
+    count = math.prod(sizes[dim] for dim in others)
+    values = variable.transpose(*own, *others).values
+    wide = values.reshape(*(sizes[dim] if dim in own else 1 for dim in rows), count)
+    wide = np.broadcast_to(wide, (*(sizes[dim] for dim in rows), count))
+    return [np.ascontiguousarray(wide[..., k]).ravel() for k in range(count)]
+
+
+def _gathered(
+    about: dict[str, Any], columns: dict[str, np.ndarray], rows: list[str], sizes: dict[str, int]
+) -> np.ndarray:
+    """The values of one variable from its columns, its dimensions in their own order."""
+    dims: list[str] = about["dims"]
+    own, others = [dim for dim in rows if dim in dims], [dim for dim in dims if dim not in rows]
+    wide = [columns[name].reshape([sizes[dim] for dim in rows]) for name in about["columns"]]
+    first = np.stack(wide, axis=-1)[tuple(slice(None) if dim in own else 0 for dim in rows)]
+    values = first.reshape([sizes[dim] for dim in (*own, *others)])
+    return np.transpose(values, [[*own, *others].index(dim) for dim in dims]).astype(about["dtype"])
+
+
+def _names(dataset: xarray.Dataset, name: str, others: list[Any], taken: dict[str, Any]) -> list[str]:
+    """The columns of one variable, different from all others."""
+    labels = [[str(label) for label in dataset[dim].values] for dim in others]  # numbers where there are no labels
+    names = []
+    for parts in itertools.product(*labels):
+        column = "_".join([name, *parts])
+        while column in taken or column in names:
+            column += "_"
+        names.append(column)
+    return names
+
+
+def _kind(variable: xarray.Variable, name: str) -> str:
+    """What the values are: a type of numpy's numbers, or texts."""
+    if variable.dtype.kind in KINDS and variable.dtype.itemsize <= 8:
+        return str(variable.dtype.newbyteorder("="))
+    texts = variable.dtype.kind in "UT" or all(isinstance(value, str) for value in variable.values.ravel().tolist())
+    if variable.dtype.kind in "UTO" and texts:
+        return TEXT
+    raise ValueError(f"'{name}' holds {variable.dtype} values, which a table cannot: save it as .nc or .zarr")
+
+
+def _plain(attributes: Any, name: str) -> dict[str, Any]:
+    """Attributes as JSON's types; numpy's numbers and arrays become plain ones."""
+    try:
+        return json.loads(json.dumps({str(key): value for key, value in attributes.items()}, default=_item))
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"an attribute of {name} cannot be written as text: {error}") from error
+
+
+def _item(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} is neither a number nor a text")

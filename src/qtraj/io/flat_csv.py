@@ -1,0 +1,82 @@
+"""Flat datasets as CSV: the header in comment lines, then names of columns, then rows with the shortest exact numbers.
+
+`pandas.read_csv(file, comment="#")` reads the table; before pandas 3.1 `float_precision="round_trip"` makes it exact.
+"""
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from qtraj.io.flat import FORMAT, TEXT, Flat
+
+MARK = "# "
+TRUTH = {"True": True, "False": False}
+
+
+def write_csv(flat: Flat, file: Path) -> None:
+    """Write header, names and rows."""
+    lines = [MARK + line for line in _written(flat.header)]
+    lines.append(",".join(_quoted(name) for name in flat.columns))
+    columns = [_texts(values) for values in flat.columns.values()]
+    lines += map(",".join, zip(*columns, strict=True))
+    file.write_text("\n".join([*lines, ""]), encoding="utf-8", newline="\n")
+
+
+def read_csv(file: Path) -> Flat:
+    """Columns and header of a file.
+
+    **Raises:** ValueError, naming the file, where there is no header, or a row that does not fit.
+    """
+    try:
+        lines = file.read_bytes().decode().split("\n")
+        count = next((k for k, line in enumerate(lines) if not line.startswith(MARK)), len(lines))
+        header = json.loads("".join(line.removeprefix(MARK) for line in lines[:count]) or "{}")
+    except ValueError as error:
+        raise ValueError(f"{file}: the header cannot be read ({error})") from error
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
+        raise ValueError(
+            f"{file}: this CSV file has no header of a dataset; qtraj.read_track reads recordings, pandas any table"
+        )
+    names, *rows = list(csv.reader(io.StringIO("\n".join(lines[count:]), newline=""))) or [[]]
+    if wrong := next((k for k, row in enumerate(rows, 1) if len(row) != len(names)), None):
+        raise ValueError(f"{file}: row {wrong} has {len(rows[wrong - 1])} columns, but expected {len(names)}")
+    kinds = {column: about["dtype"] for about in header["variables"].values() for column in about.get("columns", [])}
+    try:
+        parts = zip(names, zip(*rows, strict=True), strict=True) if rows else ((name, ()) for name in names)
+        return Flat({name: _parsed(texts, kinds[name]) for name, texts in parts}, header)
+    except (KeyError, ValueError) as error:
+        raise ValueError(f"{file}: the table does not fit its header ({error})") from error
+
+
+def _written(header: dict[str, Any]) -> list[str]:
+    """The header as JSON that people can read: a line for each variable."""
+    variables = header["variables"].items()
+    lines = [f"{json.dumps(name)}: {json.dumps(about, ensure_ascii=False)}" for name, about in variables]
+    first = {key: value for key, value in header.items() if key != "variables"}
+    top = [f"{json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}," for key, value in first.items()]
+    between = [f"  {line}," for line in lines[:-1]] + [f"  {line}" for line in lines[-1:]]
+    return ["{", *top, '"variables": {', *between, "}}"]
+
+
+def _texts(values: np.ndarray) -> list[str]:
+    if values.dtype.kind == "U":
+        return [_quoted(text) for text in values.tolist()]
+    return list(map(repr, values.tolist()))
+
+
+def _quoted(text: str) -> str:
+    """A text that neither commas nor a '#' in it can break."""
+    plain = all(c.isalnum() or c in "_-." for c in text) and text != ""
+    return text if plain else '"' + text.replace('"', '""') + '"'
+
+
+def _parsed(texts: Any, kind: str) -> np.ndarray:
+    if kind == TEXT:
+        return np.array(texts, dtype=str)
+    if kind == "bool":
+        return np.array([TRUTH[text] for text in texts], dtype=bool)
+    return np.array([float(text) if kind.startswith("float") else int(text) for text in texts], dtype=kind)

@@ -1,0 +1,44 @@
+"""Flat datasets as Parquet: the header in the metadata of the schema, units in those of the columns."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from qtraj.io.flat import FORMAT, Flat
+
+KEY = b"qtraj"
+
+
+def write_parquet(flat: Flat, file: Path) -> None:
+    """Write columns and header; pandas and every other reader of Parquet reads the columns."""
+    fields, arrays = [], []
+    about = {column: v for v in flat.header["variables"].values() for column in v.get("columns", [])}
+    for name, values in flat.columns.items():
+        array = pa.array(values.tolist(), pa.string()) if values.dtype.kind == "U" else pa.array(values)
+        notes = {key: str(value) for key, value in about[name]["attributes"].items()}
+        fields.append(pa.field(name, array.type, metadata=notes))
+        arrays.append(array)
+    schema = pa.schema(fields, metadata={KEY: json.dumps(flat.header).encode()})
+    pq.write_table(pa.Table.from_arrays(arrays, schema=schema), file)
+
+
+def read_parquet(file: Path) -> Flat:
+    """Columns and header of a file.
+
+    **Raises:** ValueError, naming the file, where it is no Parquet or has no header.
+    """
+    try:
+        table = pq.read_table(file)
+    except pa.ArrowInvalid as error:
+        raise ValueError(f"{file}: no Parquet file ({error})") from error
+    header = json.loads((table.schema.metadata or {}).get(KEY, b"{}"))
+    if header.get("format") != FORMAT:
+        raise ValueError(f"{file}: this Parquet file holds no dataset of qtraj; pandas.read_parquet reads its columns")
+    return Flat({name: _values(table.column(name)) for name in table.column_names}, header)
+
+
+def _values(column: pa.ChunkedArray) -> np.ndarray:
+    return np.array(column.to_pylist()) if pa.types.is_string(column.type) else column.to_numpy()

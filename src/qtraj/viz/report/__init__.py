@@ -1,0 +1,5 @@
+"""Interactive reports: one HTML file that needs no network (plotly)."""
+
+from qtraj.viz.report.page import report_page
+
+__all__ = ["report_page"]

@@ -1,0 +1,168 @@
+"""The report of attitudes over time: of a turn, of a closed loop, of anything with a quaternion over `time`."""
+
+from dataclasses import replace
+
+import numpy as np
+import xarray
+
+from qtraj.viz.figures import COMPONENTS, SUBSCRIPTS, title
+from qtraj.viz.report.frames import cosines
+from qtraj.viz.report.model import Arrow, Body, Panel, Report, Series, Table, number, unit
+from qtraj.viz.report.provenance import provenance_table
+
+DASHES = {"w": "dash", "x": "solid", "y": "dashdot", "z": "dot"}
+PLAIN = "#0072B2"
+REFERENCE = "#777777"
+LEAST_ANGLE = 1e-7  # [°] below it there is round-off only, which a logarithmic axis would show as a mountain range
+
+BESIDE = {
+    "angle": ("closed_form_angle", "closed form"),
+    "error": ("closed_form_error", "closed form"),
+    "rate": ("program_rate", "program"),
+    "quaternion": ("program_quaternion", "program"),
+}
+"""What a variable is compared with in its own panel."""
+
+ORDER = (
+    "angle",
+    "angle_rate",
+    "angle_acceleration",
+    "error",
+    "rate",
+    "acceleration",
+    "command",
+    "virtual_command",
+    "quaternion",
+    "norm",
+)
+"""The first panels; other variables over time follow."""
+
+TITLES = {
+    "error": "error quaternion",
+    "rate": "rate, body axes",
+    "acceleration": "angular acceleration, body axes",
+    "command": "command, body axes",
+    "norm": "length of the quaternion",
+}
+LETTERS = {"quaternion": "λ", "error": "μ", "rate": "ω", "acceleration": "ε", "command": "u"}
+
+
+def is_of_attitudes(dataset: xarray.Dataset) -> bool:
+    """Whether a dataset holds quaternions over `time`."""
+    if not {"quaternion", "time"} <= set(map(str, dataset.variables)):
+        return False
+    return dataset["quaternion"].dims[:1] == ("time",) and dataset["quaternion"].shape[1:] == (4,)
+
+
+def attitude_report(dataset: xarray.Dataset) -> Report:
+    """The attitudes of a dataset over `time`: `quaternion`, and `program_quaternion` as a ghost beside it."""
+    time = dataset["time"].values
+    bodies = [Body("body", time, None, cosines(dataset["quaternion"].values), PLAIN)]
+    if "program_quaternion" in dataset:
+        axes = cosines(dataset["program_quaternion"].values)
+        bodies.append(Body("program", time, None, axes, REFERENCE, ghost=True))
+    notes = dataset.attrs
+    return Report(
+        title=title(dataset) or "Attitude",
+        kind="attitude",
+        facts=[str(notes["result"])] if "result" in notes else [],
+        arrows=[Arrow(name, f"body axis {name}", COMPONENTS[name]) for name in "xyz"],
+        bodies=bodies,
+        panels=[_panel(dataset, name) for name in _shown(dataset)],
+        tables=[_peaks(dataset), _ends(dataset), provenance_table(dataset)],
+    )
+
+
+def _shown(dataset: xarray.Dataset) -> list[str]:
+    """Variables with a panel of their own."""
+    beside = {name for name, _ in BESIDE.values()}
+    found = [str(name) for name, variable in dataset.data_vars.items() if variable.dims[:1] == ("time",)]
+    found = [name for name in found if name not in beside and dataset[name].ndim <= 2]
+    return sorted(found, key=lambda name: ORDER.index(name) if name in ORDER else len(ORDER))
+
+
+def _panel(dataset: xarray.Dataset, name: str) -> Panel:
+    values, symbol = _in_degrees(dataset, name)
+    error = name == "angle" and "error" in dataset
+    labels = _labels(dataset, name)
+    series = []
+    for k, label in enumerate(labels):
+        symbol_of = LETTERS.get(name, name.replace("_", " "))
+        shown = f"{symbol_of}{_index(label)}" if dataset[name].ndim > 1 else label
+        series.append(Series(shown, 0, values[:, k], COMPONENTS.get(label, PLAIN), DASHES.get(label, "solid")))
+    if name == "command":
+        series.append(Series("length", 0, np.linalg.norm(values, axis=1), "#333333", reference=True))
+    if name in BESIDE and BESIDE[name][0] in dataset:
+        other, text = BESIDE[name]
+        compared, _ = _in_degrees(dataset, other)
+        series += [Series(text, 0, column, REFERENCE, "dot", reference=True) for column in compared.T]
+    if error:
+        series = [replace(line, values=np.where(line.values > LEAST_ANGLE, line.values, np.nan)) for line in series]
+    bounds = _limits(dataset, name)
+    text = "limit " + ", ".join(f"{bound:.4g}" for bound in bounds)
+    limits = [(sign * bound, text) for bound in bounds for sign in _signs(values)]
+    heading = "error angle" if error else TITLES.get(name, name.replace("_", " "))
+    return Panel(heading, symbol, series, limits, logarithmic=error)
+
+
+def _signs(values: np.ndarray) -> tuple[float, ...]:
+    """A limit is drawn below zero where something goes there."""
+    low = np.nanmin(values, initial=0.0)
+    return (1.0, -1.0) if low < -1e-9 * max(np.nanmax(values, initial=0.0), 1e-300) else (1.0,)
+
+
+def _labels(dataset: xarray.Dataset, name: str) -> list[str]:
+    variable = dataset[name]
+    if variable.ndim == 1:
+        return [name.replace("_", " ")]
+    return [str(label) for label in variable[variable.dims[1]].values]
+
+
+def _index(label: str) -> str:
+    return SUBSCRIPTS.get(label, f" {label}")
+
+
+def _in_degrees(dataset: xarray.Dataset, name: str) -> tuple[np.ndarray, str]:
+    """Values (n, m) and their unit, degrees in place of radians."""
+    values = dataset[name].values.astype(float)
+    symbol = unit(dataset[name].attrs.get("units", ""))
+    return _scale(dataset, name) * values.reshape(len(values), -1), symbol.replace("rad", "°")
+
+
+def _limits(dataset: xarray.Dataset, name: str) -> list[float]:
+    """The limits of a variable, in degrees in place of radians, each once."""
+    given = np.ravel(dataset[name].attrs.get("limit", [])).astype(float)
+    return np.unique(_scale(dataset, name) * given).tolist()
+
+
+def _scale(dataset: xarray.Dataset, name: str) -> float:
+    return 180 / np.pi if dataset[name].attrs.get("units", "").startswith("rad") else 1.0
+
+
+def _peaks(dataset: xarray.Dataset) -> Table:
+    """The largest length or magnitude of each quantity, and when."""
+    rows = []
+    for name in _shown(dataset):
+        values, symbol = _in_degrees(dataset, name)
+        size = np.linalg.norm(values, axis=1)
+        if name in ("quaternion", "error") or not np.isfinite(size).any():
+            continue
+        worst = int(np.nanargmax(size))
+        bound = ", ".join(map(number, _limits(dataset, name))) or "–"
+        when = number(float(dataset["time"].values[worst]))
+        rows.append([f"{name.replace('_', ' ')} [{symbol}]", number(float(size[worst])), when, bound])
+    note = "Of vectors their length; at the instants of the table alone."
+    return Table("Largest values", ["quantity", "largest", "at [s]", "limit"], rows, note=note)
+
+
+def _ends(dataset: xarray.Dataset) -> Table:
+    """Attitude and rate at the first and the last instant."""
+    rows = []
+    for text, end in (("start", 0), ("end", -1)):
+        row = [text, number(float(dataset["time"].values[end]))]
+        row += [f"{x + 0.0:.6f}" for x in dataset["quaternion"].values[end]]
+        if "rate" in dataset:
+            row += [number(x, 4) for x in _in_degrees(dataset, "rate")[0][end].tolist()]
+        rows.append(row)
+    header = ["", "t [s]", "λ₀", "λ₁", "λ₂", "λ₃", "ω₁ [°/s]", "ω₂ [°/s]", "ω₃ [°/s]"]
+    return Table("Attitude at the ends", header[: len(rows[0])], rows)

@@ -1,0 +1,131 @@
+// The clock and the controls, and the start of it all.
+let busy = false;
+async function show() {
+  byId("slider").value = state.time;
+  moveCursors();
+  showNow();
+  if (busy) return;
+  busy = true;
+  try {
+    let drawn;
+    do {
+      drawn = [state.time, state.looked];
+      await moveSpace();
+    } while (drawn[0] !== state.time || drawn[1] !== state.looked);
+  } finally {
+    busy = false;
+  }
+}
+
+function setTime(t) {
+  state.time = Math.min(Math.max(Number(t), start), duration);
+  return show();
+}
+
+function play(on) {
+  state.playing = on && duration > start;
+  byId("play").textContent = state.playing ? "Pause" : "Play";
+  byId("play").setAttribute("aria-label", state.playing ? "Pause" : "Play");
+  if (!state.playing) return;
+  if (state.time >= duration) setTime(start);
+  state.before = performance.now();
+  requestAnimationFrame(tick);
+}
+
+function tick(now) {
+  if (!state.playing) return;
+  const step = (Math.max(now - state.before, 0) / 1000) * Number(byId("speed").value);
+  state.before = Math.max(now, state.before);
+  setTime(state.time + step);
+  if (state.time >= duration) play(false);
+  else requestAnimationFrame(tick);
+}
+
+function speeds() {
+  const choices = [];
+  for (let power = -3; power <= 5; power++) for (const digit of [1, 2, 5]) choices.push(digit * 10 ** power);
+  const wanted = Math.max(duration - start, 1e-6) / 12;
+  const best = choices.filter((choice) => choice <= Math.max(wanted, choices[0])).pop();
+  const middle = choices.indexOf(duration - start > 2 && duration - start < 20 ? 1 : best);
+  for (const choice of choices.slice(Math.max(middle - 3, 0), middle + 4)) {
+    const rounded = Number(choice.toPrecision(1));
+    byId("speed").add(new Option(rounded + " ×", String(rounded), false, choice === choices[middle]));
+  }
+}
+
+function look(k) {
+  state.looked = Number(k);
+  for (const { panel, plot, key } of plots) {
+    if (panel.series.some((series) => series.follows)) {
+      Plotly.restyle(
+        plot,
+        { visible: panel.series.map(shown) },
+        panel.series.map((_, n) => n),
+      );
+      drawKey(panel, key);
+    }
+  }
+  drawSpace();
+  show();
+}
+
+function controls() {
+  byId("slider").min = start;
+  byId("slider").max = duration;
+  byId("slider").addEventListener("input", (event) => {
+    play(false);
+    setTime(event.target.value);
+  });
+  byId("play").addEventListener("click", () => play(!state.playing));
+  document.addEventListener("keydown", (event) => {
+    if (event.key !== " " || ["BUTTON", "SELECT", "INPUT"].includes(event.target.tagName)) return;
+    event.preventDefault();
+    play(!state.playing);
+  });
+  const real = bodies.map((body, k) => [body, k]).filter(([body]) => !body.ghost);
+  real.forEach(([body, k]) => byId("body").add(new Option(body.name, String(k), false, k === state.looked)));
+  byId("chooser").hidden = real.length < 2;
+  byId("body").addEventListener("change", (event) => look(event.target.value));
+  new ResizeObserver(() => requestAnimationFrame(refit)).observe(byId("panels"));
+  byId("print").addEventListener("click", print);
+}
+
+/** A browser prints no WebGL: a picture takes the place of the scene on paper. */
+async function print() {
+  play(false);
+  const { clientWidth: width, clientHeight: height } = byId("space");
+  byId("picture").src = await Plotly.toImage(byId("space"), { format: "png", width, height, scale: 2 });
+  await byId("picture").decode();
+  window.print();
+}
+
+function legend() {
+  for (const arrow of arrows) {
+    const item = document.createElement("li"),
+      swatch = document.createElement("i");
+    swatch.style.background = arrow.colour;
+    item.append(swatch, arrow.symbol === arrow.meaning ? arrow.symbol : arrow.symbol + " (" + arrow.meaning + ")");
+    byId("arrows").append(item);
+  }
+  if (bodies.some((body) => body.ghost)) {
+    const item = document.createElement("li");
+    item.textContent =
+      "pale lines: " +
+      bodies
+        .filter((body) => body.ghost)
+        .map((body) => body.name)
+        .join(", ");
+    byId("arrows").append(item);
+  }
+}
+
+speeds();
+controls();
+legend();
+drawPanels();
+drawNow();
+drawSpace()
+  .then(() => setTime(start))
+  .then(() => {
+    document.documentElement.dataset.ready = "yes";
+  });

@@ -1,0 +1,21 @@
+"""Axes of bodies from quaternions, for drawing."""
+
+import numpy as np
+
+
+def cosines(quaternions: np.ndarray) -> np.ndarray:
+    """Direction cosines (n, 3, 3) of quaternions (n, 4) of any length: row k is body axis k in outer components.
+
+    NaN where the quaternion is zero or not finite.
+    """
+    length = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    usable = np.isfinite(length) & (length > 0)
+    w, x, y, z = np.where(usable, quaternions, np.nan).T / np.where(usable, length, 1.0).T
+    return np.stack(
+        [
+            np.stack([w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=1),
+            np.stack([2 * (x * y - w * z), w * w - x * x + y * y - z * z, 2 * (y * z + w * x)], axis=1),
+            np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z], axis=1),
+        ],
+        axis=1,
+    )

@@ -1,0 +1,124 @@
+"""What a report consists of, as plain data that JSON can hold: bodies that move, panels over time, tables."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+MOST_INSTANTS = 2001
+"""Instants of one body that are drawn; of more, equally spaced ones with both ends."""
+
+UNITS = {
+    "1": "–",
+    "m-1": "1/m",
+    "s-1": "1/s",
+    "s-2": "1/s²",
+    "m s-1": "m/s",
+    "m s-2": "m/s²",
+    "m s-3": "m/s³",
+    "rad s-1": "rad/s",
+    "rad s-2": "rad/s²",
+}
+"""Units of datasets as people write them."""
+
+
+@dataclass(frozen=True)
+class Arrow:
+    """An axis of a body: its letter, its meaning, its colour."""
+
+    symbol: str
+    meaning: str
+    colour: str
+
+
+@dataclass(frozen=True)
+class Body:
+    """Something that moves: instants (n,) [s], positions (n, 3) or None, axes (n, 3 axes, 3 components).
+
+    NaN stands where there is no position or no axis. A ghost is drawn pale, beside the body that is looked at.
+    """
+
+    name: str
+    time: np.ndarray
+    position: np.ndarray | None
+    axes: np.ndarray
+    colour: str
+    dash: str = "solid"
+    ghost: bool = False
+
+
+@dataclass(frozen=True)
+class Series:
+    """One line of a panel: values (n,) over the instants of body number `body`.
+
+    A series that `follows` is shown while its body is the one looked at; a `reference` is drawn thin, to compare with,
+    and only the first of several has its name in the legend.
+    """
+
+    name: str
+    body: int
+    values: np.ndarray
+    colour: str
+    dash: str = "solid"
+    follows: bool = False
+    reference: bool = False
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Lines over time with a common unit, and limits as (value, text)."""
+
+    title: str
+    unit: str
+    series: list[Series]
+    limits: list[tuple[float, str]] = field(default_factory=list)
+    logarithmic: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """Texts in rows; columns from number `numbers` on are aligned as numbers. A row may end with a verdict."""
+
+    title: str
+    header: list[str]
+    rows: list[list[str]]
+    numbers: int = 1
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Report:
+    """All of a report; `kind` is "path" or "attitude"; `recorded` (m, 3) are points beside the paths."""
+
+    title: str
+    kind: str
+    facts: list[str]
+    arrows: list[Arrow]
+    bodies: list[Body]
+    panels: list[Panel]
+    tables: list[Table]
+    recorded: np.ndarray | None = None
+    notes: list[str] = field(default_factory=list)
+
+
+def unit(text: str) -> str:
+    """A unit as people write it: "m s-2" is "m/s²"."""
+    return UNITS.get(text, text)
+
+
+def number(value: float, digits: int = 6) -> str:
+    """A number, or a dash where there is none."""
+    return f"{value + 0.0:.{digits}g}" if math.isfinite(value) else "–"
+
+
+def thinned(count: int) -> np.ndarray:
+    """Which of `count` instants are drawn."""
+    return np.unique(np.linspace(0, count - 1, min(count, MOST_INSTANTS)).round().astype(int))
+
+
+def plain(values: np.ndarray) -> list[Any]:
+    """Numbers with nine digits, nested as the array is, with None for what is not finite."""
+    if values.ndim > 1:
+        return [plain(row) for row in values]
+    return [float(f"{v:.9g}") if math.isfinite(v) else None for v in values.tolist()]

@@ -1,0 +1,144 @@
+"""A report as one HTML file: its script, its style, plotly and the data all inside, and no network needed.
+
+What comes from the input is escaped: in HTML by `html.escape`, in the data by JSON without `<`, `>` and `&`. Besides, a
+content security policy lets the browser run no other script than the two that belong to the page (by their hashes), and
+load nothing from anywhere.
+"""
+
+import base64
+import hashlib
+import json
+from html import escape
+from importlib.resources import files
+from typing import Any
+
+import xarray
+
+from qtraj.design.tune import Tuned
+from qtraj.viz.report.attitudes import attitude_report, is_of_attitudes
+from qtraj.viz.report.model import Report, Table
+from qtraj.viz.report.paths import is_of_paths, path_report
+from qtraj.viz.report.payload import payload
+
+FIRST, LAST = ("path", "sample", "time", "record"), ("body", "world")
+"""The order of dimensions that the report relies on."""
+SCRIPTS = ("motion.js", "arrows.js", "scene.js", "panels.js", "clock.js")
+VERDICTS = {
+    "proved": "good",
+    "within": "good",
+    "sampled": "fair",
+    "binds": "good",
+    "broken": "bad",
+    "exceeded": "bad",
+    "undecided": "fair",
+    "undefined": "bad",
+}
+"""How a verdict in a table is coloured; its text says it as well."""
+
+
+def report_page(dataset: xarray.Dataset, tuned: Tuned | None = None) -> str:
+    """The HTML of a report on a dataset over time: paths, a turn, or a closed loop (extras `io` and `viz`).
+
+    `dataset` is one that the commands write, of `qtraj.io.dataset.path_dataset`, or `Table.to_xarray()`. `tuned` adds
+    the certificate of the path called "after".
+
+    **Raises:** ValueError for a dataset that holds neither positions nor a quaternion over time; ModuleNotFoundError
+    where plotly is missing.
+    """
+    return html(report_of(dataset, tuned))
+
+
+def report_of(dataset: xarray.Dataset, tuned: Tuned | None = None) -> Report:
+    """What there is to report on a dataset, as data."""
+    if any(size == 0 for size in dataset.sizes.values()):
+        raise ValueError("there is nothing to report: the dataset has a dimension without entries")
+    ordered = dataset.transpose(*FIRST, ..., *LAST, missing_dims="ignore")
+    if is_of_paths(ordered):
+        return path_report(ordered, tuned)
+    if is_of_attitudes(ordered):
+        return attitude_report(ordered)
+    raise ValueError(
+        "a report needs position or quaternion over time, but the dataset holds "
+        f"{', '.join(sorted(map(str, dataset.data_vars))) or 'no variables'}"
+    )
+
+
+def html(report: Report) -> str:
+    """The whole page.
+
+    **Raises:** ModuleNotFoundError where plotly is missing.
+    """
+    plotly, script, style = _plotly(), _script(), _beside("report.css")
+    hashes = " ".join(f"'sha256-{_digest(code)}'" for code in (plotly, script))
+    policy = f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:"
+    head = [
+        '<meta charset="utf-8">',
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        '<link rel="icon" href="data:,">',
+        f"<title>{escape(report.title)}</title>",
+        f"<style>{style}</style>",
+    ]
+    body = [
+        f"<header><h1>{escape(report.title)}</h1>{''.join(f'<p>{escape(text)}</p>' for text in report.facts)}</header>",
+        *(f'<p class="note">{escape(text)}</p>' for text in report.notes),
+        "<noscript><p class='note'>The drawings need JavaScript; the tables below do not.</p></noscript>",
+        _beside("stage.html"),
+        f'<section class="tables">{"".join(map(_table, report.tables))}</section>',
+        f'<script type="application/json" id="data">{_json(payload(report))}</script>',
+        f"<script>{plotly}</script>",
+        f"<script>{script}</script>",
+    ]
+    top = ["<!DOCTYPE html>", '<html lang="en">', "<head>", *head, "</head>"]
+    return "\n".join([*top, "<body>", *body, "</body>", "</html>", ""])
+
+
+def _table(table: Table) -> str:
+    def cells(tag: str, texts: list[str]) -> str:
+        return "".join(f"<{tag}{_class(k, text, table)}>{escape(text)}</{tag}>" for k, text in enumerate(texts))
+
+    head = f"<thead><tr>{cells('th', table.header)}</tr></thead>" if any(table.header) else ""
+    rows = "".join(f"<tr>{cells('td', row)}</tr>" for row in table.rows)
+    note = f'<p class="small">{escape(table.note)}</p>' if table.note else ""
+    grid = f'<div class="wide"><table>{head}<tbody>{rows}</tbody></table></div>'
+    return f"<figure><h2>{escape(table.title)}</h2>{grid}{note}</figure>"
+
+
+def _class(column: int, text: str, table: Table) -> str:
+    verdict = VERDICTS.get(text)
+    number = column >= table.numbers and (text == "binds" or verdict is None)
+    classes = (["number"] if number else []) + ([verdict] if verdict else [])
+    return f' class="{" ".join(classes)}"' if classes else ""
+
+
+def _json(value: Any) -> str:
+    """JSON that may stand inside a script element."""
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def _plotly() -> str:
+    """The code of plotly.js, which comes with the Python package."""
+    try:
+        from plotly.offline import get_plotlyjs
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError("a report needs plotly: pip install 'qtraj[viz]'", name="plotly") from error
+    return _inline(get_plotlyjs())
+
+
+def _script() -> str:
+    """The report's own code: its parts, in a scope of their own."""
+    return "\n".join(['"use strict";', "(() => {", *map(_beside, SCRIPTS), "})();"])
+
+
+def _beside(name: str) -> str:
+    return _inline((files("qtraj.viz.report") / name).read_text(encoding="utf-8"))
+
+
+def _inline(code: str) -> str:
+    """Code as a browser reads it back from the page, so that its hash is the same."""
+    return code.replace("\r\n", "\n").replace("</script", "<\\/script")
+
+
+def _digest(code: str) -> str:
+    return base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()

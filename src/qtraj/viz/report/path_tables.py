@@ -1,0 +1,95 @@
+"""The tables of a report of paths: limits, boundary states, provenance."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray
+
+from qtraj.design.tune import Tuned
+from qtraj.io.dataset import MAGNITUDES
+from qtraj.path.boundary import cylindrical
+from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.viz.report.model import Table, number, unit
+from qtraj.viz.report.provenance import provenance_table
+
+PROOFS = {
+    "proved": "proved on the whole path",
+    "sampled": "met on a refined grid whose peaks were polished; evidence, no proof",
+    "broken": "exceeded at the time given",
+    "undecided": "too near to the limit to be decided in float64",
+    "undefined": "the quantity does not exist at the time given",
+}
+"""What the findings of a certificate mean."""
+
+
+def path_tables(dataset: xarray.Dataset, paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> list[Table]:
+    """All tables, those without rows left out."""
+    found = [_limits(paths, tuned), _boundary(paths), _cylindrical(tuned), _extent(paths), provenance_table(dataset)]
+    return [table for table in found if table.rows]
+
+
+def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
+    """Largest value of each limited magnitude: of the tuned path as certified, of others at the instants known."""
+    rows = []
+    for limit_name, name in MAGNITUDES.items():
+        for label, path in paths.items():
+            if name in path and "limit" in path[name].attrs:
+                certified = tuned is not None and label == "after" and limit_name in tuned.certificate.names
+                found = _certified(tuned, limit_name) if tuned is not None and certified else _sampled(path, name)
+                heading = f"{limit_name.replace('_', ' ')} [{unit(path[name].attrs['units'])}]"
+                rows.append([heading, label, *found])
+    findings = {} if tuned is None else tuned.certificate.status
+    known = [f"{status}: {PROOFS[status]}" for status in dict.fromkeys(findings.values())]
+    note = "; ".join([*known, "within, exceeded: judged at the instants of the table alone"])
+    return Table("Limits", ["limit", "path", "largest", "limit", "margin", "at [s]", ""], rows, 2, note + ".")
+
+
+def _certified(tuned: Tuned, name: str) -> list[str]:
+    certificate = tuned.certificate
+    time, value, limit = certificate.worst[name]
+    margin = "binds" if name in certificate.binding else number(limit - value, 3)
+    return [number(value), number(limit), margin, number(time, 4), certificate.status[name]]
+
+
+def _sampled(path: xarray.Dataset, name: str) -> list[str]:
+    values, limit = np.abs(path[name].values), float(path[name].attrs["limit"])
+    if not np.isfinite(values).any():
+        return ["–", number(limit), "–", "–", "undefined"]
+    worst = int(np.nanargmax(values))
+    value, time = float(values[worst]), float(path["time"].values[worst])
+    verdict = "within" if value <= limit else "exceeded"
+    return [number(value), number(limit), number(limit - value, 3), number(time, 4), verdict]
+
+
+def _boundary(paths: Mapping[str, xarray.Dataset]) -> Table:
+    """Position and velocity at the ends A and B of each path, in world axes."""
+    rows = []
+    for label, path in paths.items():
+        if "velocity" not in path:
+            continue
+        for letter, end in (("A", 0), ("B", -1)):
+            position, velocity = path["position"].values[end], path["velocity"].values[end]
+            row = [*position, *velocity, np.linalg.norm(velocity)]
+            rows.append([f"{label} {letter}", *(f"{x + 0.0:.4f}" for x in row)])
+    header = ["state", "x [m]", "y [m]", "z [m]", "vx [m/s]", "vy [m/s]", "vz [m/s]", "speed [m/s]"]
+    return Table("Boundary states, world axes", header, rows)
+
+
+def _cylindrical(tuned: Tuned | None) -> Table:
+    """Boundary velocities of the tuned path about its own axis."""
+    rows = []
+    if tuned is not None and isinstance(tuned.path, SpiralHelix):
+        for letter, state in (("A", tuned.start), ("B", tuned.end)):
+            found = cylindrical(state, tuned.path.placement)
+            rows.append([f"after {letter}", *(f"{float(v) + 0.0:.4f}" for v in (found.radius, *found.velocity))])
+    header = ["state", "ρ [m]", "V_ρ [m/s]", "V_φ [m/s]", "V_h [m/s]"]
+    return Table("Boundary velocities about the axis of the path", header, rows)
+
+
+def _extent(paths: Mapping[str, xarray.Dataset]) -> Table:
+    rows = []
+    for label, path in paths.items():
+        time, row = path["time"].values, [label, number(float(path["time"].values[-1]))]
+        length = np.trapezoid(path["speed"].values, time) if "speed" in path else np.nan
+        rows.append([*row, number(float(length), 5), str(len(time))])
+    return Table("Duration and length", ["path", "duration [s]", "length [m]", "instants"], rows)

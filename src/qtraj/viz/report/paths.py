@@ -1,0 +1,124 @@
+"""The report of paths: trihedra along them, limited magnitudes, rates, attitude."""
+
+from typing import Any
+
+import numpy as np
+import xarray
+
+from qtraj.design.tune import Tuned
+from qtraj.io.dataset import MAGNITUDES
+from qtraj.viz.figures import AXIS_COLOURS, COLOURS, COMPONENTS, SPARE, STYLES, SUBSCRIPTS, SYMBOLS, title
+from qtraj.viz.report.frames import cosines
+from qtraj.viz.report.model import Arrow, Body, Panel, Report, Series, unit
+from qtraj.viz.report.path_tables import path_tables
+
+ALWAYS = ("speed", "curvature", "lateral_acceleration", "angular_rate")
+"""Panels of every report of paths, where the variable is there."""
+MOST_PATHS = 8
+"""More paths than this cannot be told apart."""
+ONLY, ALONE = "path", "#0072B2"
+"""Name and colour of a path that has no others beside it."""
+DASHES = {"w": "dash", "x": "solid", "y": "dashdot", "z": "dot"}
+SYMBOL_OF = {"rate": "ω", "angular_acceleration": "ε"}
+
+
+def is_of_paths(dataset: xarray.Dataset) -> bool:
+    """Whether a dataset holds positions over time: of `path_dataset`, or of a table of `evaluate`."""
+    if not {"position", "time"} <= set(map(str, dataset.variables)):
+        return False
+    sizes = [
+        size for dim, size in zip(dataset["position"].dims, dataset["position"].shape, strict=True) if dim != "path"
+    ]
+    return len(sizes) == 2 and sizes[1] == 3 and dataset["time"].shape[-1:] == (sizes[0],)
+
+
+def path_report(dataset: xarray.Dataset, tuned: Tuned | None = None) -> Report:
+    """The paths of a dataset, the last one looked at first; `tuned` adds its certificate.
+
+    **Raises:** ValueError where the attitude is missing.
+    """
+    if not {"dcm", "quaternion"} & set(dataset.data_vars):
+        raise ValueError("a report needs the attitude along the path: the variable quaternion, or dcm, is missing")
+    paths = separate(dataset)
+    drawn = dict(list(paths.items())[:MOST_PATHS])
+    notes = [f"{len(drawn)} of {len(paths)} paths are shown."] if len(drawn) < len(paths) else []
+    bodies = [_body(name, k, path) for k, (name, path) in enumerate(drawn.items())]
+    recorded = dataset["recorded_position"].values if "recorded_position" in dataset else None
+    return Report(
+        title=title(dataset) or "Path",
+        kind="path",
+        facts=_facts(dataset),
+        arrows=[Arrow(SYMBOLS[name], name, colour) for name, colour in AXIS_COLOURS.items()],
+        bodies=bodies,
+        panels=_panels(bodies, list(drawn.values())),
+        tables=path_tables(dataset, drawn, tuned),
+        recorded=recorded,
+        notes=notes,
+    )
+
+
+def separate(dataset: xarray.Dataset) -> dict[str, xarray.Dataset]:
+    """Each path by its name, its own `time` a variable over the one dimension of its instants."""
+    if "path" not in dataset.dims:
+        return {ONLY: dataset}
+    labels = dataset["path"].values if "path" in dataset.coords else np.arange(dataset.sizes["path"]) + 1
+    return {str(label): dataset.isel(path=k) for k, label in enumerate(labels)}
+
+
+def _facts(dataset: xarray.Dataset) -> list[str]:
+    notes = dataset.attrs
+    facts = [str(notes["tuning_result"])] if "tuning_result" in notes else []
+    if "tuning_objective" in notes:
+        facts.append(f"Objective '{notes['tuning_objective']}', motion '{notes.get('tuning_motion', '')}'.")
+    return facts
+
+
+def _body(name: str, k: int, path: xarray.Dataset) -> Body:
+    axes = path["dcm"].values if "dcm" in path else cosines(path["quaternion"].values)
+    if "defined" in path:
+        axes = np.where(path["defined"].values.astype(bool)[:, None, None], axes, np.nan)
+    dash = "solid" if STYLES.get(name, "solid") == "solid" else "dash"
+    colour = ALONE if name == ONLY else COLOURS.get(name, SPARE[k % len(SPARE)])
+    return Body(name, path["time"].values, path["position"].values, axes, colour, dash)
+
+
+def _panels(bodies: list[Body], paths: list[xarray.Dataset]) -> list[Panel]:
+    """Magnitudes of every path: what a limit bounds, and some in any case; then components of the one looked at."""
+    first = paths[0]
+    limited = [name for name in MAGNITUDES.values() if name in first and "limit" in first[name].attrs]
+    others = [name for name in ALWAYS if name in first and name not in limited]
+    panels = [_magnitude(name, bodies, paths) for name in (*limited, *others)]
+    for name, labels in (("rate", AXIS_COLOURS), ("angular_acceleration", AXIS_COLOURS), ("quaternion", COMPONENTS)):
+        if name in first:
+            panels.append(_components(name, labels, paths))
+    return panels
+
+
+def _magnitude(name: str, bodies: list[Body], paths: list[xarray.Dataset]) -> Panel:
+    notes = paths[0][name].attrs
+    series = [
+        Series(body.name, k, np.abs(path[name].values.astype(float)), body.colour, body.dash)
+        for k, (body, path) in enumerate(zip(bodies, paths, strict=True))
+    ]
+    limits = [(float(notes["limit"]), f"limit {notes['limit']:.4g}")] if "limit" in notes else []
+    return Panel(name.removesuffix("_magnitude").replace("_", " "), unit(notes.get("units", "")), series, limits)
+
+
+def _components(name: str, labels: dict[str, Any], paths: list[xarray.Dataset]) -> Panel:
+    """Components of one variable, of the path that is looked at."""
+    series = []
+    for k, path in enumerate(paths):
+        here = _where_defined(path, path[name].values)
+        for column, (label, colour) in enumerate(labels.items()):
+            symbol = f"λ{SUBSCRIPTS[label]}" if name == "quaternion" else f"{SYMBOL_OF[name]} {SYMBOLS[label]}"
+            dash = DASHES.get(label, "solid")
+            series.append(Series(symbol, k, here[:, column], colour, dash, follows=True))
+    text = {"rate": "rate of the trihedral, body axes", "quaternion": "quaternion, body to world"}
+    title = text.get(name, "angular acceleration of the trihedral, body axes")
+    return Panel(title, unit(paths[0][name].attrs.get("units", "")), series)
+
+
+def _where_defined(path: xarray.Dataset, values: np.ndarray) -> np.ndarray:
+    if "defined" not in path:
+        return values.astype(float)
+    return np.where(path["defined"].values.astype(bool)[:, None], values, np.nan)

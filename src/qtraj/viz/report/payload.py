@@ -1,0 +1,84 @@
+"""From a report to what its script reads: JSON's types only, thinned, about a common origin."""
+
+from typing import Any
+
+import numpy as np
+
+from qtraj.viz.report.model import Body, Panel, Report, plain, thinned
+
+ARROW = 0.17
+"""Length of a trihedron's arrows, of the largest extent of the paths."""
+HEADROOM = 3.0
+"""A limit further above what is drawn than this would only squeeze what there is to see."""
+THICK, THIN = 2.0, 1.3
+LEAST_HEIGHT = 0.3
+"""Least extent of a coordinate, of the largest: a flat path leaves room for its arrows."""
+
+
+def payload(report: Report) -> dict[str, Any]:
+    """Everything that the script of the page needs."""
+    drawn = [thinned(len(body.time)) for body in report.bodies]
+    space = _paths_space(report) if report.kind == "path" else {"length": 1.0, "range": [[-1.2, 1.2]] * 3}
+    centre = np.array(space.get("centre", [0.0, 0.0, 0.0]))
+    return {
+        "kind": report.kind,
+        "space": space,
+        "arrows": [{"symbol": a.symbol, "meaning": a.meaning, "colour": a.colour} for a in report.arrows],
+        "bodies": [_body(body, rows, centre) for body, rows in zip(report.bodies, drawn, strict=True)],
+        "recorded": None if report.recorded is None else plain(report.recorded[thinned(len(report.recorded))] - centre),
+        "panels": [_panel(panel, drawn) for panel in report.panels],
+    }
+
+
+def _paths_space(report: Report) -> dict[str, Any]:
+    """The common centre in whole metres, the ranges of the axes about it, and the length of arrows."""
+    points = np.concatenate([body.position for body in report.bodies if body.position is not None])
+    if report.recorded is not None:
+        points = np.concatenate([points, report.recorded])
+    points = points[np.isfinite(points).all(axis=1)]
+    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(3), np.zeros(3))
+    middle, extent = (low + high) / 2, high - low
+    size = float(extent.max()) or 1.0
+    centre = np.round(middle) if np.abs(middle).max() > 10 * size else np.zeros(3)
+    length = ARROW * size
+    half = np.maximum(extent, LEAST_HEIGHT * size) / 2 + 1.1 * length
+    ranges = np.stack([middle - centre - half, middle - centre + half], axis=1)
+    return {"centre": plain(centre), "range": plain(ranges), "length": length}
+
+
+def _body(body: Body, rows: np.ndarray, centre: np.ndarray) -> dict[str, Any]:
+    return {
+        "name": body.name,
+        "time": plain(body.time[rows]),
+        "position": None if body.position is None else plain(body.position[rows] - centre),
+        "axes": plain(body.axes[rows].reshape(-1, 9)),
+        "colour": body.colour,
+        "dash": body.dash,
+        "ghost": body.ghost,
+    }
+
+
+def _panel(panel: Panel, drawn: list[np.ndarray]) -> dict[str, Any]:
+    peak = max((float(np.nanmax(np.abs(line.values), initial=0.0)) for line in panel.series), default=0.0)
+    return {
+        "title": panel.title,
+        "unit": panel.unit,
+        "logarithmic": panel.logarithmic,
+        "limits": [
+            {"value": value, "text": text, "drawn": abs(value) <= HEADROOM * peak} for value, text in panel.limits
+        ],
+        "series": [
+            {
+                "name": line.name,
+                "body": line.body,
+                "values": plain(line.values[drawn[line.body]]),
+                "colour": line.colour,
+                "dash": line.dash,
+                "width": THIN if line.reference else THICK,
+                "follows": line.follows,
+                "reference": line.reference,
+                "listed": line.name not in [other.name for other in panel.series[:k] if other.reference],
+            }
+            for k, line in enumerate(panel.series)
+        ],
+    }

@@ -1,0 +1,23 @@
+"""The table that says where the numbers of a report come from."""
+
+import numpy as np
+import xarray
+
+from qtraj._version import __version__
+from qtraj.viz.report.model import Table
+
+SHOWN_ELSEWHERE = ("title", "tuning_result", "result")
+
+
+def provenance_table(dataset: xarray.Dataset) -> Table:
+    """The attributes of a dataset, conventions among them, and what wrote the report."""
+    rows = [
+        [str(name).replace("_", " "), _text(value)]
+        for name, value in dataset.attrs.items()
+        if name not in SHOWN_ELSEWHERE
+    ]
+    return Table("Provenance and conventions", ["", ""], [*rows, ["report", f"qtraj {__version__}"]], numbers=2)
+
+
+def _text(value: object) -> str:
+    return ", ".join(map(str, value.tolist())) if isinstance(value, np.ndarray) else str(value)

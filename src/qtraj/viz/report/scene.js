@@ -1,0 +1,227 @@
+// The scene: bodies, their arrows, what lies still and what moves.
+
+const column = (rows, k) => rows.map((row) => (row === null ? null : row[k]));
+const line3d = (rows, style) =>
+  Object.assign(
+    { type: "scatter3d", mode: "lines", x: column(rows, 0), y: column(rows, 1), z: column(rows, 2), hoverinfo: "skip" },
+    style,
+  );
+
+function sphere() {
+  const circle = [], // of one trace, with gaps between the circles: each trace takes its time to draw
+    rows = [];
+  for (let k = 0; k <= 72; k++) circle.push([Math.cos((k * Math.PI) / 36), Math.sin((k * Math.PI) / 36)]);
+  for (const z of [-0.5, 0, 0.5]) {
+    const r = Math.sqrt(1 - z * z);
+    rows.push(...circle.map(([c, s]) => [r * c, r * s, z]), null);
+  }
+  for (let k = 0; k < 4; k++) {
+    const [a, b] = [Math.cos((k * Math.PI) / 4), Math.sin((k * Math.PI) / 4)];
+    rows.push(...circle.map(([c, s]) => [a * c, b * c, s]), null);
+  }
+  const traces = [line3d(rows, { line: { color: "#d3dae1", width: 1.5 }, showlegend: false })];
+  "XYZ".split("").forEach((letter, k) => {
+    const end = [0, 0, 0];
+    end[k] = 1.12;
+    traces.push(
+      line3d([[0, 0, 0], end], {
+        mode: "lines+text",
+        text: ["", letter],
+        textposition: "top center",
+        textfont: { size: 13, color: "#5c6b7a" },
+        line: { color: "#8995a1", width: 2.5 },
+        showlegend: false,
+      }),
+    );
+  });
+  return traces;
+}
+
+function tipTraces(body) {
+  return arrows.map((arrow, k) =>
+    line3d(
+      body.axes.map((row) => row.slice(3 * k, 3 * k + 3)),
+      {
+        name: "path of " + text(arrow.symbol),
+        line: { color: arrow.colour, width: 3 },
+        opacity: 0.55,
+        showlegend: false,
+      },
+    ),
+  );
+}
+
+function still() {
+  if (data.kind === "attitude") return sphere().concat(tipTraces(bodies[state.looked]));
+  const traces = bodies.map((body) =>
+    line3d(body.position, {
+      name: text(body.name),
+      line: { color: body.colour, width: 5, dash: body.dash },
+      hoverinfo: "name",
+    }),
+  );
+  if (data.recorded) {
+    traces.unshift(
+      line3d(data.recorded, { name: "recorded", mode: "markers", marker: { size: 2.2, color: "#737373" } }),
+    );
+  }
+  const body = bodies[state.looked];
+  const ends = [
+    ["A", 0],
+    ["B", body.position.length - 1],
+  ].filter(([, k]) => known(body.position[k]));
+  traces.push({
+    type: "scatter3d",
+    mode: "text",
+    x: ends.map(([, k]) => body.position[k][0]),
+    y: ends.map(([, k]) => body.position[k][1]),
+    z: ends.map(([, k]) => body.position[k][2]),
+    text: ends.map(([name]) => "<b>" + name + "</b>"),
+    textposition: "bottom center",
+    hoverinfo: "skip",
+    showlegend: false,
+  });
+  return traces;
+}
+
+/** What changes with time, in this order: the arrows, their letters, dots and pale axes of the other bodies. */
+function moving() {
+  const { origin, axes } = pose(bodies[state.looked], state.time);
+  const updates = arrows.map((arrow, k) => arrowPoints(origin, axes === null ? null : axes[k], space.length));
+  const tips = axes === null ? [] : axes.map((axis) => plus(origin, axis, 1.13 * space.length));
+  updates.push({ x: column(tips, 0), y: column(tips, 1), z: column(tips, 2) });
+  const dots = [],
+    thin = arrows.map(() => []);
+  bodies.forEach((body, k) => {
+    const at = pose(body, state.time);
+    if (body.position !== null && known(at.origin)) dots.push(at.origin);
+    if (body.ghost && k !== state.looked && at.axes !== null) {
+      at.axes.forEach((axis, n) => thin[n].push(at.origin, plus(at.origin, axis, space.length)));
+    }
+  });
+  for (const rows of [dots, ...thin]) updates.push({ x: column(rows, 0), y: column(rows, 1), z: column(rows, 2) });
+  return updates;
+}
+
+function movingTraces() {
+  const updates = moving();
+  const light = { ambient: 0.88, diffuse: 0.35, specular: 0.05, roughness: 0.9 };
+  const traces = arrows.map((arrow, k) =>
+    Object.assign(
+      {
+        type: "mesh3d",
+        name: "axis " + text(arrow.symbol),
+        color: arrow.colour,
+        flatshading: false,
+        lighting: light,
+        hoverinfo: "skip",
+        showlegend: false,
+      },
+      FACES,
+      updates[k],
+    ),
+  );
+  const n = arrows.length;
+  traces.push(
+    Object.assign(
+      {
+        type: "scatter3d",
+        mode: "text",
+        text: arrows.map((arrow) => "<b>" + text(arrow.symbol) + "</b>"),
+        textfont: { size: 15, color: arrows.map((arrow) => arrow.colour) },
+        hoverinfo: "skip",
+        showlegend: false,
+      },
+      updates[n],
+    ),
+  );
+  traces.push(
+    Object.assign(
+      {
+        type: "scatter3d",
+        mode: "markers",
+        hoverinfo: "skip",
+        showlegend: false,
+        marker: { size: 4.5, color: "#1c2733" },
+      },
+      updates[n + 1],
+    ),
+  );
+  arrows.forEach((arrow, k) =>
+    traces.push(
+      Object.assign(
+        {
+          type: "scatter3d",
+          mode: "lines",
+          hoverinfo: "skip",
+          opacity: 0.8,
+          showlegend: false,
+          line: { color: arrow.colour, width: 6 },
+        },
+        updates[n + 2 + k],
+      ),
+    ),
+  );
+  return traces;
+}
+
+function spaceLayout() {
+  const attitude = data.kind === "attitude";
+  const extent = space.range.map(([low, high]) => high - low),
+    largest = Math.max(...extent);
+  const zoom = 1.5 * Math.min(1, byId("space").clientWidth / 600);
+  const [wide, deep, high] = extent.map((size) => (zoom * size) / largest);
+  const axis = (letter, k) => {
+    if (attitude) return { visible: false, range: space.range[k] };
+    const offset = space.centre[k];
+    const shift = offset === 0 ? "" : offset > 0 ? " − " + offset : " + " + -offset;
+    return {
+      title: { text: letter + shift + " [m]" },
+      range: space.range[k],
+      nticks: 6,
+      gridcolor: "#e6ebf0",
+      zerolinecolor: "#c9d2da",
+      showspikes: false,
+      backgroundcolor: "#fafbfc",
+      showbackground: true,
+    };
+  };
+  return {
+    font: FONT,
+    margin: { l: 0, r: 0, t: 0, b: 0 },
+    uirevision: "space",
+    paper_bgcolor: "#fff",
+    legend: { x: 0.01, y: 0.01, yanchor: "bottom", itemsizing: "constant", bgcolor: "rgba(255,255,255,0.8)" },
+    showlegend: !attitude && (bodies.length > 1 || data.recorded !== null),
+    modebar: { orientation: "v", bgcolor: "rgba(0,0,0,0)" },
+    scene: {
+      aspectmode: "manual",
+      aspectratio: { x: wide, y: deep, z: high },
+      xaxis: axis("x", 0),
+      yaxis: axis("y", 1),
+      zaxis: axis("z", 2),
+      camera: { eye: { x: -0.95, y: -1.25, z: 0.95 }, up: { x: 0, y: 0, z: 1 }, projection: { type: "orthographic" } },
+    },
+  };
+}
+
+let movers = [];
+function drawSpace() {
+  const fixed = still(),
+    traces = movingTraces();
+  movers = traces.map((_, k) => fixed.length + k);
+  return Plotly.react(byId("space"), fixed.concat(traces), spaceLayout(), {
+    responsive: true,
+    displaylogo: false,
+    modeBarButtonsToRemove: ["resetCameraLastSave3d", "hoverClosest3d"],
+  });
+}
+
+function moveSpace() {
+  const updates = moving();
+  return Plotly.restyle(
+    byId("space"),
+    { x: updates.map((u) => u.x), y: updates.map((u) => u.y), z: updates.map((u) => u.z) },
+    movers,
+  );
+}

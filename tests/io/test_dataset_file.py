@@ -1,0 +1,228 @@
+"""Datasets as files: everything comes back, floats bit by bit, and other tools read them."""
+
+import json
+
+import numpy as np
+import pandas
+import pyarrow.parquet as pq
+import pytest
+import xarray
+
+import qtraj as qt
+from qtraj.io import dataset_file
+from qtraj.io.dataset import path_dataset
+from qtraj.io.extras import needed
+
+SUFFIXES = [".nc", ".zarr", ".parquet", ".csv"]
+FLAT = [".parquet", ".csv"]
+SMALLEST, LARGEST = 5e-324, np.finfo(float).max
+AWKWARD = [0.1, -0.0, 1 / 3, SMALLEST, LARGEST, np.nan, np.inf, -np.inf, 2**53 + 1.0, np.pi]
+"""Numbers that a careless writer changes."""
+EXACTLY = {} if tuple(map(int, pandas.__version__.split(".")[:2])) >= (3, 1) else {"float_precision": "round_trip"}
+"""How pandas is told to read every digit; from 3.1 on it does so by itself."""
+
+
+def helix(radius, duration):
+    return qt.SpiralHelix([radius, 0.01], [0.2, 0.4], [1.0, 1 / 3], duration, qt.Placement())
+
+
+@pytest.fixture(scope="module")
+def paths():
+    """What `qtraj tune` writes: two paths with durations of their own, a limit, a recording."""
+    track = qt.Track([5.0, 6.0, 7.0, 8.0], np.arange(12.0).reshape(4, 3) / 7)
+    both = {"before, 1": helix(10.0, 20.0), 'after "#2"\n<b>': helix(20.0, 10 / 3)}
+    notes = {"title": "ω², a comma, and a #", "scenario_sha256": "bc9c8deead6c1bda"}
+    return path_dataset(both, qt.Limits(curvature=1 / 22.5), track, samples=9, attributes=notes)
+
+
+@pytest.fixture(scope="module")
+def awkward():
+    """Awkward numbers, all kinds of values, and a variable whose components come first."""
+    n = len(AWKWARD)
+    variables = {
+        "x": ("time", np.array(AWKWARD), {"units": "m s-2", "limit": 1 / 3, "count": 7, "range": [0.1, 0.2]}),
+        "single": (("component", "time"), np.linspace(0, 1 / 3, 2 * n, dtype=np.float32).reshape(2, n)),
+        "grid": (("time", "row", "column"), np.arange(4.0 * n).reshape(n, 2, 2) / 3),
+        "grid_0_0": ("time", np.arange(n, dtype=np.int64) - 2**62),
+        "good": ("time", np.arange(n) % 2 == 0),
+        "beside": (("other", "component"), np.array(AWKWARD).reshape(n // 2, 2)),
+        "constant": ((), np.array(0.1)),
+    }
+    coordinates = {"time": ("time", np.arange(n) / 10, {"units": "s"}), "component": ["w", "x"]}
+    return xarray.Dataset(variables, coordinates, {"source": "test", "nothing": "", "shape": np.array([1, 2])})
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("name", ["paths", "awkward"])
+def test_everything_comes_back_bit_by_bit(name, suffix, request, tmp_path):
+    dataset = request.getfixturevalue(name)
+    qt.save_dataset(dataset, tmp_path / f"result{suffix}")
+    again = qt.load_dataset(tmp_path / f"result{suffix}")
+    xarray.testing.assert_identical(again, dataset)
+    for key, variable in dataset.variables.items():
+        assert again[key].dims == variable.dims
+        if variable.dtype.kind in "fiub":
+            assert again[key].dtype == variable.dtype, key
+            assert again[key].values.tobytes() == variable.values.tobytes(), key
+    assert [file.name for file in tmp_path.iterdir()] == [f"result{suffix}"]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_units_conventions_and_provenance_are_in_the_file(paths, suffix, tmp_path):
+    qt.save_dataset(paths, tmp_path / f"a{suffix}")
+    again = qt.load_dataset(tmp_path / f"a{suffix}")
+    assert again["rate"].attrs["units"] == "rad s-1"
+    assert again["curvature"].attrs["limit"] == 1 / 22.5
+    assert again.attrs["quaternion_convention"].startswith("scalar first, Hamilton")
+    assert again.attrs["scenario_sha256"] == "bc9c8deead6c1bda"
+    assert again.attrs["dtype"] == "float64"
+    assert again.attrs["versions"].startswith(f"qtraj {qt.__version__}, jax ")
+
+
+def test_xarray_reads_netcdf_and_zarr(paths, tmp_path):
+    for suffix in (".nc", ".zarr"):
+        qt.save_dataset(paths, tmp_path / f"a{suffix}")
+        xarray.testing.assert_identical(xarray.load_dataset(tmp_path / f"a{suffix}"), paths)
+
+
+def test_pandas_reads_the_table(paths, tmp_path):
+    for suffix in FLAT:
+        qt.save_dataset(paths, tmp_path / f"a{suffix}")
+    frames = [
+        pandas.read_parquet(tmp_path / "a.parquet"),
+        pandas.read_csv(tmp_path / "a.csv", comment="#", **EXACTLY),
+    ]
+    for frame in frames:
+        assert len(frame) == 2 * 9
+        for k, name in enumerate(paths["path"].values):
+            own = frame[frame["path"] == name]
+            assert np.array_equal(own["time"], paths["time"][k])
+            assert np.array_equal(own["position_z"], paths["position"][k, :, 2])
+            assert np.array_equal(own["dcm_normal_y"], paths["dcm"][k, :, 1, 1])
+            assert set(own["duration"]) == {float(paths["duration"][k])}
+        assert frame["defined"].dtype == bool
+        assert not [name for name in frame.columns if name.startswith("recorded")]
+
+
+def test_pyarrow_sees_the_units(paths, tmp_path):
+    qt.save_dataset(paths, tmp_path / "a.parquet")
+    schema = pq.read_schema(tmp_path / "a.parquet")
+    assert schema.field("rate_binormal").metadata[b"units"] == b"rad s-1"
+    assert json.loads(schema.metadata[b"qtraj"])["attributes"]["frame_convention"].startswith("natural trihedral")
+
+
+def test_a_saved_path_is_a_recording_like_any_other(paths, tmp_path):
+    path = paths.isel(path=0, drop=True)
+    qt.save_dataset(path, tmp_path / "a.csv")
+    track = qt.read_track(tmp_path / "a.csv")
+    assert np.array_equal(track.positions, path["position"])
+    assert np.array_equal(track.velocities, path["velocity"])
+    assert np.array_equal(track.attitudes, path["quaternion"])
+
+
+def test_a_table_of_evaluate_saves_itself(tmp_path):
+    table = qt.evaluate(helix(10.0, 2.0), np.linspace(0, 2, 5), outputs=("position", "quaternion", "defined"))
+    for suffix in SUFFIXES:
+        qt.save_dataset(table, tmp_path / f"a{suffix}")
+        xarray.testing.assert_identical(qt.load_dataset(tmp_path / f"a{suffix}"), table.to_xarray())
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_second_save_takes_the_place_of_the_first(paths, awkward, suffix, tmp_path):
+    for dataset in (paths, awkward):
+        qt.save_dataset(dataset, tmp_path / f"a{suffix}")
+    xarray.testing.assert_identical(qt.load_dataset(tmp_path / f"a{suffix}"), awkward)
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_failure_leaves_what_was_there(paths, suffix, tmp_path, monkeypatch):
+    qt.save_dataset(paths, tmp_path / f"a{suffix}")
+    write = dataset_file._WRITERS[suffix]
+
+    def half(dataset, file):
+        write(dataset, file)
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(dataset_file._WRITERS, suffix, half)
+    with pytest.raises(KeyboardInterrupt):
+        qt.save_dataset(paths.isel(path=[0]), tmp_path / f"a{suffix}")
+    assert [file.name for file in tmp_path.iterdir()] == [f"a{suffix}"]
+    xarray.testing.assert_identical(qt.load_dataset(tmp_path / f"a{suffix}"), paths)
+
+
+def test_a_folder_that_is_no_store_is_left_alone(paths, tmp_path):
+    (tmp_path / "a.zarr").mkdir()
+    (tmp_path / "a.zarr" / "mine").write_text("")
+    with pytest.raises(IsADirectoryError, match="is no Zarr store"):
+        qt.save_dataset(paths, tmp_path / "a.zarr")
+    assert (tmp_path / "a.zarr" / "mine").exists()
+
+
+def test_wrong_names_and_files_are_told(paths, tmp_path):
+    with pytest.raises(ValueError, match=r"must end in \.nc, \.zarr, \.parquet, \.csv"):
+        qt.save_dataset(paths, tmp_path / "a.mat")
+    with pytest.raises(FileNotFoundError, match="there is no such file"):
+        qt.load_dataset(tmp_path / "a.nc")
+    for suffix, fragment in ((".nc", "no netCDF-4"), (".parquet", "no Parquet"), (".csv", "no header of a dataset")):
+        file = tmp_path / f"b{suffix}"
+        file.write_text("x,y\n1,2\n")
+        with pytest.raises(ValueError, match=fragment) as caught:
+            qt.load_dataset(file)
+        assert str(file) in str(caught.value)
+    (tmp_path / "b.zarr").mkdir()
+    with pytest.raises(ValueError, match=r"b\.zarr: no Zarr store"):
+        qt.load_dataset(tmp_path / "b.zarr")
+    pandas.DataFrame({"x": [1.0]}).to_parquet(tmp_path / "c.parquet")
+    with pytest.raises(ValueError, match=r"pandas\.read_parquet reads its columns"):
+        qt.load_dataset(tmp_path / "c.parquet")
+
+
+@pytest.mark.parametrize(
+    ("part", "change", "fragment"),
+    [
+        (2, lambda table: table.rstrip("\n") + ",7\n", "row 10 has"),
+        (2, lambda table: table.rstrip("\n").rpartition("\n")[0] + "\n", "do not belong together"),
+        (2, lambda table: table.replace("0.1,", "a tenth,", 1), "does not fit its header"),
+        (0, lambda header: header.replace("{", "{{", 1), "header cannot be read"),
+    ],
+)
+def test_a_damaged_csv_is_told(awkward, part, change, fragment, tmp_path):
+    file = tmp_path / "a.csv"
+    qt.save_dataset(awkward, file)
+    parts = list(file.read_text().partition("}}\n"))
+    parts[part] = change(parts[part])
+    file.write_text("".join(parts))
+    with pytest.raises(ValueError, match=fragment) as caught:
+        qt.load_dataset(file)
+    assert str(file) in str(caught.value)
+
+
+def test_what_a_table_cannot_hold_is_told(tmp_path):
+    complex_values = xarray.Dataset({"z": ("time", np.array([1j]))}, {"time": [0.0]})
+    strange = xarray.Dataset({"x": ("time", [1.0], {"note": object()})}, {"time": [0.0]})
+    for suffix in FLAT:
+        with pytest.raises(ValueError, match="'z' holds complex128 values"):
+            qt.save_dataset(complex_values, tmp_path / f"a{suffix}")
+        with pytest.raises(ValueError, match="an attribute of x cannot be written"):
+            qt.save_dataset(strange, tmp_path / f"a{suffix}")
+        with pytest.raises(ValueError, match="without dimensions"):
+            qt.save_dataset(xarray.Dataset({"x": 1.0}), tmp_path / f"a{suffix}")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_store_that_would_unpickle_is_refused(paths, tmp_path):
+    qt.save_dataset(paths, tmp_path / "a.zarr")
+    file = tmp_path / "a.zarr" / "speed" / ".zarray"
+    about = json.loads(file.read_text())
+    file.write_text(json.dumps(about | {"filters": [{"id": "pickle", "protocol": 5}]}))
+    with pytest.raises(ValueError, match="pickled objects"):
+        qt.load_dataset(tmp_path / "a.zarr")
+
+
+def test_a_missing_package_is_named_with_its_extra(paths, tmp_path, monkeypatch):
+    with pytest.raises(ModuleNotFoundError, match=r"drawing needs no_such_package: pip install 'qtraj\[viz\]'"):
+        needed("no_such_package", "drawing", "viz")
+    monkeypatch.setattr(dataset_file, "needed", lambda package, purpose: needed(f"missing_{package}", purpose))
+    with pytest.raises(ModuleNotFoundError, match=r"saving a dataset needs missing_xarray: pip install 'qtraj\[io\]'"):
+        qt.save_dataset(paths, tmp_path / "a.parquet")

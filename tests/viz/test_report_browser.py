@@ -1,0 +1,258 @@
+"""The report in a real browser, headless: no errors, no network, a trihedral that moves."""
+
+import json
+import shutil
+import time
+
+import matplotlib.image
+import numpy as np
+import pytest
+from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import Select, WebDriverWait
+
+from qtraj.viz.report import report_page
+
+from .report_data import CENTRE, CLIMB, HOSTILE, IMAGE, RADIUS, RATE, TIMES, closed_loop, helix, two_paths
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+DRIVER = shutil.which("chromedriver")
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None or DRIVER is None, reason="no Chromium and chromedriver here: apt-get install chromium-driver"
+)
+OPTIONS = [
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--enable-unsafe-swiftshader",  # draws WebGL without a graphics card
+    "--window-size=1400,1000",
+]
+PATIENCE = 30  # [s] a loaded machine draws slowly
+MILLIMETRE = 1e-3
+COLOURS = {"tangent": (0, 158, 115), "normal": (204, 121, 167), "binormal": (230, 159, 0)}
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for option in (*OPTIONS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
+        options.add_argument(option)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options=options, service=Service(DRIVER))
+    yield driver
+    driver.quit()
+
+
+def opened(browser, file):
+    """Errors of the console, and addresses asked for, while a page opens."""
+    browser.get("about:blank")
+    for log in ("browser", "performance"):
+        browser.get_log(log)
+    browser.get(file.as_uri())
+    return browser
+
+
+def errors(browser):
+    return [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+
+
+def requests(browser):
+    """Addresses asked for over any network, or from any file."""
+    events = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+    asked = [event["params"] for event in events if event["method"] == "Network.requestWillBeSent"]
+    sockets = [event["params"]["url"] for event in events if event["method"] == "Network.webSocketCreated"]
+    return [params["request"]["url"] for params in asked] + sockets
+
+
+def shown(browser, folder, dataset):
+    """A report, drawn to the end."""
+    file = folder / "report.html"
+    file.write_text(report_page(dataset), encoding="utf-8")
+    opened(browser, file)
+    until(browser, "return document.documentElement.dataset.ready === 'yes'")
+    return file
+
+
+def until(browser, script):
+    WebDriverWait(browser, PATIENCE).until(lambda driver: driver.execute_script(script))
+
+
+@pytest.fixture(scope="module")
+def report(browser, tmp_path_factory):
+    file = shown(browser, tmp_path_factory.mktemp("report"), two_paths())
+    return browser, file, errors(browser), requests(browser)
+
+
+def arrow(browser, letter):
+    """Where an arrow begins and ends, in the coordinates of the scene."""
+    points = browser.execute_script(
+        "const trace = document.getElementById('space').data.find((t) => t.name === 'axis ' + arguments[0]);"
+        "return [trace.x, trace.y, trace.z].map((values) => Array.from(values));",
+        letter,
+    )
+    points = np.array(points).T
+    return (points[0], points[-1]) if len(points) else None
+
+
+def now(browser):
+    return float(browser.find_element(By.ID, "slider").get_property("value"))
+
+
+def expected(duration, t):
+    """Position about the centre of the scene, and tangent, of a helix at an instant."""
+    position, _, axes = helix(np.array([t]), RATE * 20 / duration)
+    return position[0], axes[0]
+
+
+def test_it_opens_without_errors_and_without_any_request(report):
+    _, file, messages, asked = report
+    assert messages == []
+    assert [address for address in asked if not address.startswith(("data:", "blob:"))] == [file.as_uri()]
+
+
+def test_the_checks_see_errors_and_requests(browser, tmp_path):
+    file = tmp_path / "bad.html"
+    file.write_text("<img src='http://127.0.0.1:9/x.png'><script>console.error('oh'); throw new Error('no')</script>")
+    opened(browser, file)
+    until(browser, "return document.readyState === 'complete'")
+    assert len(errors(browser)) >= 2
+    assert "http://127.0.0.1:9/x.png" in requests(browser)
+
+
+@pytest.fixture
+def page(browser, report):
+    """The report of two paths, open, at its start."""
+    browser, file, *_ = report
+    if browser.current_url != file.as_uri():
+        opened(browser, file)
+        until(browser, "return document.documentElement.dataset.ready === 'yes'")
+    browser.find_element(By.ID, "slider").send_keys(Keys.HOME)
+    Select(browser.find_element(By.ID, "body")).select_by_index(1)
+    Select(browser.find_element(By.ID, "body")).select_by_index(0)
+    until(browser, "return document.getElementById('slider').value === '0'")
+    return browser
+
+
+def test_names_of_the_input_are_text(page):
+    assert page.execute_script("return window.hacked") is None
+    assert page.find_element(By.TAG_NAME, "h1").get_property("textContent") == HOSTILE
+    assert page.title.split() == HOSTILE.split()
+    options = [option.get_property("textContent") for option in page.find_elements(By.CSS_SELECTOR, "#body option")]
+    assert options == list(TIMES)
+    names = page.execute_script("return document.querySelector('.plot').data.map((trace) => trace.name)")
+    assert not any("<" in name for name in names)
+    assert [image.get_property("id") for image in page.find_elements(By.TAG_NAME, "img")] == ["picture"]
+    keys = page.find_elements(By.CSS_SELECTOR, ".head .legend li")
+    assert IMAGE.strip() in [key.get_property("textContent").strip() for key in keys]
+
+
+def test_the_slider_moves_the_trihedral(page):
+    length = json.loads(page.find_element(By.ID, "data").get_property("textContent"))["space"]["length"]
+    centre = json.loads(page.find_element(By.ID, "data").get_property("textContent"))["space"]["centre"]
+    before = page.find_element(By.ID, "space").screenshot_as_png
+    for key, t in ((Keys.HOME, 0.0), (Keys.END, 20.0)):
+        page.find_element(By.ID, "slider").send_keys(key)
+        until(page, f"return Number(document.getElementById('slider').value) === {t}")
+        position, axes = expected(20.0, t)
+        for letter, axis in zip("τnb", axes, strict=True):
+            until(page, "return document.getElementById('clock').value !== ''")
+            begin, end = settled(page, letter, position - centre)
+            assert begin == pytest.approx(position - centre, abs=MILLIMETRE)
+            assert end - begin == pytest.approx(length * axis, abs=MILLIMETRE)
+        assert f"t = {t:.2f} s" in page.find_element(By.ID, "clock").text
+    assert page.find_element(By.ID, "space").screenshot_as_png != before
+
+
+def settled(browser, letter, begin):
+    """An arrow, once the scene has been drawn with it at `begin`."""
+    WebDriverWait(browser, PATIENCE).until(
+        lambda driver: np.abs(arrow(driver, letter)[0] - begin).max() < MILLIMETRE, f"{letter} never came to {begin}"
+    )
+    return arrow(browser, letter)
+
+
+def test_the_cursor_and_the_numbers_follow(page):
+    def left():
+        return page.execute_script("return document.querySelector('.cursor').getBoundingClientRect().left")
+
+    start = left()
+    page.find_element(By.ID, "slider").send_keys(Keys.END)
+    box = page.find_element(By.CSS_SELECTOR, ".plot").rect
+    assert left() - start == pytest.approx(box["width"] - 62 - 14, abs=1.5)
+    [speed] = [row.text for row in page.find_elements(By.CSS_SELECTOR, "#now tr") if row.text.startswith("speed")]
+    assert float(speed.split()[1]) == pytest.approx(np.hypot(RADIUS * RATE, CLIMB), rel=1e-4)
+
+
+def test_another_path_can_be_looked_at_and_its_gap_is_told(page):
+    Select(page.find_element(By.ID, "body")).select_by_index(1)
+    page.execute_script(
+        "const slider = document.getElementById('slider'); slider.value = arguments[0];"
+        "slider.dispatchEvent(new Event('input'));",
+        10 * 21.5 / 64,
+    )
+    WebDriverWait(page, PATIENCE).until(lambda driver: arrow(driver, "τ") is None)
+    assert page.find_element(By.ID, "state").text == "the axes do not exist here"
+    page.find_element(By.ID, "slider").send_keys(Keys.END)
+    assert page.find_element(By.ID, "state").text == "this path has ended"
+    position, _ = expected(10.0, 10.0)
+    settled(page, "τ", position - np.round(CENTRE + np.array([0, 0, 5])))
+
+
+def test_play_runs_and_pause_stops(page):
+    button = page.find_element(By.ID, "play")
+    button.click()
+    assert button.text == "Pause"
+    until(page, "return Number(document.getElementById('slider').value) > 0.3")
+    button.click()
+    assert button.text == "Play"
+    stopped = now(page)
+    time.sleep(0.4)
+    assert now(page) == stopped
+    assert 0.3 < stopped < 20.0
+    button.click()
+    until(page, f"return Number(document.getElementById('slider').value) > {stopped + 0.2}")
+    page.find_element(By.ID, "slider").send_keys(Keys.END)  # a hand on the slider stops it
+    assert button.text == "Play"
+
+
+def test_zooming_one_panel_zooms_all(browser, tmp_path):
+    shown(browser, tmp_path, closed_loop())
+    ranges = "return Array.from(document.querySelectorAll('.plot')).map((plot) => plot.layout.xaxis.range)"
+    assert all(limits == [0, 8] for limits in browser.execute_script(ranges))
+    third = browser.find_elements(By.CSS_SELECTOR, ".plot")[2]
+    drag = ActionChains(browser).move_to_element(third).click_and_hold().move_by_offset(100, 0).release()
+    drag.perform()
+    until(browser, f"{ranges}.every(([low, high]) => low > 3 && high < 7)")
+    low, high = browser.execute_script(ranges)[0]
+    width = third.rect["width"] - 62 - 14
+    assert high - low == pytest.approx(8 * 100 / width, rel=0.05)
+    assert all(limits == [low, high] for limits in browser.execute_script(ranges))
+    assert errors(browser) == []
+
+
+def test_the_picture_shows_the_arrows(page, tmp_path):
+    (tmp_path / "space.png").write_bytes(page.find_element(By.ID, "space").screenshot_as_png)
+    image = (255 * matplotlib.image.imread(tmp_path / "space.png")[..., :3]).round().astype(int)
+    assert len(np.unique(image.reshape(-1, 3), axis=0)) > 50  # not blank
+    for name, colour in COLOURS.items():
+        near = np.abs(image - np.array(colour)).max(axis=2) < 40
+        assert near.sum() > 20, name
+
+
+def test_paper_shows_a_picture_of_the_scene(page):
+    page.execute_script("window.print = () => { window.printed = true; }")
+    page.find_element(By.ID, "print").click()
+    until(page, "return window.printed === true")
+    width, data = page.execute_script("const p = document.getElementById('picture'); return [p.naturalWidth, p.src]")
+    assert width == 2 * page.execute_script("return document.getElementById('space').clientWidth")
+    assert data.startswith("data:image/png;base64,")
+    assert not page.find_element(By.ID, "picture").is_displayed()  # on paper alone
