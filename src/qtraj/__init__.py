@@ -4,12 +4,13 @@ from qtraj._version import __version__
 from qtraj.algebra import quaternion, rotation
 from qtraj.batch.evaluate import evaluate
 from qtraj.batch.table import Table
-from qtraj.design.proof.certificate import Certificate
-from qtraj.design.proof.certify import certify
 from qtraj.design.fitting.fit import fit
 from qtraj.design.limits import Limits
 from qtraj.design.magnitudes import peak
-from qtraj.design.tuning.tune import Tuned, tune
+from qtraj.design.proof.certificate import Certificate
+from qtraj.design.proof.certify import certify
+from qtraj.design.tuning.outcome import Tuned
+from qtraj.design.tuning.tune import tune
 from qtraj.foundation.document import load
 from qtraj.io import exchange
 from qtraj.io.dataset_file import load_dataset, save_dataset

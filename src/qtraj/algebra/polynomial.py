@@ -22,20 +22,21 @@ def taylor(coefficients: Float[Array, " n"], t: ScalarLike, order: int) -> Float
 
     Orders above the degree are zero.
     """
-    return jnp.stack(terms(coefficients, t, order))
+    return jnp.stack([jnp.asarray(c, coefficients.dtype) for c in terms(coefficients, t, order)])
 
 
-def terms(coefficients: Float[Array, " n"], t: ScalarLike, order: int) -> list[Scalar]:
+def terms(coefficients: Float[Array, " n"], t: ScalarLike, order: int) -> list[ScalarLike]:
     """As `taylor`, one number each: what is computed from them then stays apart, which compiles to faster loops.
 
-    Repeated synthetic division (Ruffini–Horner).
+    Repeated synthetic division (Ruffini–Horner). Orders above the degree are the Python number 0.0, so that what is
+    computed from them can be left out.
     """
     c = [coefficients[i] for i in range(coefficients.shape[0])]
     t = as_float(t).astype(coefficients.dtype)
     for k in range(min(order + 1, len(c) - 1)):
         for i in range(len(c) - 2, k - 1, -1):
             c[i] = c[i] + t * c[i + 1]
-    return c[: order + 1] + [jnp.zeros_like(t)] * (order + 1 - len(c))
+    return [*c[: order + 1], *[0.0] * (order + 1 - len(c))]
 
 
 def product(p: Float[Array, " n"], q: Float[Array, " m"]) -> Float[Array, " n+m-1"]:
@@ -59,6 +60,8 @@ def hermite(start: Float[Array, " m"], end: Float[Array, " n"], duration: Scalar
     """
     m, n = start.shape[0], end.shape[0]
     duration = as_float(duration).astype(start.dtype)
+    if m == n == 2:
+        return _cubic(start, end, duration)
     a = start * _unit_scales(m, duration)
     b = end * _unit_scales(n, duration)
     # In u = t/duration: p(u) = a(u) + u^m q(u), where q is fixed by its Taylor series about u = 1.
@@ -67,6 +70,14 @@ def hermite(start: Float[Array, " m"], end: Float[Array, " n"], duration: Scalar
     about_one = jnp.stack([sum(series[j] * gap[k - j] for j in range(k + 1)) for k in range(n)])
     c = jnp.concatenate([a, taylor(about_one, -1.0, n - 1)])
     return c / duration ** jnp.arange(m + n, dtype=c.dtype)
+
+
+def _cubic(start: Float[Array, " 2"], end: Float[Array, " 2"], duration: Scalar) -> Float[Array, " 4"]:
+    """`hermite` of values and slopes, written out: most paths are made of these."""
+    mean = (end[0] - start[0]) / duration
+    second = (3 * mean - 2 * start[1] - end[1]) / duration
+    third = (start[1] + end[1] - 2 * mean) / duration**2
+    return jnp.stack([start[0], start[1], second, third])
 
 
 def _unit_scales(count: int, duration: Scalar) -> Float[Array, " count"]:

@@ -57,10 +57,9 @@ class Watch:
         if self._progress is not None:
             self._progress.update(self._task, description=text)
 
-    def round(self, count: int, objective: float, violation: float) -> None:
-        """One round of a tuning is over."""
-        excess = "limits met" if violation == 0 else f"limits exceeded by {100 * violation:.2g} %"
-        self.say(f"tuning: round {count}, {excess}")
+    def tuning(self, text: str) -> None:
+        """How far a tuning is."""
+        self.say(f"tuning: {text}")
 
 
 @contextmanager

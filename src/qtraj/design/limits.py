@@ -3,6 +3,7 @@
 import dataclasses
 
 import equinox as eqx
+from jaxtyping import Array, Float
 
 from qtraj.design.magnitudes import UNITS, magnitude
 from qtraj.foundation.arrays import as_float, require_positive
@@ -54,7 +55,7 @@ class Limits(eqx.Module):
         self.angular_rate = _limit(angular_rate, "angular_rate")
         self.angular_acceleration = _limit(angular_acceleration, "angular_acceleration")
 
-    def given(self) -> dict[str, Scalar]:
+    def given(self) -> dict[str, Float[Array, "*lanes"]]:
         """The limits that are set, by name."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         return {name: value for name, value in values.items() if value is not None}

@@ -51,7 +51,7 @@ def squared(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
     """The square of one limited magnitude at one instant: a ratio of polynomials in t for a spiral-helix."""
     order, formula = _SQUARES[name]
     r, up = moving_components(path, t, order)
-    return formula(r, up, path.duration)
+    return jnp.asarray(formula(r, up, path.duration), path.duration.dtype)
 
 
 def magnitude(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
@@ -64,49 +64,49 @@ def magnitude(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
 Derivatives = list[Components]
 
 
-def _curvature(r: Derivatives, up: Components, duration: Scalar) -> Scalar:
+def _curvature(r: Derivatives, up: Components, duration: Scalar) -> ScalarLike:
     area, speed = _area_and_speed(r)
     return _over(area, speed**3)
 
 
-def _torsion(r: Derivatives, up: Components, duration: Scalar) -> Scalar:
+def _torsion(r: Derivatives, up: Components, duration: Scalar) -> ScalarLike:
     area = cross(r[1], r[2])
     return _over(dot(area, r[3]) ** 2, dot(area, area) ** 2)
 
 
-def _speed(r: Derivatives, up: Components, duration: Scalar) -> Scalar:
+def _speed(r: Derivatives, up: Components, duration: Scalar) -> ScalarLike:
     return dot(r[1], r[1])
 
 
-def _acceleration(r: Derivatives, up: Components, duration: Scalar) -> Scalar:
+def _acceleration(r: Derivatives, up: Components, duration: Scalar) -> ScalarLike:
     return dot(r[2], r[2])
 
 
-def _lateral(r: Derivatives, up: Components, duration: Scalar) -> Scalar:
+def _lateral(r: Derivatives, up: Components, duration: Scalar) -> ScalarLike:
     return _over(*_area_and_speed(r))
 
 
-def _longitudinal(r: Derivatives, up: Components, duration: Scalar) -> Scalar:
+def _longitudinal(r: Derivatives, up: Components, duration: Scalar) -> ScalarLike:
     return _over(dot(r[1], r[2]) ** 2, dot(r[1], r[1]))
 
 
-def _slope(r: Derivatives, up: Components, duration: Scalar) -> Scalar:
+def _slope(r: Derivatives, up: Components, duration: Scalar) -> ScalarLike:
     rise = dot(r[1], up)
     x, y, z = (v - rise * u for v, u in zip(r[1], up, strict=True))
     return _over(rise**2, x**2 + y**2 + z**2)
 
 
-def _angular_rate(r: Derivatives, up: Components, duration: Scalar) -> Scalar:
+def _angular_rate(r: Derivatives, up: Components, duration: Scalar) -> ScalarLike:
     area, speed = _area_and_speed(r)
     return speed * _torsion(r, up, duration) + _over(area, speed**2)
 
 
-def _angular_acceleration(r: Derivatives, up: Components, duration: Scalar) -> Scalar:
-    acceleration = Natural().trihedral(_stacked(r), duration).acceleration
+def _angular_acceleration(r: Derivatives, up: Components, duration: Scalar) -> ScalarLike:
+    acceleration = Natural().trihedral(_stacked(r, duration), duration).acceleration
     return acceleration @ acceleration
 
 
-_SQUARES: dict[str, tuple[int, Callable[[Derivatives, Components, Scalar], Scalar]]] = {
+_SQUARES: dict[str, tuple[int, Callable[[Derivatives, Components, Scalar], ScalarLike]]] = {
     "curvature": (2, _curvature),
     "torsion": (3, _torsion),
     "speed": (1, _speed),
@@ -120,13 +120,13 @@ _SQUARES: dict[str, tuple[int, Callable[[Derivatives, Components, Scalar], Scala
 """Of each magnitude: the highest derivative it needs, and its square."""
 
 
-def _area_and_speed(r: Derivatives) -> tuple[Scalar, Scalar]:
+def _area_and_speed(r: Derivatives) -> tuple[ScalarLike, ScalarLike]:
     """N and S."""
     area = cross(r[1], r[2])
     return dot(area, area), dot(r[1], r[1])
 
 
-def _over(part: Scalar, whole: Scalar) -> Scalar:
+def _over(part: ScalarLike, whole: ScalarLike) -> ScalarLike:
     """part/whole; 0/0 is 0, and anything else over 0 is infinite, with zero gradient there."""
     positive = whole > 0
     ratio = part / jnp.where(positive, whole, 1.0)
@@ -137,12 +137,11 @@ def moving_components(path: AbstractHodograph, t: ScalarLike, order: int) -> tup
     """Derivatives in a basis of the path's own choice, and the world's vertical in that basis, by components."""
     if not isinstance(path, SpiralHelix):
         r = path.derivatives(t, order)
-        zero = jnp.zeros_like(r[0, 0])
-        return [(row[0], row[1], row[2]) for row in r], (zero, zero, jnp.ones_like(zero))
+        return [(row[0], row[1], row[2]) for row in r], (0.0, 0.0, 1.0)
     r = path.rotating_components(t, order)
-    zero = jnp.zeros_like(r[0][0])
     if path.placement is None:
-        return r, (zero, zero, jnp.ones_like(zero))
+        return r, (0.0, 0.0, 1.0)
+    zero = jnp.zeros_like(path.duration)
     x, y, z = path.placement.to_local(jnp.stack([zero, zero, jnp.ones_like(zero)]))
     phi = polynomial.evaluate(path.angle, t)
     cos, sin = jnp.cos(phi), jnp.sin(phi)
@@ -151,8 +150,8 @@ def moving_components(path: AbstractHodograph, t: ScalarLike, order: int) -> tup
 
 def moving_derivatives(path: AbstractHodograph, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
     """Derivatives in a basis of the path's own choice."""
-    return _stacked(moving_components(path, t, order)[0])
+    return _stacked(moving_components(path, t, order)[0], path.duration)
 
 
-def _stacked(r: Derivatives) -> Float[Array, "n 3"]:
-    return jnp.stack([jnp.stack(row) for row in r])
+def _stacked(r: Derivatives, like: Scalar) -> Float[Array, "n 3"]:
+    return jnp.stack([jnp.stack([jnp.asarray(x, like.dtype) for x in row]) for row in r])

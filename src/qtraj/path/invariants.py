@@ -13,17 +13,16 @@ from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
-from qtraj.foundation.types import Scalar, Vec3
+from qtraj.foundation.types import Scalar, ScalarLike, Vec3
 
-
-Components = tuple[Scalar, Scalar, Scalar]
-"""The components of a vector, one number each: they compile to faster loops than arrays of three."""
+Components = tuple[ScalarLike, ScalarLike, ScalarLike]
+"""The components of a vector, one number each: they compile to faster loops than arrays of three. The Python number 0.0
+stands for what vanishes everywhere."""
 
 
 def rotating_components(
-    radius: Sequence[Scalar], angle: Sequence[Scalar], height: Sequence[Scalar]
+    radius: Sequence[ScalarLike], angle: Sequence[ScalarLike], height: Sequence[ScalarLike]
 ) -> list[Components]:
     """Derivatives of ρ(i cos φ + j sin φ) + k h in the rotating basis (e_ρ, e_φ, k), orders 0 … n−1.
 
@@ -32,24 +31,36 @@ def rotating_components(
     Cauchy's product. Orders 1 and 2 are (ρ̇, ρφ̇, ḣ) and (ρ̈ − ρφ̇², 2ρ̇φ̇ + ρφ̈, ḧ) (paper S, ṙ and r̈).
     """
     count = len(radius)
-    cos, sin = [jnp.ones_like(radius[0])], [jnp.zeros_like(radius[0])]
+    cos: list[ScalarLike] = [1.0]
+    sin: list[ScalarLike] = [0.0]
     for k in range(count - 1):
-        slopes = [(j + 1) * angle[j + 1] for j in range(k + 1)]
-        cos.append(-_cauchy(slopes, sin, k) / (k + 1))
-        sin.append(_cauchy(slopes, cos, k) / (k + 1))
+        slopes = [_times(float(j + 1), angle[j + 1]) for j in range(k + 1)]
+        cos.append(_times(-1.0 / (k + 1), _cauchy(slopes, sin, k)))
+        sin.append(_times(1.0 / (k + 1), _cauchy(slopes, cos, k)))
     rows = []
     for k in range(count):
-        along, across = _cauchy(radius, cos, k), _cauchy(radius, sin, k)
-        rows.append((math.factorial(k) * along, math.factorial(k) * across, math.factorial(k) * height[k]))
+        row = (_cauchy(radius, cos, k), _cauchy(radius, sin, k), height[k])
+        rows.append(tuple(_times(float(math.factorial(k)), x) for x in row))
     return rows
 
 
-def _cauchy(p: Sequence[Scalar], q: Sequence[Scalar], k: int) -> Scalar:
+def _cauchy(p: Sequence[ScalarLike], q: Sequence[ScalarLike], k: int) -> ScalarLike:
     """The k-th coefficient of the product of two series."""
-    total = p[0] * q[k]
-    for j in range(1, k + 1):
-        total = total + p[j] * q[k - j]
-    return total
+    products = [_times(p[j], q[k - j]) for j in range(k + 1)]
+    return sum((x for x in products if not _is(x, 0.0)), 0.0)
+
+
+def _times(a: ScalarLike, b: ScalarLike) -> ScalarLike:
+    """a·b, without arithmetic where either is the Python number 0.0 or 1.0."""
+    if _is(a, 0.0) or _is(b, 0.0):
+        return 0.0
+    if _is(a, 1.0):
+        return b
+    return a if _is(b, 1.0) else a * b
+
+
+def _is(x: ScalarLike, value: float) -> bool:
+    return isinstance(x, float) and x == value
 
 
 class Invariants(eqx.Module):
@@ -67,7 +78,7 @@ def invariants(r1: Vec3, r2: Vec3, r3: Vec3) -> Invariants:
     return Invariants(S=dot(a, a), N=dot(area, area), T=dot(area, c))
 
 
-def dot(a: Components, b: Components) -> Scalar:
+def dot(a: Components, b: Components) -> ScalarLike:
     """The scalar product, by components."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 

@@ -68,7 +68,8 @@ class SpiralHelix(AbstractHodograph):
 
     def rotating_derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """As `derivatives`, in the rotating basis (e_ρ, e_φ, k) at `t` and about the path's own axis."""
-        return jnp.stack([jnp.stack(row) for row in self.rotating_components(one_instant(t), order)])
+        rows = self.rotating_components(one_instant(t), order)
+        return jnp.stack([jnp.stack([jnp.asarray(x, self.duration.dtype) for x in row]) for row in rows])
 
     def rotating_components(self, t: ScalarLike, order: int) -> list[Components]:
         """As `rotating_derivatives`, one number for each component."""

@@ -6,7 +6,7 @@ from pathlib import Path
 import xarray
 
 from qtraj.design.limits import Limits
-from qtraj.design.tuning.tune import Tuned
+from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation.document import load
 from qtraj.io.dataset import path_dataset
 from qtraj.io.dataset_file import SUFFIXES, load_dataset

@@ -5,9 +5,9 @@ from typing import Any
 from qtraj._version import __version__
 from qtraj.cli.content import finite, scenario_content
 from qtraj.cli.tuning.job import Job
-from qtraj.design.proof.certificate import Certificate
 from qtraj.design.magnitudes import UNITS
-from qtraj.design.tuning.tune import Tuned
+from qtraj.design.proof.certificate import Certificate
+from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.scenario import ScenarioFile
 from qtraj.path.boundary import BoundaryState, cylindrical
 from qtraj.path.placement import Placement
@@ -30,7 +30,7 @@ def tune_content(given: ScenarioFile, job: Job, before: Certificate, best: Tuned
             "motion": job.motion,
             "value": float(best.objective),
             "status": best.status,
-            "iterations": best.iterations,
+            "iterations": int(best.iterations),
             "result": best.result,
         },
     }

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from qtraj.design.fitting.fit import fit
-from qtraj.design.tuning.given import given_path
 from qtraj.design.limits import Limits
-from qtraj.design.tuning.tune import Tuned
+from qtraj.design.tuning.given import given_path
+from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation.document import load
 from qtraj.io.scenario import ScenarioFile
 from qtraj.io.scenario_model import Scenario

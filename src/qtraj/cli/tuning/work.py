@@ -10,7 +10,8 @@ from qtraj.cli.tuning.content import tune_content
 from qtraj.cli.tuning.job import Choice, Job, is_saved, lay
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.proof.certify import certify
-from qtraj.design.tuning.tune import Tuned, tune
+from qtraj.design.tuning.outcome import Tuned
+from qtraj.design.tuning.tune import tune
 from qtraj.io.dataset import path_dataset, write_netcdf
 from qtraj.io.scenario import DEFAULT, ScenarioFile, read_scenario
 from qtraj.io.scenario_model import Scenario
@@ -50,7 +51,7 @@ def solve(given: ScenarioFile[Scenario], choice: Choice, watch: Watch) -> tuple[
     before = certify(job.path, job.limits)
     watch.say("tuning")
     try:
-        best = tune(**job.tuning(), progress=watch.round)
+        best = tune(**job.tuning(), progress=watch.tuning)
     except ValueError as error:
         raise ValueError(f"{given.file}: {error}") from error
     return job, before, best

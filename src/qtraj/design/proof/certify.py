@@ -9,11 +9,11 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from qtraj.algebra.positivity import NEGATIVE, POSITIVE, positive
-from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate
-from qtraj.design.proof.inequalities import FORMS, HIGHEST_DEGREE, divisor, parts, slack
 from qtraj.design.limits import Limits
 from qtraj.design.magnitudes import magnitude, moving_derivatives, peak
 from qtraj.design.peaks import largest, summit
+from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate
+from qtraj.design.proof.inequalities import FORMS, HIGHEST_DEGREE, divisor, parts, slack
 from qtraj.foundation.types import Flag, Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.invariants import existence
@@ -43,10 +43,10 @@ def certify(path: AbstractHodograph, limits: Limits) -> Certificate:
     they cannot be told from zero they are "undefined". Inequalities beyond degree 72 (see docs/tuning.md), the slope
     about an axis that is not vertical and all of a `Curve` are judged by refined sampling, and called "sampled".
 
-    A batch of paths (stacked, as from `jax.vmap`) gives findings with the lanes in front. Under `jit` and `vmap` the
-    certificate's arrays are known, its texts are not; `values` are differentiable in the path (envelope theorem). They
-    are the largest values found: of a limit with room to spare a needle between the samples may be missed, its proof is
-    not.
+    A batch of paths (stacked, as from `jax.vmap`) gives findings with the lanes in front; limits are shared, or have
+    the same lanes. Under `jit` and `vmap` the certificate's arrays are known, its texts are not; `values` are
+    differentiable in the path (envelope theorem). They are the largest values found: of a limit with room to spare a
+    needle between the samples may be missed, its proof is not.
 
     **Raises:** ValueError in float32, whose rounding exceeds the margins that matter here, and for a batch in which not
     every array has the lanes in front.
@@ -58,11 +58,12 @@ def certify(path: AbstractHodograph, limits: Limits) -> Certificate:
         return Certificate((), nothing, nothing, nothing, nothing)
     needed = {FORMS[name].divisor for name in given}
     gaps = {which: _over_lanes(_gap, (path,), which) for which in DIVISORS if which in needed}
+    limits_of = {name: jnp.broadcast_to(limit, path.duration.shape) for name, limit in given.items()}
     found = [
-        _over_lanes(_finding, (path, gaps.get(FORMS[name].divisor or "none")), name, limit)
-        for name, limit in given.items()
+        _over_lanes(_finding, (path, gaps.get(FORMS[name].divisor or "none"), limit), name)
+        for name, limit in limits_of.items()
     ]
-    bounds = jnp.broadcast_to(jnp.stack([*given.values()]), (*path.duration.shape, len(given)))
+    bounds = jnp.stack([*limits_of.values()], axis=-1)
     codes, times, values = (jnp.stack(column, axis=-1) for column in zip(*found, strict=True))
     return Certificate(tuple(given), codes, times, values, bounds)
 
@@ -111,7 +112,7 @@ def _gap(path: AbstractHodograph, which: str) -> _Gap:
     return _Gap(proved, ~proved & (size(path, time) < GAP**2), time)
 
 
-def _finding(path: AbstractHodograph, gap: _Gap | None, name: str, limit: Scalar) -> tuple[Array, Scalar, Scalar]:
+def _finding(path: AbstractHodograph, gap: _Gap | None, limit: Scalar, name: str) -> tuple[Array, Scalar, Scalar]:
     """Code, time [s] and value of one limit, given whether what it divides by vanishes."""
     code, time, value = _as_if_defined(path, gap, name, limit.astype(path.duration.dtype))
     if gap is None:

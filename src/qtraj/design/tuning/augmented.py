@@ -17,8 +17,13 @@ from jaxtyping import Array, Float
 from qtraj.design.limits import Limits
 from qtraj.design.magnitudes import squared
 from qtraj.design.peaks import cell_peaks
+from qtraj.design.tuning.campaign import Found
 from qtraj.design.tuning.problem import Problem, Variables
+from qtraj.design.tuning.rows import find_peaks
+from qtraj.design.tuning.sqp import FEASIBLE
+from qtraj.design.tuning.task import Task
 from qtraj.foundation.types import Flag, Scalar
+from qtraj.path.spiral_helix import SpiralHelix
 
 CELLS = 65
 INNER_STEPS, MEMORY, GRADIENT_TOLERANCE = 200, 12, 1e-9
@@ -27,17 +32,42 @@ FIRST_PENALTY, PENALTY_GROWTH = 10.0, 4.0
 HIGHEST_PENALTY = 1e9
 SUFFICIENT_DECREASE = 0.25  # of the violation in one round; less, and the penalty grows
 HOPELESS_DECREASE, HOPELESS_ROUNDS = 0.9, 6  # this little decrease for so many rounds, and the search gives up
-LEAST_ROUNDS = 12
-
-FEASIBLE = 2e-9
-"""Largest relative excess over a limit, of ½((value/limit)² − 1), that counts as met."""
 
 STATIONARY = 1e-6
 """Largest component of the Lagrangian's gradient at a converged point, in the problem's own scale."""
 
 PerCell = dict[str, Float[Array, " cells"]]
-Progress = Callable[[int, float, float], None]
+NEAR = 1 - 1e-9  # of the way to a bound
+
 _Carry = tuple[Variables, Any, Scalar, Flag, Array]
+
+
+class Boxed(eqx.Module):
+    """A problem in variables y without bounds: z = m + r tanh((y − m)/r) between the bounds m ± r."""
+
+    problem: Problem
+    low: Variables
+    high: Variables
+
+    def inside(self, y: Variables) -> Variables:
+        """z of y."""
+        middle, half = (self.low + self.high) / 2, (self.high - self.low) / 2
+        safe = jnp.where(half > 0, half, 1.0)
+        return middle + half * jnp.tanh((y - middle) / safe)
+
+    def outside(self, z: Variables) -> Variables:
+        """y of z; of a z at a bound, one near it."""
+        middle, half = (self.low + self.high) / 2, (self.high - self.low) / 2
+        safe = jnp.where(half > 0, half, 1.0)
+        return middle + safe * jnp.arctanh(jnp.clip((z - middle) / safe, -NEAR, NEAR))
+
+    def path(self, y: Variables) -> SpiralHelix:
+        """The path of these variables."""
+        return self.problem.path(self.inside(y))
+
+    def cost(self, y: Variables) -> Scalar:
+        """The objective over its scale."""
+        return self.problem.cost(self.inside(y))
 
 
 class Iterate(NamedTuple):
@@ -52,7 +82,18 @@ class Iterate(NamedTuple):
     steps: Array  # L-BFGS steps taken so far
 
 
-def begin(problem: Problem, limits: Limits, z: Variables) -> Iterate:
+def search(task: Task, z: Variables, most_rounds: int, tell: Callable[[str], None] | None) -> Found:
+    """Where rounds from `z` end: the limits met at a stationary point, or not."""
+    boxed = Boxed(task.problem, task.low, task.high)
+    last, settled = _solve(boxed, task.limits, boxed.outside(z), most_rounds, tell)
+    z = boxed.inside(last.z)
+    # The rows of the other method, for what is derived from a solution: advice, derivatives.
+    peaks = find_peaks(task.problem.without_objective(), task.limits, z)
+    settled_at = jnp.asarray(settled)
+    return Found(z, jnp.zeros_like(peaks.time), peaks.time, last.violation, settled_at, last.steps)
+
+
+def begin(problem: Boxed, limits: Limits, z: Variables) -> Iterate:
     """The iterate at `z`, with nothing learnt yet."""
     g, cost = survey(problem, limits, z)
     none = {name: jnp.zeros_like(v) for name, v in g.items()}
@@ -60,18 +101,18 @@ def begin(problem: Problem, limits: Limits, z: Variables) -> Iterate:
     return Iterate(z, none, jnp.full_like(cost, FIRST_PENALTY), cost, worst(g), unknown, jnp.asarray(0))
 
 
-def solve(
-    problem: Problem, limits: Limits, z: Variables, max_rounds: int, progress: Progress | None
+def _solve(
+    problem: Boxed, limits: Limits, z: Variables, max_rounds: int, tell: Callable[[str], None] | None
 ) -> tuple[Iterate, bool]:
     """Rounds until the limits are met at a stationary point (True), or until there is little hope of it (False)."""
     iterate = begin(problem, limits, z)
     hopeless = 0
     for count in range(1, max_rounds + 1):
         before = float(iterate.violation)
-        last, iterate = iterate, advance(problem, limits, iterate, weight=1.0)
+        last, iterate = iterate, advance(problem, limits, iterate)
         violation = float(iterate.violation)
-        if progress is not None:
-            progress(count, float(iterate.cost), violation)
+        if tell is not None:
+            tell(f"round {count}, " + ("limits met" if violation == 0 else f"exceeded by {100 * violation:.2g} %"))
         if violation <= FEASIBLE and float(iterate.gradient) <= STATIONARY:
             return iterate, True
         if not math.isfinite(violation):
@@ -82,61 +123,43 @@ def solve(
     return iterate, False
 
 
-def least_violation(problem: Problem, limits: Limits, z: Variables) -> Iterate:
-    """Where the sum of squared excesses is locally least, whatever the objective says."""
-    iterate = begin(problem, limits, z)
-    for _ in range(LEAST_ROUNDS):
-        before = float(iterate.violation)
-        last, iterate = iterate, advance(problem, limits, iterate, weight=0.0)
-        if not math.isfinite(iterate.violation):
-            return last
-        if abs(before - float(iterate.violation)) <= 1e-6 * before:
-            break
-    return iterate
-
-
-def advance(problem: Problem, limits: Limits, iterate: Iterate, weight: float) -> Iterate:
-    """One round: minimise the augmented Lagrangian in z, then move multipliers and penalty.
-
-    `weight` is 1, or 0 to look for the least violation alone.
-    """
-    z, gradient, steps = _descend(problem, limits, iterate, jnp.full_like(iterate.cost, weight))
+def advance(problem: Boxed, limits: Limits, iterate: Iterate) -> Iterate:
+    """One round: minimise the augmented Lagrangian in z, then move multipliers and penalty."""
+    z, gradient, steps = _descend(problem, limits, iterate)
     g, cost = survey(problem, limits, z)
     violation = worst(g)
-    multipliers = iterate.multipliers
-    if weight > 0:  # with no objective the multipliers have nothing to balance
-        multipliers = {name: jnp.maximum(0.0, m + iterate.penalty * g[name]) for name, m in multipliers.items()}
+    multipliers = {name: jnp.maximum(0.0, m + iterate.penalty * g[name]) for name, m in iterate.multipliers.items()}
     stalled = violation > SUFFICIENT_DECREASE * iterate.violation
     penalty = jnp.where(stalled, PENALTY_GROWTH, 1.0) * iterate.penalty
     return Iterate(z, multipliers, penalty, cost, violation, gradient, iterate.steps + steps)
 
 
 @eqx.filter_jit
-def survey(problem: Problem, limits: Limits, z: Variables) -> tuple[PerCell, Scalar]:
+def survey(problem: Boxed, limits: Limits, z: Variables) -> tuple[PerCell, Scalar]:
     """The excesses over the limits and the cost."""
     return excesses(problem, limits, z, worst_times(problem, limits, z)), problem.cost(z)
 
 
 @eqx.filter_jit
-def _descend(problem: Problem, limits: Limits, iterate: Iterate, weight: Scalar) -> tuple[Variables, Scalar, Array]:
-    """Minimise weight·cost + Σ (max(0, m + penalty·g)² − m²)/(2·penalty) over the cells."""
+def _descend(problem: Boxed, limits: Limits, iterate: Iterate) -> tuple[Variables, Scalar, Array]:
+    """Minimise cost + Σ (max(0, m + penalty·g)² − m²)/(2·penalty) over the cells."""
 
     def lagrangian(z: Variables, times: PerCell) -> Scalar:
         g = excesses(problem, limits, z, times)
         m, penalty = iterate.multipliers, iterate.penalty
         terms = [jnp.sum(jnp.maximum(0.0, m[name] + penalty * g[name]) ** 2 - m[name] ** 2) for name in g]
-        return weight * problem.cost(z) + sum(terms) / (2 * penalty)
+        return problem.cost(z) + sum(terms) / (2 * penalty)
 
     return _minimise(lagrangian, lambda z: worst_times(problem, limits, z), iterate.z)
 
 
-def worst_times(problem: Problem, limits: Limits, z: Variables) -> PerCell:
+def worst_times(problem: Boxed, limits: Limits, z: Variables) -> PerCell:
     """Where in each cell each limit is exceeded most, as fractions of the duration."""
     path = problem.path(z)
     return {name: cell_peaks(partial(squared, name=name), path, CELLS) for name in limits.given()}
 
 
-def excesses(problem: Problem, limits: Limits, z: Variables, times: PerCell) -> PerCell:
+def excesses(problem: Boxed, limits: Limits, z: Variables, times: PerCell) -> PerCell:
     """g = ½((value/limit)² − 1) at the given fractions: zero on the limit, smooth where the value vanishes."""
     path = problem.path(z)
 

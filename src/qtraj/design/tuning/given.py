@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 
 from qtraj.design.limits import Limits
+from qtraj.design.tuning.checks import require_choices, require_sound
 from qtraj.design.tuning.problem import Objective, pose
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
@@ -31,7 +32,10 @@ def given_path(
     """
     if start.acceleration is None and end.acceleration is None:
         any_limit = Limits(speed=1.0)  # a tuning problem must have one, and its starting path is the same for all
-        problem = pose(start, end, any_limit, objective, motion, duration, turns, placement, turn)
+        require_choices(start, end, any_limit, objective, motion, duration is not None)
+        duration, turn = (None if x is None else as_float(x) for x in (duration, turn))
+        problem = pose(start, end, objective, motion, duration, turns, placement, turn)
+        require_sound(problem, turn)
         return problem.path(jnp.zeros(problem.size, problem.speed.dtype))
     if motion != "hermite" or duration is None:
         raise ValueError("boundary states with accelerations make a path only with motion='hermite' and a duration")

@@ -14,31 +14,36 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
-from qtraj.design.tuning.sqp import State, Task, begin, proceed
+from qtraj.design.tuning.sqp import State, begin, proceed
+from qtraj.design.tuning.task import Task
 
-BLOCK = 64
-"""Lanes computed together: their numbers stay in the cache."""
+BLOCKS = (8, 64)
+"""Lanes computed together, in a small search and in a large one, whose numbers still stay in the cache."""
 
 STAGES = (6, 9, 14, 24, 40)
 """Steps after which the unfinished lanes are gathered."""
 
+CORES = os.cpu_count() or 1
+
 Told = Callable[[int, int], None]
 
 
-def search(tasks: Task, z: Float[Array, "lanes n"], most_steps: int, tell: Told | None = None) -> State:
+def search(tasks: Task, z: ArrayLike, most_steps: int, tell: Told | None = None) -> State:
     """The searches of stacked tasks, each from its own `z`. `tell(done, lanes)` is called after every block."""
     stacked, rest = eqx.partition(tasks, eqx.is_array)
     given = jax.tree.map(np.asarray, stacked)
     states: Any = None
+    z = np.asarray(z)
     lanes = z.shape[0]
     left = np.arange(lanes)
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    size = BLOCKS[0] if lanes <= BLOCKS[0] * CORES else BLOCKS[1]
+    with ThreadPoolExecutor(CORES) as pool:
         for steps in (0, *(s for s in STAGES if s < most_steps), most_steps):
-            blocks = [left[k : k + BLOCK] for k in range(0, left.size, BLOCK)]
-            source = np.asarray(z) if states is None else states
-            jobs = [pool.submit(_run, _take(given, b, lanes), rest, _take(source, b, lanes), steps) for b in blocks]
+            blocks = [left[k : k + size] for k in range(0, left.size, size)]
+            source = z if states is None else states
+            jobs = [pool.submit(_run, _take(given, b, size), rest, _take(source, b, size), steps) for b in blocks]
             for block, job in zip(blocks, jobs, strict=True):
                 found = job.result()
                 if states is None:
@@ -67,9 +72,9 @@ def _proceed(given: Task, rest: Task, states: State, steps: Array) -> State:
     return jax.vmap(lambda task, s: proceed(eqx.combine(task, rest), s, steps))(given, states)
 
 
-def _take(tree: Any, block: np.ndarray, lanes: int) -> Any:
+def _take(tree: Any, block: np.ndarray, size: int) -> Any:
     """The lanes of a block, filled up with its first to the size for which the search is compiled."""
-    full = np.concatenate([block, np.full(min(BLOCK, lanes) - block.size, block[0])])
+    full = np.concatenate([block, np.full(size - block.size, block[0])])
     return jax.tree.map(lambda x: x[full], tree)
 
 

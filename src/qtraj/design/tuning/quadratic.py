@@ -71,23 +71,23 @@ class Program(NamedTuple):
     low: Vector
     high: Vector
 
-    def products(self, x: Vector) -> Float[Array, " m+2n"]:
+    def products(self, x: Vector) -> Float[Array, " k"]:
         """What is bounded, at `x`: the rows, x, and −x."""
         return jnp.concatenate([self.rows @ x, x, -x])
 
-    def combination(self, y: Float[Array, " m+2n"]) -> Vector:
+    def combination(self, y: Float[Array, " k"]) -> Vector:
         """The transpose of `products`."""
         m, n = self.rows.shape
         return y[:m] @ self.rows + y[m : m + n] - y[m + n :]
 
-    def stiffened(self, weights: Float[Array, " m+2n"]) -> Matrix:
+    def stiffened(self, weights: Float[Array, " k"]) -> Matrix:
         """H and the squares of everything that is bounded, times `weights`."""
         m, n = self.rows.shape
         of_box = weights[m : m + n] + weights[m + n :]
-        return self.hessian + (self.rows.T * weights[:m]) @ self.rows + jnp.diag(of_box)
+        return self.hessian + (self.rows.T * weights[None, :m]) @ self.rows + jnp.diag(of_box)
 
     @property
-    def room(self) -> Float[Array, " m+2n"]:
+    def room(self) -> Float[Array, " k"]:
         """The bounds on `products`."""
         return jnp.concatenate([self.bounds, self.high, -self.low])
 

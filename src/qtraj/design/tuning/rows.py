@@ -119,12 +119,16 @@ def _highest(
     g = _excesses(problem, name, limit)
     u, present = peaks
 
-    def rate(z: Variables, u: Float[Array, " k"]) -> Float[Array, " k"]:
-        return jax.jvp(lambda u: g(z, u), (u,), (jnp.ones_like(u),))[1]
+    def both(z: Variables) -> tuple[Float[Array, "2 k"], Float[Array, "2 k"]]:
+        pair = jnp.stack(jax.jvp(lambda u: g(z, u), (u,), (jnp.ones_like(u),)))  # g and ∂g/∂u
+        return pair, pair
 
-    value, slope, hessian = g(z, u), jax.jacfwd(g)(z, u), jax.jacfwd(jax.jacfwd(g))(z, u)
-    mixed = jax.jacfwd(rate)(z, u)
-    bend = jax.jvp(lambda u: rate(z, u), (u,), (jnp.ones_like(u),))[1]
+    def first(z: Variables) -> tuple[Float[Array, "k n"], tuple[Float[Array, "2 k n"], Float[Array, "2 k"]]]:
+        slopes, pair = jax.jacfwd(both, has_aux=True)(z)
+        return slopes[0], (slopes, pair)
+
+    hessian, ((slope, mixed), (value, _)) = jax.jacfwd(first, has_aux=True)(z)
+    bend = jax.jvp(lambda u: jax.jvp(lambda u: g(z, u), (u,), (jnp.ones_like(u),))[1], (u,), (jnp.ones_like(u),))[1]
     inner = (jnp.arange(u.shape[0]) < u.shape[0] - ENDS) & (u > 0) & (u < 1) & (bend < 0)
     moving = jnp.where(inner, 1 / jnp.where(inner, bend, 1.0), 0.0)
     curvature = hessian - moving[:, None, None] * mixed[:, :, None] * mixed[:, None, :]

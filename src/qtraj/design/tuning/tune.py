@@ -1,19 +1,27 @@
 """Boundary velocities that meet limits: the path nearest to the given states, the fastest or the smoothest."""
 
-import os
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
-from qtraj.design.tuning import verdict
-from qtraj.design.tuning.augmented import FEASIBLE, Iterate, Progress, least_violation, solve
-from qtraj.design.proof.certificate import Certificate
-from qtraj.design.proof.certify import certify, require_float64
 from qtraj.design.limits import Limits
-from qtraj.design.tuning.problem import Objective, Problem, pose
-from qtraj.foundation import document
-from qtraj.foundation.arrays import real_scalar
-from qtraj.foundation.document import storable
+from qtraj.design.proof.certificate import SAMPLED
+from qtraj.design.proof.certify import certify
+from qtraj.design.tuning import augmented, campaign, relief
+from qtraj.design.tuning.box import Bounds, box, require_names, weights_of
+from qtraj.design.tuning.campaign import Found, Tell, take
+from qtraj.design.tuning.checks import require_choices, require_sound
+from qtraj.design.tuning.outcome import CONVERGED, INFEASIBLE, NOT_CONVERGED, Tuned
+from qtraj.design.tuning.problem import Objective, pose
+from qtraj.design.tuning.sensitivity import solution
+from qtraj.design.tuning.sqp import FEASIBLE
+from qtraj.design.tuning.task import Task
+from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.placement import Placement
@@ -22,48 +30,7 @@ from qtraj.path.spiral_helix import SpiralHelix
 AIM = 1 - 1e-8
 """Tuning aims at this part of each limit, so that round-off at a peak does not break the limit that was given."""
 
-
-@storable
-class Tuned(eqx.Module):
-    """The outcome of `tune`.
-
-    `path`, with its boundary states `start` and `end` (world axes); `objective`, the attained value in its own units;
-    `certificate`, the findings on the given limits; `status`: "converged", "infeasible" or "not converged"; `result`:
-    the same in words, with what to do; `iterations`: L-BFGS steps taken.
-    """
-
-    path: SpiralHelix
-    start: BoundaryState
-    end: BoundaryState
-    objective: Scalar
-    certificate: Certificate
-    status: str = eqx.field(static=True)
-    result: str = eqx.field(static=True)
-    iterations: int = eqx.field(static=True)
-
-    def __init__(
-        self,
-        path: SpiralHelix,
-        start: BoundaryState,
-        end: BoundaryState,
-        objective: ArrayInput,
-        certificate: Certificate,
-        status: str,
-        result: str,
-        iterations: int,
-    ):
-        self.path, self.start, self.end = path, start, end
-        self.objective, self.certificate = real_scalar(objective, "the objective"), certificate
-        self.status, self.result, self.iterations = status, result, iterations
-
-    @property
-    def converged(self) -> bool:
-        """Whether the tuning ended at a path that meets every limit and whose objective is stationary."""
-        return self.status == "converged"
-
-    def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the outcome to a TOML or JSON file, exactly; `qtraj.load` reads it."""
-        document.save(self, file)
+METHODS = ("sqp", "lbfgs")
 
 
 def tune(
@@ -76,8 +43,14 @@ def tune(
     turns: int = 0,
     placement: Placement | None = None,
     turn: ArrayInput | None = None,
-    max_rounds: int = 60,
-    progress: Progress | None = None,
+    *,
+    fixed: Sequence[str] = (),
+    bounds: Bounds | None = None,
+    weights: Mapping[str, float] | None = None,
+    starts: int = 8,
+    method: str | None = None,
+    max_steps: int = 100,
+    progress: Callable[[str], None] | None = None,
 ) -> Tuned:
     """Tune the boundary velocities between two positions until `limits` hold on the whole path.
 
@@ -87,47 +60,156 @@ def tune(
     components and, unless the objective is "smoothest", the duration. `duration` [s]: T₀ of "hermite", and the held
     duration of "smoothest"; by default the turn over the rate of the given states, whose V_φ/ρ need not agree. The
     turn has the sense of V_φ at the start, a magnitude in (0, 2π), and `turns` whole turns besides; where it is known,
-    `turn` [rad, signed] gives it instead. After every round `progress(round, objective over its scale, largest relative
-    excess)` is called.
+    `turn` [rad, signed] gives it instead.
 
-    The search is local and starts from the given states. Limits are held at the polished peaks of 65 cells of time,
-    and then judged on the whole path: see `certify`.
+    The variables have names: "start.V_rho", "start.V_phi", "start.V_h", the same of "end" [m/s, about the axis], and
+    "duration" [s]; uniform motion has no V_phi, which follows from the duration. `fixed` names those that keep their
+    given value; `bounds` maps names to (lowest, highest), either of which may be None; `weights` multiplies the squared
+    changes that "nearest" sums.
+
+    `starts` searches begin at the given states and about them, and the best is kept. `method` is "sqp" (sequential
+    quadratic programming on polished peaks, with exact second derivatives) or "lbfgs" (augmented Lagrangian, optax);
+    by default the first, and the second for a callable objective, which then need not be twice differentiable, from the
+    given states alone. Where no path meets the limits, the one that exceeds them least is given, with advice. What is
+    being done is told to `progress`, in a few words.
+
+    **Batches**: states with lanes in front (`jax.vmap(BoundaryState)(positions, velocities)`), and limits, duration,
+    turn and placement with the same lanes or shared, give an outcome with lanes, one compiled search for all.
+    **Traces**: under `jit`, `vmap` and `grad` the same "sqp" runs on whole arrays, and the derivatives of its path in
+    the boundary data and the limits are exact (implicit function theorem); infeasible problems are not looked into.
 
     **Raises:** ValueError for input that makes no problem, or in float32. A problem without a solution is no error:
     its `status` is "infeasible" and its `result` says why and what would help.
     """
-    problem = pose(start, end, limits, objective, motion, duration, turns, placement, turn)
-    given = jnp.zeros(problem.size, problem.speed.dtype)
-    require_float64(problem.path(given))
-    aims = Limits(**{name: AIM * value for name, value in limits.given().items()})
-    iterate, settled = solve(problem, aims, given, max_rounds, progress)
-    if not settled:
-        least = least_violation(problem, aims, iterate.z)
-        if float(least.violation) > FEASIBLE:
-            return _outcome("infeasible", problem, limits, start, end, least)
-        iterate, settled = solve(problem, aims, least.z, max_rounds, progress)
-    return _outcome("converged" if settled else "not converged", problem, limits, start, end, iterate)
+    require_choices(start, end, limits, objective, motion, duration is not None)
+    method = _method(method, objective)
+    bounds = dict(bounds or {})
+    require_names(motion, objective == "smoothest", fixed, bounds)
+    if starts < 1 or max_steps < 1:
+        raise ValueError(f"starts and max_steps must be 1 or more, but {starts} and {max_steps} were given")
+    weighed = weights_of(weights or {}, objective)
+    duration, turn = (None if x is None else as_float(x) for x in (duration, turn))
+
+    def task_of(start: Any, end: Any, limits: Any, duration: Any, turn: Any, placement: Any, bounds: Any) -> Task:
+        problem = pose(start, end, objective, motion, duration, turns, placement, turn, weighed)
+        aims = jax.tree.map(lambda x: AIM * x.astype(problem.speed.dtype), limits)
+        low, high = box(problem, fixed, bounds)
+        return Task(problem, aims, low, high, jnp.ones_like(problem.speed))
+
+    lanes = start.position.shape[:-1]
+    require_float64_state(start)
+    data = (start, end, limits, duration, turn, placement, _as_floats(bounds))
+    tasks = task_of(*data) if not lanes else eqx.filter_vmap(task_of, in_axes=_axes(data, lanes))(*data)
+    require_sound(tasks.problem, turn)
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tasks)):
+        return _outcome(tasks, limits, _traced(tasks, starts, max_steps, lanes), start, end)
+    stacked = tasks if lanes else jax.tree.map(lambda x: x[None], tasks)
+    search = _by_lbfgs if method == "lbfgs" else partial(campaign.best_of_each, starts=starts)
+    found = search(stacked, most_steps=max_steps, tell=progress)
+    if lanes:
+        return _outcome(tasks, limits, found, start, end)
+    outcome = _outcome(tasks, limits, take(found, 0), start, end)
+    if int(outcome.code) != INFEASIBLE:
+        return outcome
+    return dataclasses.replace(outcome, advice=relief.advice(stacked, found, max_steps, progress))
 
 
-def _outcome(
-    status: str, problem: Problem, limits: Limits, start: BoundaryState, end: BoundaryState, last: Iterate
-) -> Tuned:
-    path = problem.path(last.z)
-    certificate = certify(path, limits)
-    if status == "converged" and not certificate.met:  # a peak narrower than the grid, or a gap in the trihedral
-        status = "not converged"
-    texts = {
-        "converged": lambda: verdict.converged(certificate, last),
-        "infeasible": lambda: verdict.infeasible(problem, limits, last, certificate),
-        "not converged": lambda: verdict.not_converged(certificate, last),
-    }
-    return Tuned(
-        path=path,
-        start=BoundaryState(start.position, path.velocity(0.0)),
-        end=BoundaryState(end.position, path.velocity(path.duration)),
-        objective=problem.attained(last.z),
-        certificate=certificate,
-        status=status,
-        result=texts[status]() + verdict.remark(path),
-        iterations=int(last.steps),
+def require_float64_state(state: BoundaryState) -> None:
+    """Raise a ValueError for a state in lower precision than float64."""
+    if state.position.dtype != jnp.float64:
+        raise ValueError(
+            f"tuning needs float64, but these states are in {state.position.dtype}. Call "
+            "jax.config.update('jax_enable_x64', True) before building them."
+        )
+
+
+def _method(method: str | None, objective: Objective) -> str:
+    if method is None:
+        return "sqp" if isinstance(objective, str) else "lbfgs"
+    if method not in METHODS:
+        raise ValueError(f"method must be {' or '.join(map(repr, METHODS))}, but {method!r} was given")
+    return method
+
+
+def _as_floats(bounds: Bounds) -> Any:
+    return {name: tuple(None if x is None else as_float(x) for x in pair) for name, pair in bounds.items()}
+
+
+def _axes(data: tuple[Any, ...], lanes: tuple[int, ...]) -> tuple[Any, ...]:
+    """Where each array of the data has its lanes: in front, or nowhere if it is shared.
+
+    **Raises:** ValueError for lanes of another number.
+    """
+    vectors = (True, True, False, False, False, True, False)  # states and placements are vectors, the rest numbers
+
+    def axis(x: Any, plain: int) -> int | None:
+        if x.ndim == plain:
+            return None
+        if x.shape[: x.ndim - plain] != lanes:
+            raise ValueError(f"the states have lanes {lanes}, but other data have the shape {x.shape}")
+        return 0
+
+    if len(lanes) > 1:
+        raise ValueError(f"one axis of lanes was expected, but the states have {lanes}: reshape them")
+    return tuple(
+        jax.tree.map(lambda x, plain=int(vector): axis(x, plain), part)
+        for part, vector in zip(data, vectors, strict=True)
     )
+
+
+def _traced(tasks: Task, starts: int, most_steps: int, lanes: tuple[int, ...]) -> Found:
+    """The search inside a trace, which only the solution's own derivatives pass."""
+
+    def search(task: Task) -> Found:
+        return campaign.best_of(task, starts, most_steps)
+
+    fixed = jax.lax.stop_gradient(tasks)
+    return jax.vmap(search)(fixed) if lanes else search(fixed)
+
+
+def _by_lbfgs(tasks: Task, most_steps: int, tell: Tell | None) -> Found:
+    """The searches of optax, lane after lane; the least excess where they end outside the limits."""
+    return jax.tree.map(
+        lambda *leaves: jnp.stack(leaves),
+        *(_one_by_lbfgs(take(tasks, slice(k, k + 1)), most_steps, tell) for k in range(tasks.low.shape[0])),
+    )
+
+
+def _one_by_lbfgs(tasks: Task, most_steps: int, tell: Tell | None) -> Found:
+    task = take(tasks, 0)
+    given = jnp.clip(jnp.zeros_like(task.low), task.low, task.high)
+    found = augmented.search(task, given, most_steps, tell)
+    if float(found.excess) <= FEASIBLE:
+        return found
+    # The least excess does not ask for the objective, which need not be twice differentiable.
+    plain = dataclasses.replace(task, problem=task.problem.without_objective())
+    plain, at = jax.tree.map(lambda x: x[None], (plain, found))
+    least = take(campaign.least_excess(plain, at, most_steps, tell), 0)
+    if float(least.excess) > FEASIBLE:
+        return least
+    return augmented.search(task, least.z, most_steps, tell)
+
+
+def _outcome(tasks: Task, limits: Limits, found: Found, start: BoundaryState, end: BoundaryState) -> Tuned:
+    if found.excess.ndim > 0:
+        path, objective, states = eqx.filter_jit(jax.vmap(_reached))(tasks, found, start, end)
+    else:
+        path, objective, states = eqx.filter_jit(_reached)(tasks, found, start, end)
+    certificate = certify(path, limits)
+    met = jnp.all(certificate.codes <= SAMPLED, axis=-1)
+    code = jnp.where(found.settled & met, CONVERGED, NOT_CONVERGED)
+    code = jnp.where(found.excess > FEASIBLE, INFEASIBLE, code)
+    return Tuned(path, *states, objective, certificate, code, found.steps)
+
+
+def _reached(
+    task: Task, found: Found, start: BoundaryState, end: BoundaryState
+) -> tuple[SpiralHelix, Scalar, tuple[BoundaryState, BoundaryState]]:
+    """The path of the solution, the objective there, and its boundary states."""
+    z = solution(task, jax.lax.stop_gradient(found))
+    path = task.problem.path(z)
+    states = (
+        BoundaryState(start.position, path.velocity(0.0)),
+        BoundaryState(end.position, path.velocity(path.duration)),
+    )
+    return path, task.problem.attained(z), states

@@ -14,7 +14,7 @@ from typing import Any
 
 import xarray
 
-from qtraj.design.tuning.tune import Tuned
+from qtraj.design.tuning.outcome import Tuned
 from qtraj.viz.report.attitudes import attitude_report, is_of_attitudes
 from qtraj.viz.report.model import Report, Table
 from qtraj.viz.report.paths import is_of_paths, path_report

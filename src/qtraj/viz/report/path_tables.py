@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import xarray
 
-from qtraj.design.tuning.tune import Tuned
+from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset import MAGNITUDES
 from qtraj.path.boundary import cylindrical
 from qtraj.path.spiral_helix import SpiralHelix

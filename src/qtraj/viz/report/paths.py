@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import xarray
 
-from qtraj.design.tuning.tune import Tuned
+from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset import MAGNITUDES
 from qtraj.viz.figures import AXIS_COLOURS, COLOURS, COMPONENTS, SPARE, STYLES, SUBSCRIPTS, SYMBOLS, title
 from qtraj.viz.report.frames import cosines

@@ -1,0 +1,87 @@
+"""Which variables are free, held or bounded, and how much each change weighs: by name."""
+
+from collections.abc import Mapping, Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from qtraj.design.tuning.problem import COMPONENTS, DURATION, ENDS, VELOCITIES, Problem, Variables, variable_names
+from qtraj.foundation.arrays import as_float, concrete
+from qtraj.foundation.types import ArrayInput, Scalar
+
+LARGEST_CHANGE, LARGEST_LOGARITHM = 100.0, 5.0
+"""How far a velocity may move, in reference speeds, and the logarithm of the duration, unless bounds say otherwise."""
+
+Bounds = Mapping[str, tuple[ArrayInput | None, ArrayInput | None]]
+
+
+def require_names(motion: str, holds_duration: bool, fixed: Sequence[str], bounds: Bounds) -> None:
+    """Raise a ValueError for names that are no variables, bounds that contradict, or nothing left to move."""
+    names = variable_names(motion, holds_duration)
+    for name in (*fixed, *bounds):
+        if name not in names:
+            hint = " (uniform motion has V_phi = rho·turn/duration: bound the duration)" if name in VELOCITIES else ""
+            raise ValueError(f"{name!r} is no variable of this problem{hint}: its variables are {', '.join(names)}")
+        if name in fixed and name in bounds:
+            raise ValueError(f"{name} is both fixed and bounded: leave one out")
+    if set(names) <= set(fixed):
+        raise ValueError("every variable is fixed, so there is nothing to tune: leave one out of fixed")
+    for name, (low, high) in bounds.items():
+        _require_order(name, low, high)
+
+
+def weights_of(weights: Mapping[str, float], objective: object) -> Float[Array, " 7"]:
+    """The weights of the squared changes, in the order of `Problem.weights`; 1 where nothing is said.
+
+    **Raises:** ValueError for a name that weighs nothing, or a weight that is not a finite number of 0 or more.
+    """
+    names = (*VELOCITIES, DURATION)
+    if weights and objective != "nearest":
+        raise ValueError(f"weights belong to objective='nearest', but the objective is {objective!r}: leave them out")
+    for name, weight in weights.items():
+        if name not in names:
+            raise ValueError(f"{name!r} cannot be weighed: the changes that 'nearest' sums are {', '.join(names)}")
+        if not (np.ndim(weight) == 0 and np.isfinite(weight) and weight >= 0):
+            raise ValueError(f"the weight of {name} must be a finite number of 0 or more, but {weight!r} was given")
+    return jnp.asarray([float(weights.get(name, 1.0)) for name in names])
+
+
+def box(problem: Problem, fixed: Sequence[str], bounds: Bounds) -> tuple[Variables, Variables]:
+    """Lowest and highest values of the variables z of one problem."""
+    low, high = [], []
+    for name in problem.names:
+        farthest = LARGEST_LOGARITHM if name == DURATION else LARGEST_CHANGE
+        if name in fixed:
+            farthest = 0.0
+        below, above = bounds.get(name, (None, None))
+        low.append(-farthest if below is None else _variable(problem, name, below))
+        high.append(farthest if above is None else _variable(problem, name, above))
+    return _stacked(low, problem), _stacked(high, problem)
+
+
+def _stacked(values: list[float | Scalar], problem: Problem) -> Variables:
+    return jnp.stack([jnp.asarray(x, problem.speed.dtype) for x in values])
+
+
+def _variable(problem: Problem, name: str, value: ArrayInput) -> Scalar:
+    """The variable z of a velocity [m/s] or a duration [s]."""
+    value = as_float(value).astype(problem.speed.dtype)
+    if name == DURATION:
+        return jnp.log(value / problem.duration)
+    end, component = name.split(".")
+    state = problem.start if end == ENDS[0] else problem.end
+    return (value - state.velocity[COMPONENTS.index(component)]) / problem.speed
+
+
+def _require_order(name: str, low: ArrayInput | None, high: ArrayInput | None) -> None:
+    ends = [None if x is None else concrete(as_float(x)) for x in (low, high)]
+    for value in ends:
+        if value is not None and not np.all(np.isfinite(value)):
+            raise ValueError(f"the bounds of {name} must be finite, or None for none, but {value} was given")
+        if name == DURATION and value is not None and not np.all(value > 0):
+            raise ValueError(f"the bounds of {name} must be positive [s], but {value} was given")
+    if ends[0] is not None and ends[1] is not None and np.any(ends[0] >= ends[1]):
+        raise ValueError(
+            f"the bounds of {name} contradict: {ends[0]} is not below {ends[1]}. To hold it, name it in fixed"
+        )

@@ -1,0 +1,125 @@
+"""Tuning from several starts: the best of the searches, or the path that exceeds the limits least."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from qtraj.design.limits import Limits
+from qtraj.design.tuning import lanes
+from qtraj.design.tuning.problem import Variables
+from qtraj.design.tuning.sqp import FEASIBLE, State, solve
+from qtraj.design.tuning.task import Task
+
+SPREAD = 0.3
+"""Standard deviation of the starts about the given states, in reference speeds and logarithms of time."""
+
+SEED = 20171993
+LOWERINGS, LOWERED = 6, 0.5
+"""How often, and to what part of the least excess found, the limits are set to find a lesser one."""
+
+Tell = Callable[[str], None]
+
+
+class Found(NamedTuple):
+    """Where the searches of one problem, or of many, ended.
+
+    `multipliers` and `times` are those of peaks and ends; `excess` is the largest, zero where the limits are met;
+    `settled` tells of a stationary point.
+    """
+
+    z: Float[Array, "*lanes n"]
+    multipliers: Float[Array, "*lanes limits k"]
+    times: Float[Array, "*lanes limits k"]
+    excess: Float[Array, "*lanes"]
+    settled: Bool[Array, "*lanes"]
+    steps: Int[Array, "*lanes"]
+
+
+def starting_points(size: int, starts: int) -> np.ndarray:
+    """The given states, and others about them: always the same (starts, size) numbers."""
+    about = SPREAD * np.random.default_rng(SEED).standard_normal((starts - 1, size))
+    return np.concatenate([np.zeros((1, size)), about])
+
+
+def best_of(task: Task, starts: int, most_steps: int) -> Found:
+    """The best of the searches of one problem; it can be traced."""
+    points = jnp.asarray(starting_points(task.low.shape[0], starts), task.low.dtype)
+    states = jax.vmap(lambda z: solve(task, z, most_steps))(points)
+    best = jnp.argmin(_merit(states))
+    return _found(jax.tree.map(lambda x: x[best], states))
+
+
+def best_of_each(tasks: Task, starts: int, most_steps: int, tell: Tell | None = None) -> Found:
+    """The best of the searches of each of many problems (lanes in front).
+
+    Where none meets the limits, the least excess is sought from the best of them, and once it is found to be none, the
+    objective from there.
+    """
+    size, number = tasks.low.shape[1], tasks.low.shape[0]
+    points = np.tile(starting_points(size, starts), (number, 1))
+    states = lanes.search(_repeat(tasks, starts), points, most_steps, _counted(tell, "searches"))
+    merit = np.asarray(_merit(states)).reshape(number, starts)
+    rows = np.arange(number) * starts + np.argmin(merit, axis=1)
+    found = _found(jax.tree.map(lambda x: x[rows], states))
+    lost = np.flatnonzero(np.asarray(found.excess) > FEASIBLE)
+    if lost.size == 0:
+        return found
+    rescued = _rescue(take(tasks, lost), take(found, lost), most_steps, tell)
+    return jax.tree.map(lambda all_, some: all_.at[lost].set(some), found, rescued)
+
+
+def least_excess(tasks: Task, found: Found, most_steps: int, tell: Tell | None = None) -> Found:
+    """From where other searches ended, the least of the largest excess over the limits of each of many problems."""
+    for _ in range(LOWERINGS):
+        ratio = jnp.sqrt(1 + 2 * found.excess)
+        limits = _scaled(tasks.limits, LOWERED * ratio)
+        lowered = eqx.tree_at(lambda t: (t.limits, t.weight), tasks, (limits, jnp.zeros_like(tasks.weight)))
+        states = lanes.search(lowered, found.z, most_steps, _counted(tell, "least excesses"))
+        ended = _found(states)
+        left = LOWERED * ratio * jnp.sqrt(1 + 2 * ended.excess)  # over the limits as they were
+        found = ended._replace(excess=jnp.maximum(0.5 * (left**2 - 1), 0.0), steps=found.steps + ended.steps)
+        # Where the lowered limits are met as well, the least lies lower still.
+        if not np.any((np.asarray(ended.excess) <= FEASIBLE) & (np.asarray(found.excess) > FEASIBLE)):
+            break
+    return found
+
+
+def take(tree: Any, lane: Any) -> Any:
+    """The lanes of every array of `tree`."""
+    return jax.tree.map(lambda x: x[lane] if eqx.is_array(x) else x, tree)
+
+
+def _rescue(tasks: Task, found: Found, most_steps: int, tell: Tell | None) -> Found:
+    least = least_excess(tasks, found, most_steps, tell)
+    again = _found(lanes.search(tasks, least.z, most_steps, _counted(tell, "searches")))
+    met = again.excess <= FEASIBLE
+    steps = found.steps + least.steps + again.steps
+    chosen = jax.tree.map(lambda a, b: jnp.where(met.reshape(-1, *(1,) * (a.ndim - 1)), a, b), again, least)
+    return chosen._replace(steps=steps)
+
+
+def _merit(states: State) -> Float[Array, " *lanes"]:
+    """The cost where the limits are met; where not, something larger that grows with the excess."""
+    cost = jnp.where(states.settled, states.cost, states.cost + 1e-9 * jnp.abs(states.cost))
+    return jnp.where(states.excess <= FEASIBLE, cost, 1e6 * (1 + jnp.minimum(states.excess, 1e100)))
+
+
+def _found(states: State) -> Found:
+    return Found(states.z, states.multipliers, states.peaks.time, states.excess, states.settled, states.steps)
+
+
+def _repeat(tasks: Task, times: int) -> Task:
+    return jax.tree.map(lambda x: jnp.repeat(x, times, axis=0) if eqx.is_array(x) else x, tasks)
+
+
+def _scaled(limits: Limits, factor: Variables) -> Limits:
+    return jax.tree.map(lambda limit: limit * factor, limits)
+
+
+def _counted(tell: Tell | None, what: str) -> lanes.Told | None:
+    return None if tell is None else lambda done, of: tell(f"{done} of {of} {what}")
