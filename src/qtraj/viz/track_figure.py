@@ -7,13 +7,24 @@ import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
-from qtraj.viz.figures import COMPONENTS, LIMIT, LINES, RC, SUBSCRIPTS, WIDTH, frame, title
+from qtraj.viz.style import (
+    BOUND,
+    CLOSED,
+    COMPONENTS,
+    LEAST_ANGLE,
+    LIMIT,
+    RC,
+    SUBSCRIPTS,
+    WIDTH,
+    above,
+    component,
+    frame,
+    title,
+)
 
 HEIGHT = 7.6  # [inch]
-CLOSED = {"color": "0.0", "lw": 1.1, "ls": (0, (1, 1.6)), "zorder": 3}
 PROGRAM = {"color": "0.55", "lw": 0.8, "ls": "solid", "zorder": 1.5}
 LENGTH = {"color": "0.2", "lw": 1.2, "alpha": 0.8}
-LEAST_ANGLE = 1e-7  # [°] below it there is round-off only
 
 
 def track_figure(dataset: xarray.Dataset, settled: float, limit: float | list[float] | None) -> Figure:
@@ -56,7 +67,7 @@ def _draw_angle(axes: Any, dataset: xarray.Dataset, settled: float) -> None:
     axes.axhline(np.degrees(settled), color=LIMIT, lw=0.8, ls=(0, (4, 3)), label=f"{np.degrees(settled):.4g}°")
     axes.set_yscale("log")
     axes.set_ylabel("error angle [°]")
-    _legend(axes)
+    above(axes)
 
 
 def _draw_error(axes: Any, dataset: xarray.Dataset) -> None:
@@ -66,7 +77,7 @@ def _draw_error(axes: Any, dataset: xarray.Dataset) -> None:
         lines = axes.plot(dataset["time"].values, dataset["closed_form_error"].values, **CLOSED)
         lines[0].set_label("closed form")
     axes.set_ylabel("error quaternion [–]")
-    _legend(axes)
+    above(axes)
 
 
 def _draw_command(axes: Any, dataset: xarray.Dataset, limit: float | list[float] | None) -> None:
@@ -79,10 +90,10 @@ def _draw_command(axes: Any, dataset: xarray.Dataset, limit: float | list[float]
     if bounds.size and bounds.max() <= 3 * max(peak, 1e-12):
         for k, value in enumerate(bounds):
             label = "limit " + ", ".join(f"{b:.4g}" for b in bounds) if k == 0 else None
-            axes.axhline(value, color=LIMIT, lw=1.0, ls=(0, (1, 1.5)), label=label)
-            axes.axhline(-value, color=LIMIT, lw=1.0, ls=(0, (1, 1.5)))
+            axes.axhline(value, label=label, **BOUND)
+            axes.axhline(-value, **BOUND)
     axes.set_ylabel(f"command [{unit}]")
-    _legend(axes)
+    above(axes)
 
 
 def _draw_virtual(axes: Any, dataset: xarray.Dataset) -> None:
@@ -97,7 +108,7 @@ def _draw_rate(axes: Any, dataset: xarray.Dataset) -> None:
     lines = axes.plot(dataset["time"].values, np.degrees(dataset["program_rate"].values), **PROGRAM)
     lines[0].set_label("program")
     axes.set_ylabel("body rate [°/s]")
-    _legend(axes)
+    above(axes)
 
 
 def _draw_norm(axes: Any, dataset: xarray.Dataset) -> None:
@@ -117,25 +128,9 @@ def _draw_components(
         axes.plot(
             dataset["time"].values,
             np.degrees(values) if degrees else values,
-            color=COMPONENTS[label],
-            ls=LINES[label],
-            lw=1.5,
             label=symbol + SUBSCRIPTS[label],
+            **component(label),
         )
-
-
-def _legend(axes: Any) -> None:
-    """Above the panel, so that it hides nothing."""
-    axes.legend(
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        ncols=6,
-        fontsize=7.5,
-        borderaxespad=0.1,
-        handlelength=1.7,
-        columnspacing=1.0,
-        handletextpad=0.5,
-    )
 
 
 def _unit(dataset: xarray.Dataset) -> str:

@@ -7,13 +7,11 @@ import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
-from qtraj.viz.figures import COMPONENTS, LIMIT, LINES, RC, SUBSCRIPTS, WIDTH, frame, title
+from qtraj.viz.style import ANGLE_LABEL, BEND_LABEL, BOUND, RATE_LABEL, RC, SUBSCRIPTS, WIDTH, component, frame, title
 
 HEIGHT = 6.6  # [inch]
 MARGINS = {"top": 0.9, "bottom": 0.08}
 ANGLE = "#0072B2"
-ANGLE_LABEL, RATE_LABEL = r"angle $\Phi$ [°]", r"rate $\dot\Phi$ [°/s]"
-BEND_LABEL = r"acceleration $\ddot\Phi$ [°/s²]"
 HEADROOM = 1.12  # of a limit or a peak, so that neither lies on the frame
 
 
@@ -47,9 +45,8 @@ def turn_figure(dataset: xarray.Dataset, limits: dict[str, float]) -> Figure:
 def _quaternion(axes: Any, dataset: xarray.Dataset) -> None:
     """The four components against time."""
     for label in dataset["component"].values:
-        line = {"color": COMPONENTS[label], "ls": LINES[label], "lw": 1.6}
         values = dataset["quaternion"].sel(component=label).values
-        axes.plot(dataset["time"].values, values, label="λ" + SUBSCRIPTS[label], **line)
+        axes.plot(dataset["time"].values, values, label="λ" + SUBSCRIPTS[label], **component(label))
     axes.set_ylabel("quaternion [–]")
     frame(axes)
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=8, borderaxespad=0.1)
@@ -58,10 +55,10 @@ def _quaternion(axes: Any, dataset: xarray.Dataset) -> None:
 def _bound(axes: Any, limit: float, peak: float, text: str) -> None:
     """Dotted lines at ± `limit`, the lower one only where something is drawn below zero."""
     low = min(float(np.nanmin(line.get_ydata())) for line in axes.lines)
-    axes.axhline(limit, color=LIMIT, lw=1.0, ls=(0, (1, 1.5)), label=text)
+    axes.axhline(limit, label=text, **BOUND)
     top = HEADROOM * max(limit, peak)
     if low < -1e-9 * limit:
-        axes.axhline(-limit, color=LIMIT, lw=1.0, ls=(0, (1, 1.5)))
+        axes.axhline(-limit, **BOUND)
         axes.set_ylim(-top, top)
     else:
         axes.set_ylim(0, top)

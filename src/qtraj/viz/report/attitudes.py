@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import xarray
 
-from qtraj.viz.figures import COMPONENTS, SUBSCRIPTS, title
 from qtraj.viz.report.frames import cosines
 from qtraj.viz.report.model import Arrow, Body, Panel, Report, Series, Table, number, unit
 from qtraj.viz.report.provenance import provenance_table
+from qtraj.viz.style import COMPONENTS, SUBSCRIPTS, title
 
 DASHES = {"w": "dash", "x": "solid", "y": "dashdot", "z": "dot"}
 PLAIN = "#0072B2"

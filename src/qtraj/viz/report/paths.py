@@ -7,10 +7,10 @@ import xarray
 
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset import MAGNITUDES
-from qtraj.viz.figures import AXIS_COLOURS, COLOURS, COMPONENTS, SPARE, STYLES, SUBSCRIPTS, SYMBOLS, title
 from qtraj.viz.report.frames import cosines
 from qtraj.viz.report.model import Arrow, Body, Panel, Report, Series, unit
 from qtraj.viz.report.path_tables import path_tables
+from qtraj.viz.style import AXIS_COLOURS, COLOURS, COMPONENTS, SPARE, STYLES, SUBSCRIPTS, SYMBOLS, title
 
 ALWAYS = ("speed", "curvature", "lateral_acceleration", "angular_rate")
 """Panels of every report of paths, where the variable is there."""

@@ -1,0 +1,94 @@
+"""Magnitudes of paths against time, with their limits; the figure of a tuning."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import xarray
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D  # registers the projection
+
+from qtraj.io.dataset import MAGNITUDES
+from qtraj.viz.space import draw_space
+from qtraj.viz.style import BOUND, RC, WIDTH, head, path_line, title
+
+ALWAYS = ("curvature", "lateral_acceleration")
+UNITS = {"m-1": "1/m", "m s-1": "m/s", "m s-2": "m/s²", "rad s-1": "rad/s", "rad s-2": "rad/s²", "1": "–"}
+PANEL = 1.7  # [inch] of height
+
+
+def tuning_figure(dataset: xarray.Dataset) -> Figure:
+    """Paths in space with trihedra and recorded points; curvature, lateral acceleration and limits against time.
+
+    `dataset` is one of `qtraj.io.dataset.path_dataset`: every path in it is drawn, trihedra stand on the last, and
+    each variable with a limit has its own panel.
+    """
+    panels = _panels(dataset)
+    with mpl.rc_context(RC):
+        height = max(5.0, PANEL * len(panels) + 0.8)
+        figure = Figure(figsize=(WIDTH, height))
+        # The space keeps its own shape however many panels stand beside it, and hangs below the title.
+        space: Any = figure.add_axes((-0.045, 0.92 - 4.6 / height, 0.575, 4.6 / height), projection=Axes3D.name)
+        draw_space(space, dataset)
+        margins = {"left": 0.63, "right": 0.985, "top": 1 - 0.5 / height, "bottom": 0.55 / height}
+        _draw_panels(figure, dataset, panels, margins)
+        figure.legend(handles=space.get_legend_handles_labels()[0], loc="upper left", fontsize=8)
+        figure.suptitle(dataset.attrs.get("title", ""), y=1 - 0.08 / height, va="top", fontsize=11, fontweight="bold")
+    return figure
+
+
+def limits_figure(dataset: xarray.Dataset, names: Sequence[str] | None = None) -> Figure:
+    """Magnitudes of every path against its own time, one panel each, with the limits that the dataset holds.
+
+    `dataset` is one of `qtraj.io.dataset.path_dataset`. `names` are those of `qtraj.Limits`; without them curvature,
+    lateral acceleration and whatever is limited.
+
+    **Raises:** ValueError for an unknown name.
+    """
+    unknown = set(names or ()) - set(MAGNITUDES)
+    if unknown:
+        raise ValueError(f"unknown magnitude {min(unknown)!r}; known are {', '.join(MAGNITUDES)}")
+    panels = _panels(dataset) if names is None else [MAGNITUDES[name] for name in names]
+    with mpl.rc_context(RC):
+        height = PANEL * len(panels) + 1.0
+        figure = Figure(figsize=(0.75 * WIDTH, height))
+        margins = {"left": 0.12, "right": 0.98, "top": 1 - 0.45 / height, "bottom": 0.55 / height}
+        _draw_panels(figure, dataset, panels, margins)
+        head(figure, title(dataset))
+    return figure
+
+
+def _panels(dataset: xarray.Dataset) -> list[str]:
+    """Variables to show against time: those with a limit, and two in any case."""
+    return [name for name in MAGNITUDES.values() if name in ALWAYS or "limit" in dataset[name].attrs]
+
+
+def _draw_panels(figure: Figure, dataset: xarray.Dataset, panels: list[str], margins: dict[str, float]) -> None:
+    grid = figure.add_gridspec(len(panels), 1, hspace=0.12, **margins)
+    drawn: list[Any] = []
+    for row, name in enumerate(panels):
+        drawn.append(figure.add_subplot(grid[row], sharex=drawn[0] if drawn else None))
+        _draw_history(drawn[-1], dataset, name, last=row == len(panels) - 1)
+    figure.align_ylabels(drawn)
+
+
+def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> None:
+    """One magnitude of every path against its own time, with its limit."""
+    variable = dataset[name]
+    for k, path in enumerate(dataset["path"].values):
+        values = variable.isel(path=k).values
+        axes.plot(dataset["time"].isel(path=k).values, np.abs(values), label=str(path), **path_line(str(path), k))
+    if (limit := variable.attrs.get("limit")) is not None:
+        axes.axhline(limit, label=f"limit {limit:.4g}", **BOUND)
+    drawn = [y for line in axes.lines for y in line.get_ydata()]
+    if min(drawn) < 0.5 * max(drawn):  # else the zero would only squeeze what there is to see
+        axes.set_ylim(bottom=0)
+    axes.set_xlim(left=0)
+    axes.set_ylabel(f"{name.removesuffix('_magnitude').replace('_', ' ')} [{UNITS[variable.attrs['units']]}]")
+    axes.grid(alpha=0.25, lw=0.5)
+    axes.legend(loc="best", fontsize=8)
+    if last:
+        axes.set_xlabel("time from the start of the path [s]")
+    else:
+        axes.tick_params(labelbottom=False)

@@ -1,0 +1,59 @@
+"""The figure of work against precision."""
+
+from collections.abc import Mapping
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, NullLocator, ScalarFormatter
+from numpy.typing import ArrayLike
+
+from qtraj.viz.style import MARKERS, RC, head, series
+
+SIZE = (6.4, 4.6)  # [inch]
+FEW = 8  # works that are named on the axis
+
+
+def precision_figure(
+    series_by_name: Mapping[str, tuple[ArrayLike, ArrayLike]],
+    work: str = "evaluations [–]",
+    error: str = "error [rad]",
+    round_off: float | None = None,
+    title: str = "",
+) -> Figure:
+    """Errors against work, one line with markers for each method, both axes logarithmic.
+
+    `series_by_name`: (works, errors) of each method, positive; a straight line of slope −p is order p. `work` and
+    `error` are the labels, with units; errors below `round_off` are drawn at it.
+
+    **Raises:** ValueError for no method, or numbers that are not positive.
+    """
+    if not series_by_name:
+        raise ValueError("a figure of work against precision needs at least one method")
+    with mpl.rc_context(RC):
+        figure = Figure(figsize=SIZE)
+        axes = figure.add_axes((0.125, 0.115, 0.855, 0.8 if title else 0.86))
+        works = set()
+        for k, (name, (x, y)) in enumerate(series_by_name.items()):
+            x, y = np.asarray(x, float), np.asarray(y, float)
+            y = y if round_off is None else np.maximum(y, round_off)
+            if not ((x > 0).all() and (y > 0).all()):
+                raise ValueError(f"works and errors must be positive, but those of {name!r} are {x}, {y}")
+            works |= set(x.tolist())
+            axes.plot(x, y, marker=MARKERS[k % len(MARKERS)], ms=5, label=name, **series(k))
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        if len(works) <= FEW:
+            axes.set_xticks(sorted(works))
+            axes.xaxis.set_major_formatter(ScalarFormatter())
+            axes.xaxis.set_minor_locator(NullLocator())
+        axes.yaxis.set_major_locator(LogLocator(numticks=9))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        if round_off is not None:
+            axes.axhline(round_off, color="0.6", lw=0.8, ls=(0, (4, 3)), label="round-off")
+        axes.set_xlabel(work)
+        axes.set_ylabel(error)
+        axes.grid(alpha=0.25, lw=0.5)
+        axes.legend(fontsize=8)
+        head(figure, title)
+    return figure

@@ -1,0 +1,95 @@
+"""The figure of turn laws: angle, rate and acceleration against time, and the phase plane."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import matplotlib as mpl
+import numpy as np
+from jaxtyping import Array, Float
+from matplotlib.figure import Figure
+
+from qtraj.foundation.arrays import as_float
+from qtraj.motion.profiles.profile import Profile
+from qtraj.viz.style import ANGLE_LABEL, BEND_LABEL, BOUND, RATE_LABEL, RC, WIDTH, frame, head, series
+
+HEIGHT = 5.6  # [inch]
+SAMPLES = 1001
+HEADROOM = 1.12
+
+
+def profiles_figure(
+    profiles: Mapping[str, Profile],
+    max_rate: float | None = None,
+    max_acceleration: float | None = None,
+    title: str = "",
+) -> Figure:
+    """Φ, Φ̇ and Φ̈ of some turns in degrees against time, Φ̇ against Φ, and the limits [rad/s, rad/s²] they keep.
+
+    `profiles`: by name, such as `qtraj.EulerTurn(...).profile`.
+
+    **Raises:** ValueError for no profile.
+    """
+    if not profiles:
+        raise ValueError("a figure of turns needs at least one profile")
+    with mpl.rc_context(RC):
+        figure = Figure(figsize=(WIDTH, HEIGHT))
+        margins = {"top": 0.88, "bottom": 0.09}
+        left = figure.add_gridspec(3, 1, hspace=0.2, left=0.095, right=0.52, **margins)
+        right = figure.add_gridspec(1, 1, left=0.615, right=0.975, **margins)
+        histories = [figure.add_subplot(left[0])]
+        histories += [figure.add_subplot(left[row], sharex=histories[0]) for row in (1, 2)]
+        phase = figure.add_subplot(right[0])
+        for k, (name, profile) in enumerate(profiles.items()):
+            times, values = _sampled(profile)
+            for order, axes in enumerate(histories):
+                axes.plot(times, values[:, order], label=name, **series(k))
+            phase.plot(values[:, 0], values[:, 1], label=name, **series(k))
+        for axes, label in zip(histories, (ANGLE_LABEL, RATE_LABEL, BEND_LABEL), strict=True):
+            axes.set_ylabel(label)
+            axes.tick_params(labelbottom=axes is histories[2])
+        histories[2].set_xlabel("time [s]")
+        phase.set_xlabel(ANGLE_LABEL)
+        phase.set_ylabel(RATE_LABEL)
+        for axes in (*histories, phase):
+            frame(axes)
+        for axes, limit in ((histories[1], max_rate), (histories[2], max_acceleration), (phase, max_rate)):
+            _bound(axes, limit)
+        figure.align_ylabels(histories)
+        handles, labels = phase.get_legend_handles_labels()
+        figure.legend(handles, labels, loc="upper left", bbox_to_anchor=(0.06, 0.955), ncols=7, fontsize=8)
+        head(figure, title)
+    return figure
+
+
+def _sampled(profile: Profile) -> tuple[np.ndarray, np.ndarray]:
+    """Times (n,) and Φ, Φ̇, Φ̈ (n, 3) in degrees; just before and at each switch as well, so that jumps stay upright.
+
+    The last sample is just before the duration: the turn's own end, not the rest that follows.
+    """
+    switches = np.asarray(profile.switches, float)
+    before = np.nextafter(switches, 0.0)
+    times = np.unique(np.concatenate([np.linspace(0.0, before[-1], SAMPLES), before, switches[:-1]]))
+    return times, np.degrees(np.asarray(_derivatives(profile, as_float(times))))
+
+
+@eqx.filter_jit
+def _derivatives(profile: Profile, times: Float[Array, " n"]) -> Float[Array, "n 3"]:
+    return jax.vmap(lambda t: profile.derivatives(t, 2))(times)
+
+
+def _bound(axes: Any, limit: float | None) -> None:
+    """Dotted lines at ± `limit`, the lower one only where something is drawn below zero."""
+    if limit is None:
+        return
+    top = float(np.degrees(limit))
+    low = min(float(np.nanmin(line.get_ydata())) for line in axes.lines)
+    peak = max(float(np.nanmax(np.abs(line.get_ydata()))) for line in axes.lines)
+    axes.axhline(top, label="limit" if axes.get_xlabel() == ANGLE_LABEL else None, **BOUND)
+    ceiling = HEADROOM * max(top, peak)
+    if low < -1e-9 * top:
+        axes.axhline(-top, **BOUND)
+        axes.set_ylim(-ceiling, ceiling)
+    else:
+        axes.set_ylim(0, ceiling)

@@ -1,0 +1,124 @@
+"""Paths in space, with equal axes: lines, recorded points, trihedra, what is known at the ends."""
+
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import xarray
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d import Axes3D  # registers the projection
+
+from qtraj.viz.style import AXIS_COLOURS, RC, RECORD, SYMBOLS, head, path_line, title
+
+TRIHEDRA = 6
+LEAST_HEIGHT = 0.3  # of the extent of the path: a flat path leaves room for the ticks of z
+ARROW = 0.16  # of the extent of the path
+SIZE = (7.6, 5.6)  # [inch]
+WORLD_COLOUR, VELOCITY_COLOUR, RADIUS_COLOUR = "0.1", "#D55E00", "0.35"
+VIEW = {"elev": 38, "azim": -60}
+
+
+def path_figure(
+    dataset: xarray.Dataset,
+    trihedra: int = TRIHEDRA,
+    velocities: bool = False,
+    reference: bool = False,
+    view: tuple[float | int, float | int] | None = None,
+) -> Figure:
+    """Paths in space, with equal axes, and `trihedra` of the last one at equal steps of time (0 for none).
+
+    `dataset` is one of `qtraj.io.dataset.path_dataset`. `velocities` draws V_A and V_B at the ends; `reference` the
+    world axes i, j, k at the origin and the radius vectors of the ends; `view` is (elevation, azimuth) [°].
+    """
+    with mpl.rc_context(RC):
+        figure = Figure(figsize=SIZE)
+        axes: Any = figure.add_axes((-0.05, 0.0, 1.08, 0.98), projection=Axes3D.name)
+        draw_space(axes, dataset, trihedra, velocities, reference)
+        if view is not None:
+            axes.view_init(elev=view[0], azim=view[1])
+        figure.legend(handles=axes.get_legend_handles_labels()[0], loc="upper left", fontsize=8)
+        head(figure, title(dataset))
+    return figure
+
+
+def draw_space(
+    axes: Any, dataset: xarray.Dataset, trihedra: int = TRIHEDRA, velocities: bool = False, reference: bool = False
+) -> None:
+    """All paths about their common centre, so that large world coordinates do not clutter the axes."""
+    positions = dataset["position"].values
+    flat = positions.reshape(-1, 3)
+    if reference:
+        flat = np.concatenate([flat, np.zeros((1, 3))])
+    centre = np.zeros(3) if reference else np.round((flat.min(axis=0) + flat.max(axis=0)) / 2)
+    extent = np.ptp(flat, axis=0).max()
+    if "recorded_position" in dataset:
+        recorded = dataset["recorded_position"].values - centre
+        axes.plot(*recorded.T, ".", ms=4, color=RECORD, label="recorded", zorder=1)
+    for k, name in enumerate(dataset["path"].values):
+        axes.plot(*(positions[k] - centre).T, label=str(name), **path_line(str(name), k))
+    last = dataset.isel(path=-1)
+    if trihedra:
+        _draw_trihedra(axes, last, centre, trihedra, length=ARROW * extent)
+    if reference:
+        _draw_reference(axes, positions[-1], extent)
+    if velocities:
+        _draw_velocities(axes, last, centre, extent)
+    for end, letter in ((0, "A"), (-1, "B")):
+        axes.text(*(positions[-1, end] - centre), f"  {letter}", fontweight="bold")
+    _frame(axes, centre, extent)
+
+
+def _frame(axes: Any, centre: np.ndarray, extent: float) -> None:
+    """Equal axes, few ticks, labels that say where the centre is."""
+    low, high = axes.get_zlim()
+    room = max(LEAST_HEIGHT * extent - (high - low), 0.0)
+    axes.set_zlim(low - room / 2, high + room / 2)
+    axes.set_aspect("equal", adjustable="box")
+    for axis, ticks in ((axes.xaxis, 6), (axes.yaxis, 6), (axes.zaxis, 3)):
+        axis.set_major_locator(MaxNLocator(ticks))
+    axes.view_init(**VIEW)
+    for letter, offset in zip("xyz", centre, strict=True):
+        sign = "−" if offset >= 0 else "+"
+        shift = f" {sign} {abs(offset):.0f}" if offset else ""
+        getattr(axes, f"set_{letter}label")(f"{letter}{shift} [m]", labelpad=1 if letter == "z" else 6)
+
+
+def _draw_trihedra(axes: Any, path: xarray.Dataset, centre: np.ndarray, count: int, length: float) -> None:
+    chosen = np.linspace(0, path.sizes["sample"] - 1, count).round().astype(int)
+    chosen = chosen[path["defined"].values[chosen].astype(bool)]
+    if not chosen.size:
+        return
+    origin = path["position"].values[chosen] - centre
+    for k, (name, colour) in enumerate(AXIS_COLOURS.items()):
+        arrow = path["dcm"].values[chosen, k]
+        axes.quiver(
+            *origin.T,
+            *arrow.T,
+            length=length,
+            color=colour,
+            lw=1.1,
+            arrow_length_ratio=0.25,
+            label=f"{SYMBOLS[name]} ({name})",
+        )
+
+
+def _draw_reference(axes: Any, positions: np.ndarray, extent: float) -> None:
+    """The world axes at the origin, and the radius vectors of the ends."""
+    length = 1.6 * ARROW * extent
+    for direction, letter in zip(np.eye(3), "ijk", strict=True):
+        axes.quiver(0, 0, 0, *direction, length=length, color=WORLD_COLOUR, lw=1.3, arrow_length_ratio=0.2)
+        axes.text(*(1.12 * length * direction), letter, fontstyle="italic")
+    for end, label in ((0, "radius vectors"), (-1, None)):
+        axes.plot(*np.stack([np.zeros(3), positions[end]]).T, color=RADIUS_COLOUR, lw=0.9, ls=(0, (4, 3)), label=label)
+
+
+def _draw_velocities(axes: Any, path: xarray.Dataset, centre: np.ndarray, extent: float) -> None:
+    """V at the ends; the faster of the two is a third of the path's extent long."""
+    speeds = path["velocity"].values[[0, -1]]
+    scale = extent / 3 / max(np.linalg.norm(speeds, axis=1).max(), 1e-300)
+    origin = path["position"].values[[0, -1]] - centre
+    for point, velocity, letter, label in zip(origin, scale * speeds, "AB", ("velocity", None), strict=True):
+        axes.plot(*np.stack([point, point + velocity]).T, alpha=0)  # an arrow alone does not widen the axes
+        axes.quiver(*point, *velocity, color=VELOCITY_COLOUR, lw=1.6, arrow_length_ratio=0.15, label=label)
+        axes.text(*(point + 1.08 * velocity), f"V$_{letter}$", color=VELOCITY_COLOUR)

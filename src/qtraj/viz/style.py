@@ -1,0 +1,99 @@
+"""What all figures share: colours told apart with any colour vision, line styles, units, files."""
+
+import os
+from typing import Any
+
+import matplotlib as mpl
+import xarray
+from matplotlib.figure import Figure
+
+# Okabe and Ito's colours, told apart with any colour vision; line styles tell them apart in grey.
+COLOURS = {"before": "#D55E00", "after": "#0072B2"}
+STYLES = {"before": (0, (5, 2)), "after": "solid"}
+SPARE = ("#0072B2", "#D55E00", "#56B4E9", "#000000")  # of paths of other names; not those of the axes below
+SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+DASHES = ("solid", (0, (5, 2)), (0, (3, 1, 1, 1)), (0, (7, 1.5, 1.5, 1.5)), (0, (2, 1)), (0, (5, 1, 1, 1, 1, 1)))
+MARKERS = "os^Dvx+"
+AXIS_COLOURS = {"tangent": "#009E73", "normal": "#CC79A7", "binormal": "#E69F00"}
+SYMBOLS = {"tangent": "τ", "normal": "n", "binormal": "b"}
+RECORD, LIMIT, MARK = "0.45", "0.1", "#B00020"
+COMPONENTS = {"w": "#000000", "x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
+LINES = {"w": (0, (5, 2)), "x": "solid", "y": (0, (3, 1, 1, 1)), "z": (0, (1, 1))}
+"""Of the components of quaternions and vectors."""
+SUBSCRIPTS = {"w": "₀", "x": "₁", "y": "₂", "z": "₃"}
+CLOSED = {"color": "0.0", "lw": 1.1, "ls": (0, (1, 1.6)), "zorder": 3}
+"""Of a closed form over what was computed."""
+BOUND = {"color": LIMIT, "lw": 1.0, "ls": (0, (1, 1.5))}
+"""Of a limit."""
+
+WIDTH = 10.0  # [inch]
+LEAST_ANGLE = 1e-7  # [°] below it there is round-off only
+ANGLE_LABEL, RATE_LABEL = r"angle $\Phi$ [°]", r"rate $\dot\Phi$ [°/s]"
+BEND_LABEL = r"acceleration $\ddot\Phi$ [°/s²]"
+
+RC: Any = {
+    "font.size": 9,
+    "axes.titlesize": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "svg.hashsalt": "qtraj",
+}
+
+
+def save(figure: Figure, file: str | os.PathLike[str]) -> None:
+    """Write a figure in the format of the suffix (png, svg, pdf), the same bytes for the same figure."""
+    suffix = os.fspath(file).rpartition(".")[2]
+    metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(suffix)
+    with mpl.rc_context(RC):
+        figure.savefig(file, dpi=200, metadata=metadata)
+
+
+def title(dataset: xarray.Dataset) -> str:
+    """The name of the scenario, or of its file."""
+    return dataset.attrs.get("title") or dataset.attrs.get("scenario_file", "")
+
+
+def frame(axes: Any) -> None:
+    """A light grid, and the horizontal axis no longer than what is drawn."""
+    axes.grid(alpha=0.25, lw=0.5)
+    axes.margins(x=0)
+
+
+def head(figure: Figure, text: str, y: float = 0.985) -> None:
+    """The title of a figure, if there is one."""
+    if text:
+        figure.suptitle(text, y=y, va="top", fontsize=11, fontweight="bold")
+
+
+def above(axes: Any, columns: int = 6) -> None:
+    """A legend above the panel, so that it hides nothing."""
+    axes.legend(
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=columns,
+        fontsize=7.5,
+        borderaxespad=0.1,
+        handlelength=1.7,
+        columnspacing=1.0,
+        handletextpad=0.5,
+    )
+
+
+def path_line(name: str, k: int) -> dict[str, Any]:
+    """Colour and style of the k-th path: those of "before" and "after" are the same everywhere."""
+    return {
+        "color": COLOURS.get(name, SPARE[k % len(SPARE)]),
+        "ls": STYLES.get(name, DASHES[k % len(DASHES)]),
+        "lw": 1.8,
+    }
+
+
+def series(k: int) -> dict[str, Any]:
+    """Colour and style of the k-th of several curves that are compared."""
+    return {"color": SERIES[k % len(SERIES)], "ls": DASHES[k % len(DASHES)], "lw": 1.6}
+
+
+def component(label: str) -> dict[str, Any]:
+    """Colour and style of a component, "w", "x", "y" or "z"."""
+    return {"color": COMPONENTS[label], "ls": LINES[label], "lw": 1.5}
