@@ -28,15 +28,15 @@ def taylor(coefficients: Float[Array, " n"], t: ScalarLike, order: int) -> Float
 def terms(coefficients: Float[Array, " n"], t: ScalarLike, order: int) -> list[ScalarLike]:
     """As `taylor`, one number each: what is computed from them then stays apart, which compiles to faster loops.
 
-    Repeated synthetic division (Ruffini–Horner). Orders above the degree are the Python number 0.0, so that what is
-    computed from them can be left out.
+    Repeated synthetic division (Ruffini–Horner). Orders above the degree are the integer 0, so that what is computed
+    from them can be left out.
     """
     c = [coefficients[i] for i in range(coefficients.shape[0])]
     t = as_float(t).astype(coefficients.dtype)
     for k in range(min(order + 1, len(c) - 1)):
         for i in range(len(c) - 2, k - 1, -1):
             c[i] = c[i] + t * c[i + 1]
-    return [*c[: order + 1], *[0.0] * (order + 1 - len(c))]
+    return [*c[: order + 1], *[0] * (order + 1 - len(c))]
 
 
 def product(p: Float[Array, " n"], q: Float[Array, " m"]) -> Float[Array, " n+m-1"]:

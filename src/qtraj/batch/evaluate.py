@@ -1,16 +1,18 @@
 """Many instants of many paths in one call."""
 
 from collections.abc import Sequence
+from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jax.core import Tracer
 
-from qtraj.algebra import rotation
+from qtraj.batch.program import run
+from qtraj.batch.reduction import REDUCTIONS, Reduced
 from qtraj.batch.table import AXES, Table
+from qtraj.batch.task import Task
 from qtraj.foundation.arrays import as_float
-from qtraj.foundation.types import ArrayInput, Scalar
+from qtraj.foundation.types import ArrayInput
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, Natural
 
@@ -24,78 +26,85 @@ def evaluate(
     frame: AbstractFrame | None = None,
     components: str = "last",
     continuous: bool = False,
-) -> Table:
-    """Evaluate one path, or a stack of paths as `jax.vmap` makes it, at `times` (n,) [s].
+    reduce: str | None = None,
+    devices: Sequence[Any] | None = None,
+    reuse: Table | None = None,
+) -> Any:
+    """Evaluate one path, or a stack of paths as `jax.vmap` makes it, at `times` [s], shared (n,) or per path (b, n).
 
-    One path gives arrays (n, …), b paths (b, n, …); with `components="first"` the components' axes lead. `outputs`
-    names fields of `Table`; `frame` is the trihedral to hang on the path (the natural one). A quaternion's sign is
-    free at each instant; `continuous=True` chooses it so that neighbours in time agree.
+    One path gives a `Table` of arrays (n, …), b paths (b, n, …); with `components="first"` the components' axes lead.
+    Either way each component lies contiguously in memory. `outputs` names fields of `Table`; `frame` is the trihedral
+    to hang on the path (the natural one). A quaternion's sign is free at each instant; `continuous=True` chooses it so
+    that neighbours in time agree.
 
-    **Raises:** ValueError for something else than a path, unknown outputs, components other than "last" or "first", or
-    times that are no vector.
+    `reduce` "max", "min", "integral" (trapezoidal rule) or "mean" gives a `Reduced` over the instants instead, and no
+    sample is stored. `devices` to spread the work over are all local ones, if there is enough to do. `reuse` is the
+    table of an earlier call of the same form: its arrays are written over and must not be used again, which spares
+    the system from finding fresh memory.
+
+    Spiral-helices with the natural trihedral are fastest. The call may be traced, and differentiated in both modes.
+
+    **Raises:** ValueError for something else than a path, unknown outputs, components, reductions, times that are
+    neither (n,) nor (b, n), or a table to reuse that is not of this form.
     """
+    task = Task(
+        names=_names(outputs),
+        components=_one_of(components, ("last", "first"), "components"),
+        batched=_batched(paths),
+        continuous=continuous,
+        reduce=None if reduce is None else _one_of(reduce, REDUCTIONS, "reduce"),
+    )
+    if frame is not None and not isinstance(frame, AbstractFrame):
+        raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
+    instants = as_float(times)
+    count = paths.duration.shape[0] if task.batched else 1
+    rows = (count,) if task.batched else ()
+    if instants.ndim == 0 or (instants.ndim > 1 and instants.shape[:-1] != rows):
+        expected = f"(n,) or ({count}, n)" if task.batched else "(n,)"
+        raise ValueError(f"times must be a vector {expected}, but an array of shape {instants.shape} was given")
+    if instants.shape[-1] == 0:
+        raise ValueError("times must hold at least one instant")
+    work = (paths, Natural() if frame is None else frame)
+    traced = any(isinstance(x, Tracer) for x in (*jax.tree.leaves(work), instants))
+    values = run(task, work, jnp.atleast_2d(instants), None if traced else devices, traced, _old(reuse, task))
+    if task.reduce is not None:
+        return Reduced(*values, reduction=task.reduce)
+    hung = "natural" if frame is None else type(frame).__name__.lower()
+    return Table(time=instants, **values, batched=task.batched, components=components, frame=hung)
+
+
+def _names(outputs: Sequence[str]) -> tuple[str, ...]:
     if isinstance(outputs, str):
         raise ValueError(
             f"outputs must be a sequence of names, such as ({outputs!r},), but the text {outputs!r} was given"
         )
+    names = tuple(dict.fromkeys(outputs))
+    if unknown := [name for name in names if name not in AXES]:
+        raise ValueError(f"unknown output {unknown[0]!r}; known are {', '.join(AXES)}")
+    return names
+
+
+def _batched(paths: AbstractHodograph) -> bool:
     if not isinstance(paths, AbstractHodograph):
         raise ValueError(
             f"a path, or many of them stacked into one, was expected, but a {type(paths).__name__} was given. "
             "Stack equal structures with jax.tree.map(lambda *x: jnp.stack(x), *paths), or build them under jax.vmap."
         )
-    names = tuple(dict.fromkeys(outputs))
-    if unknown := [name for name in names if name not in AXES]:
-        raise ValueError(f"unknown output {unknown[0]!r}; known are {', '.join(AXES)}")
-    if components not in ("last", "first"):
-        raise ValueError(f"components must be 'last' or 'first', but {components!r} was given")
-    instants = as_float(times)
-    if instants.ndim != 1:
-        raise ValueError(f"times must be a vector (n,), but an array of shape {instants.shape} was given")
-    batched = jnp.ndim(paths.duration) == 1
-    values = _evaluate(paths, instants, Natural() if frame is None else frame, names, batched, components, continuous)
-    hung = "natural" if frame is None else type(frame).__name__.lower()
-    return Table(time=instants, **values, batched=batched, components=components, frame=hung)
+    return jnp.ndim(paths.duration) == 1
 
 
-@eqx.filter_jit
-def _evaluate(
-    paths: AbstractHodograph,
-    times: Float[Array, " n"],
-    frame: AbstractFrame,
-    names: tuple[str, ...],
-    batched: bool,
-    components: str,
-    continuous: bool,
-) -> dict[str, Array]:
-    def along(path: AbstractHodograph) -> dict[str, Array]:
-        values = jax.vmap(lambda t: _instant(path, t, frame, names))(times)
-        if continuous and "quaternion" in values:
-            values["quaternion"] = rotation.continuous(values["quaternion"])
-        return values
-
-    values = eqx.filter_vmap(along)(paths) if batched else along(paths)
-    if components == "first":
-        lead = 2 if batched else 1
-        values = {name: jnp.moveaxis(v, range(lead), range(-lead, 0)) for name, v in values.items()}
-    return values
+def _one_of(value: str, known: tuple[str, ...], name: str) -> str:
+    if value not in known:
+        listed = ", ".join(repr(k) for k in known[:-1]) + f" or {known[-1]!r}"
+        raise ValueError(f"{name} must be {listed}, but {value!r} was given")
+    return value
 
 
-def _instant(path: AbstractHodograph, t: Scalar, frame: AbstractFrame, names: tuple[str, ...]) -> dict[str, Array]:
-    r = path.derivatives(t, 4)
-    trihedral = frame.trihedral(r, as_float(path.duration))
-    known = {
-        "position": lambda: r[0],
-        "velocity": lambda: r[1],
-        "acceleration": lambda: r[2],
-        "jerk": lambda: r[3],
-        "dcm": trihedral.dcm,
-        "quaternion": trihedral.quaternion,
-        "gibbs": trihedral.gibbs,
-        "speed": lambda: trihedral.speed,
-        "curvature": lambda: trihedral.curvature,
-        "torsion": lambda: trihedral.torsion,
-        "rate": lambda: trihedral.rate,
-        "angular_acceleration": lambda: trihedral.acceleration,
-        "defined": lambda: trihedral.defined,
-    }
-    return {name: known[name]() for name in names}
+def _old(reuse: Table | None, task: Task) -> dict[str, Any] | None:
+    if reuse is None:
+        return None
+    arrays = {name: getattr(reuse, name, None) for name in task.names}
+    form = (reuse.batched, reuse.components) if isinstance(reuse, Table) else None
+    if form != (task.batched, task.components) or any(x is None for x in arrays.values()) or task.reduce is not None:
+        raise ValueError("reuse must be the table of an earlier call with the same outputs, components and paths")
+    return arrays

@@ -55,10 +55,10 @@ DESCRIPTIONS: dict[str, tuple[str, str]] = {
 class Table(eqx.Module):
     """Arrays over instants (n,) or over paths and instants (b, n), components on the last axis (or the first).
 
-    Fields that were not asked for are None. `time` [s] is measured from each path's own start.
+    Fields that were not asked for are None. `time` [s], (n,) or (b, n), is measured from each path's own start.
     """
 
-    time: Float[Array, " n"]
+    time: Float[Array, "*rows n"]
     position: Float[Array, "..."] | None = None
     velocity: Float[Array, "..."] | None = None
     acceleration: Float[Array, "..."] | None = None
@@ -80,7 +80,8 @@ class Table(eqx.Module):
         """The table as an `xarray.Dataset` with units, axes and conventions in its attributes (extra `io`)."""
         import xarray
 
-        instants = ("path", "time") if self.batched else ("time",)
+        along = "time" if self.time.ndim == 1 else "sample"  # times of each path's own are no axis
+        instants = ("path", along) if self.batched else (along,)
         variables: dict[str, Any] = {}
         for name, axes in AXES.items():
             values = getattr(self, name)
@@ -90,7 +91,11 @@ class Table(eqx.Module):
                 variables[name] = (dims, np.asarray(values), {"units": unit, "long_name": meaning})
         used = {axis for name in variables for axis in AXES[name]}
         coordinates = {axis: labels for axis, labels in LABELS.items() if axis in used}
-        time = ("time", np.asarray(self.time), {"units": "s", "long_name": "time from the start of the path"})
+        time = (
+            instants[-self.time.ndim :],
+            np.asarray(self.time),
+            {"units": "s", "long_name": "time from the start of the path"},
+        )
         attributes = {
             "source": f"qtraj {__version__}",
             "quaternion_convention": "scalar first, Hamilton product, body to world, unit norm",

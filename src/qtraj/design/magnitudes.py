@@ -8,8 +8,8 @@ from jaxtyping import Array, Float
 from qtraj.algebra import polynomial
 from qtraj.design.peaks import largest
 from qtraj.foundation.types import Scalar, ScalarLike
+from qtraj.path.components import Triple, cross, dot
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.invariants import Components, cross, dot
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.trihedral import Natural
 
@@ -61,52 +61,52 @@ def magnitude(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
 
-Derivatives = list[Components]
+Derivatives = list[Triple]
 
 
-def _curvature(r: Derivatives, up: Components, duration: Scalar) -> ScalarLike:
+def _curvature(r: Derivatives, up: Triple, duration: Scalar) -> ScalarLike:
     area, speed = _area_and_speed(r)
     return _over(area, speed**3)
 
 
-def _torsion(r: Derivatives, up: Components, duration: Scalar) -> ScalarLike:
+def _torsion(r: Derivatives, up: Triple, duration: Scalar) -> ScalarLike:
     area = cross(r[1], r[2])
     return _over(dot(area, r[3]) ** 2, dot(area, area) ** 2)
 
 
-def _speed(r: Derivatives, up: Components, duration: Scalar) -> ScalarLike:
+def _speed(r: Derivatives, up: Triple, duration: Scalar) -> ScalarLike:
     return dot(r[1], r[1])
 
 
-def _acceleration(r: Derivatives, up: Components, duration: Scalar) -> ScalarLike:
+def _acceleration(r: Derivatives, up: Triple, duration: Scalar) -> ScalarLike:
     return dot(r[2], r[2])
 
 
-def _lateral(r: Derivatives, up: Components, duration: Scalar) -> ScalarLike:
+def _lateral(r: Derivatives, up: Triple, duration: Scalar) -> ScalarLike:
     return _over(*_area_and_speed(r))
 
 
-def _longitudinal(r: Derivatives, up: Components, duration: Scalar) -> ScalarLike:
+def _longitudinal(r: Derivatives, up: Triple, duration: Scalar) -> ScalarLike:
     return _over(dot(r[1], r[2]) ** 2, dot(r[1], r[1]))
 
 
-def _slope(r: Derivatives, up: Components, duration: Scalar) -> ScalarLike:
+def _slope(r: Derivatives, up: Triple, duration: Scalar) -> ScalarLike:
     rise = dot(r[1], up)
     x, y, z = (v - rise * u for v, u in zip(r[1], up, strict=True))
     return _over(rise**2, x**2 + y**2 + z**2)
 
 
-def _angular_rate(r: Derivatives, up: Components, duration: Scalar) -> ScalarLike:
+def _angular_rate(r: Derivatives, up: Triple, duration: Scalar) -> ScalarLike:
     area, speed = _area_and_speed(r)
     return speed * _torsion(r, up, duration) + _over(area, speed**2)
 
 
-def _angular_acceleration(r: Derivatives, up: Components, duration: Scalar) -> ScalarLike:
+def _angular_acceleration(r: Derivatives, up: Triple, duration: Scalar) -> ScalarLike:
     acceleration = Natural().trihedral(_stacked(r, duration), duration).acceleration
     return acceleration @ acceleration
 
 
-_SQUARES: dict[str, tuple[int, Callable[[Derivatives, Components, Scalar], ScalarLike]]] = {
+_SQUARES: dict[str, tuple[int, Callable[[Derivatives, Triple, Scalar], ScalarLike]]] = {
     "curvature": (2, _curvature),
     "torsion": (3, _torsion),
     "speed": (1, _speed),
@@ -133,14 +133,14 @@ def _over(part: ScalarLike, whole: ScalarLike) -> ScalarLike:
     return jnp.where(positive, ratio, jnp.where(part > 0, jnp.inf, 0.0))
 
 
-def moving_components(path: AbstractHodograph, t: ScalarLike, order: int) -> tuple[Derivatives, Components]:
+def moving_components(path: AbstractHodograph, t: ScalarLike, order: int) -> tuple[Derivatives, Triple]:
     """Derivatives in a basis of the path's own choice, and the world's vertical in that basis, by components."""
     if not isinstance(path, SpiralHelix):
         r = path.derivatives(t, order)
-        return [(row[0], row[1], row[2]) for row in r], (0.0, 0.0, 1.0)
+        return [(row[0], row[1], row[2]) for row in r], (0, 0, 1)
     r = path.rotating_components(t, order)
     if path.placement is None:
-        return r, (0.0, 0.0, 1.0)
+        return r, (0, 0, 1)
     zero = jnp.zeros_like(path.duration)
     x, y, z = path.placement.to_local(jnp.stack([zero, zero, jnp.ones_like(zero)]))
     phi = polynomial.evaluate(path.angle, t)

@@ -11,8 +11,9 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path import boundary_problem as problem
 from qtraj.path.boundary import BoundaryState
+from qtraj.path.components import Triple
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.invariants import Components, rotating_components
+from qtraj.path.invariants import rotating_components
 from qtraj.path.placement import Placement
 
 
@@ -71,8 +72,8 @@ class SpiralHelix(AbstractHodograph):
         rows = self.rotating_components(one_instant(t), order)
         return jnp.stack([jnp.stack([jnp.asarray(x, self.duration.dtype) for x in row]) for row in rows])
 
-    def rotating_components(self, t: ScalarLike, order: int) -> list[Components]:
-        """As `rotating_derivatives`, one number for each component."""
+    def rotating_components(self, t: ScalarLike, order: int) -> list[Triple]:
+        """As `rotating_derivatives`, a triple of numbers for each order."""
         return rotating_components(*(polynomial.terms(c, t, order) for c in (self.radius, self.angle, self.height)))
 
     @property

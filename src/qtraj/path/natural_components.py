@@ -1,0 +1,232 @@
+"""The natural trihedral along a spiral-helix at many instants at once, in components.
+
+The same definitions as `trihedral.Natural`, in a form that compilers for CPUs turn into few fast loops: everything is
+worked out in the rotating basis (e_ρ, e_φ, k), where the derivatives are polynomials; one cosine and one sine, of half
+the angle, carry the results into the world. The quaternion is (cos φ/2 + k sin φ/2) ∘ that of the trihedral in the
+rotating basis.
+
+Arrays are (paths, instants). Where the trihedral does not exist the numbers are the fillers of `trihedral.Natural`.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax.lax import cond, rsqrt, stop_gradient
+from jaxtyping import Array, Float
+
+from qtraj.path.components import Triple, chosen, cross, dot, jet, scaled
+from qtraj.path.invariants import invariants, largest, rotating_components
+from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.trigonometry import cos_sin
+from qtraj.path.trihedral import DEFINED_TOLERANCE
+
+Instants = Float[Array, "paths instants"]
+Quaternion = tuple[Array, Array, Array, Array]
+
+
+def natural_components(paths: SpiralHelix, t: Instants, one: Any) -> dict[str, tuple[Array, ...]]:
+    """Every output of a batched evaluation by its name, each component an array (paths, instants).
+
+    `paths` is a stack, its arrays with a leading axis; `t` [s] is (paths, instants) or (1, instants). `one` is the
+    number 1, best unknown to the compiler: it copies cheap expressions into each loop that needs them, but stores the
+    result of a division, and so what is needed often is divided by `one`.
+    """
+    turned = _Turned(paths, t, one)
+    r = [_full(row, t) for row in turned.rows]
+    of = invariants(r[1], r[2], r[3])
+    speeds, areas = largest(of, r[2], r[3], paths.duration[:, None].astype(t.dtype))
+    tolerance = (DEFINED_TOLERANCE * float(jnp.finfo(t.dtype).eps)) ** 2
+    moving = speeds * tolerance < of.S
+    bending = moving & (areas * tolerance < of.N)
+    # 1/v and 1/|c|, and 0 where they do not exist, so that all that they multiply vanishes there.
+    slowness, narrowness = rsqrt(jnp.where(moving, of.S, jnp.inf)), rsqrt(jnp.where(bending, of.N, jnp.inf))
+    c = cross(r[1], r[2])
+    tangent, normal, binormal = _axes(turned, r[1], scaled(c, narrowness), bending)
+    quaternion = turned.world_quaternion(_quaternion(tangent, normal, binormal, one))
+    speed, area = of.S * slowness, of.N * narrowness
+    torsion = of.T * narrowness**2
+    nothing = jnp.zeros_like(speed)
+    return {
+        "position": turned.world_position(r[0]),
+        "velocity": turned.world(r[1]),
+        "acceleration": turned.world(r[2]),
+        "jerk": turned.world(r[3]),
+        "dcm": (*turned.world(tangent), *turned.world(normal), *turned.world(binormal)),
+        "quaternion": quaternion,
+        "gibbs": _gibbs(quaternion),
+        "speed": (_root(of.S),),
+        "curvature": (_root(of.N) * slowness**3,),
+        "torsion": (torsion,),
+        "rate": (speed * torsion, nothing, area * slowness**2),
+        "angular_acceleration": _acceleration(r, c, slowness, narrowness, torsion),
+        "defined": (bending,),
+    }
+
+
+def _acceleration(
+    r: list[Triple], c: Triple, slowness: Array, narrowness: Array, torsion: Array
+) -> tuple[Array, Array, Array]:
+    """ε⁰ in the trihedral's own axes, the derivative of ω⁰ = (vχ, 0, |c|/v²)."""
+    slope, growth = dot(r[1], r[2]), dot(c, cross(r[1], r[3]))
+    thin, slow = narrowness**2, slowness**2
+    torsion_rate = dot(c, r[4]) * thin - 2 * dot(c, r[3]) * growth * thin**2
+    speed, area = dot(r[1], r[1]) * slowness, dot(c, c) * narrowness
+    first = slope * slowness * torsion + speed * torsion_rate
+    return first, jnp.zeros_like(first), growth * narrowness * slow - 2 * area * slope * slow**2
+
+
+class _Turned(eqx.Module):
+    """The rotating bases of a stack of paths: their rows of derivatives, and the way into the world."""
+
+    rows: list[Triple]
+    half_cos: Array
+    half_sin: Array
+    orientation: Quaternion | None
+    origin: Triple | None
+    one: Any
+
+    def __init__(self, paths: SpiralHelix, t: Instants, one: Any):
+        jets = [
+            jet([c[:, k, None].astype(t.dtype) for k in range(c.shape[1])], t, 4)
+            for c in (paths.radius, paths.angle, paths.height)
+        ]
+        self.rows = rotating_components(*jets)
+        cos, sin = cos_sin(0.5 * jets[1][0])
+        self.one = one
+        self.half_cos, self.half_sin = cos / one, sin / one
+        self.orientation = self.origin = None
+        if paths.placement is not None:
+            self.orientation = _unit(paths.placement.orientation.astype(cos.dtype))
+            origin = paths.placement.origin.astype(cos.dtype)
+            self.origin = (origin[:, 0, None], origin[:, 1, None], origin[:, 2, None])
+
+    def world(self, v: Triple) -> Triple:
+        """World components of a free vector."""
+        cos, sin = 1 - 2 * self.half_sin**2, 2 * self.half_sin * self.half_cos
+        local = v[0] * cos - v[1] * sin, v[0] * sin + v[1] * cos, v[2]
+        if self.orientation is None:
+            return local
+        x, y, z = _matrix(self.orientation)
+        return dot(x, local), dot(y, local), dot(z, local)
+
+    def world_position(self, v: Triple) -> Triple:
+        x, y, z = self.world(v)
+        if self.origin is None:
+            return x, y, z
+        return x + self.origin[0], y + self.origin[1], z + self.origin[2]
+
+    def rotating(self, k: int) -> Triple:
+        """The k-th axis of the world in the rotating basis."""
+        zero, one = jnp.zeros_like(self.half_cos), jnp.ones_like(self.half_cos)
+        x, y, z = ((one, zero, zero), (zero, one, zero), (zero, zero, one))[k]
+        if self.orientation is not None:
+            row = _matrix(self.orientation)[k]
+            x, y, z = row[0] + zero, row[1] + zero, row[2] + zero
+        cos, sin = 1 - 2 * self.half_sin**2, 2 * self.half_sin * self.half_cos
+        return x * cos + y * sin, y * cos - x * sin, z
+
+    def world_quaternion(self, q: Quaternion) -> Quaternion:
+        """The quaternion to the world, first non-zero component positive, of one to the rotating basis."""
+        c, s = self.half_cos, self.half_sin
+        w, x, y, z = c * q[0] - s * q[3], c * q[1] - s * q[2], c * q[2] + s * q[1], c * q[3] + s * q[0]
+        if self.orientation is not None:
+            w, x, y, z = _product(self.orientation, (w, x, y, z))
+        negative = (w < 0) | ((w == 0) & ((x < 0) | ((x == 0) & ((y < 0) | ((y == 0) & (z < 0))))))
+        sign = jnp.where(negative, -1.0, 1.0).astype(w.dtype) / self.one
+        return sign * w, sign * x, sign * y, sign * z
+
+
+def _unit(orientations: Float[Array, "paths 4"]) -> Quaternion:
+    q = orientations / stop_gradient(jnp.max(jnp.abs(orientations), axis=-1, keepdims=True))
+    q = q * rsqrt(jnp.sum(q * q, axis=-1, keepdims=True))
+    return q[:, 0, None], q[:, 1, None], q[:, 2, None], q[:, 3, None]
+
+
+def _matrix(q: Quaternion) -> tuple[Triple, Triple, Triple]:
+    """The rows of R(q), entry by entry."""
+    w, x, y, z = q
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+
+
+def _axes(turned: _Turned, r1: Triple, bend: Triple, bending: Array) -> tuple[Triple, Triple, Triple]:
+    """τ, n and b in the rotating basis; `bend` is c/|c| where the path bends."""
+    S = dot(r1, r1)
+    still = jnp.less(S, jnp.finfo(S.dtype).tiny)
+    tangent = scaled(r1, rsqrt(jnp.where(still, 1.0, S)))
+    # Fillers are rare, and their expressions long: they are worked out only in a block that needs them.
+    tangent, across = cond(
+        jnp.all(bending),
+        lambda: (tangent, bend),
+        lambda: _with_fillers(turned, chosen(still, turned.rotating(0), tangent), bend, bending),
+    )
+    # n from c × τ, then b = τ × n: orthonormal to round-off also where c has lost most of its digits.
+    towards = cross(across, tangent)
+    normal = scaled(towards, rsqrt(dot(towards, towards)))
+    return tangent, normal, cross(tangent, normal)
+
+
+def _with_fillers(turned: _Turned, tangent: Triple, bend: Triple, bending: Array) -> tuple[Triple, Triple]:
+    """τ, and a vector along b: level with the world where the path does not bend, as in `trihedral`."""
+    up, forward = turned.rotating(2), turned.rotating(0)
+    reference = chosen(dot(up, tangent) ** 2 > 0.75, forward, up)
+    along = dot(reference, tangent)
+    x, y, z = scaled(tangent, along)
+    level = (reference[0] - x, reference[1] - y, reference[2] - z)
+    return tangent, chosen(bending, bend, level)
+
+
+def _quaternion(tangent: Triple, normal: Triple, binormal: Triple, one: Any) -> Quaternion:
+    """The unit quaternion of a trihedral, of either sign, by two complex numbers u = w + ix and m = z − iy.
+
+    um = (τ_y + iτ_z)/2, u² = (n_y + b_z + i(n_z − b_y))/2 and m² = (b_z − n_y − i(n_z + b_y))/2. The larger of the two
+    is a square root, whose larger part is again taken first; the other follows by division: no digits are lost.
+    """
+    forward = tangent[0] >= 0
+    real = jnp.where(forward, binormal[2] + normal[1], binormal[2] - normal[1])
+    imaginary = jnp.where(forward, normal[2] - binormal[1], -normal[2] - binormal[1])
+    modulus = 1 + jnp.abs(tangent[0])
+    right = real >= 0
+    larger = modulus + jnp.abs(real)
+    scale = 0.5 * rsqrt(larger)
+    a, b = jnp.where(right, larger, imaginary) * scale, jnp.where(right, imaginary, larger) * scale
+    a, b = a / one, b / one
+    c, d = (tangent[1] * a + tangent[2] * b) / modulus, (tangent[2] * a - tangent[1] * b) / modulus
+    w, x = jnp.where(forward, a, c), jnp.where(forward, b, d)
+    z, y = jnp.where(forward, c, a), -jnp.where(forward, d, b)
+    return w, x, y, z
+
+
+def _product(p: Quaternion, q: Quaternion) -> Quaternion:
+    """p∘q by Hamilton's rule."""
+    a, b, c, d = p
+    s, x, y, z = q
+    return (
+        a * s - b * x - c * y - d * z,
+        a * x + b * s + c * z - d * y,
+        a * y - b * z + c * s + d * x,
+        a * z + b * y - c * x + d * s,
+    )
+
+
+def _gibbs(q: Quaternion) -> tuple[Array, ...]:
+    """G_k = λ_k/λ0; as `gibbs.to_gibbs` at half turns."""
+    s = q[0]
+    regular = s * s >= jnp.finfo(s.dtype).tiny
+    safe = jnp.where(regular, s, 1.0)
+    return tuple(jnp.where(regular, u / safe, stop_gradient(jnp.where(u == 0, 0.0, u / jnp.abs(s)))) for u in q[1:])
+
+
+def _root(square: Array) -> Array:
+    """√x, with zero derivative at 0."""
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+
+
+def _full(row: Triple, t: Instants) -> Triple:
+    """The row with arrays for the entries that vanish identically."""
+    return tuple(x if isinstance(x, Array) else jnp.zeros_like(t) for x in row)  # type: ignore[return-value]

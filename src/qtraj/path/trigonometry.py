@@ -1,0 +1,60 @@
+"""Cosine and sine together, by arithmetic alone.
+
+A compiler for CPUs calls a scalar function for each sine of a float64, or repeats a long one for each result that needs
+it. These take a reduction by multiples of π/2 and two short minimax polynomials on [−π/4, π/4], which vectorise. Errors
+are about one unit in the last place of 1 while the angle keeps that precision itself.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+Angles = Float[Array, "..."]
+
+# π/2 in parts so short that a whole multiple of the first ones is exact (below 2^20 quarter turns).
+_QUARTER = {
+    "float64": (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21),
+    "float32": (1.5703125, 4.837512969970703e-4, 7.549789954891883e-8),
+}
+# (sin r − r)/r³ and (cos r − 1 + r²/2)/r⁴ as polynomials in r², near minimax for |r| ≤ π/4 (errors 2e-17 and 1e-18;
+# in float32 2e-8 and 2e-9), computed with mpmath's chebyfit.
+_SIN = {
+    "float64": (-0.16666666666666666, 0.008333333333330946, -0.0001984126983675497,
+                2.755731610068303e-06, -2.5051131455427946e-08, 1.591810123027412e-10),
+    "float32": (-0.16666664661114838, 0.008332748037517147, -0.00019587840521305324),
+}  # fmt: skip
+_COS = {
+    "float64": (0.041666666666666664, -0.0013888888888887395, 2.4801587298763433e-05,
+                -2.7557317270560326e-07, 2.0876146024689747e-09, -1.1382614868556325e-11),
+    "float32": (0.04166666465830042, -0.0013888302802309161, 2.454789161981386e-05),
+}  # fmt: skip
+
+
+@jax.custom_jvp
+def cos_sin(angle: Angles) -> tuple[Angles, Angles]:
+    """cos and sin of `angle` [rad], elementwise, in float32 or float64."""
+    kind = angle.dtype.name
+    turns = jnp.round(angle * 0.6366197723675814)
+    rest = angle
+    for part in _QUARTER[kind]:
+        rest = rest - turns * part
+    square = rest * rest
+    sine = rest + rest * (square * _horner(_SIN[kind], square))
+    cosine = 1 - 0.5 * square + square * (square * _horner(_COS[kind], square))
+    quadrant = turns - 4 * jnp.floor(0.25 * turns)
+    odd = (quadrant == 1) | (quadrant == 3)
+    cos, sin = jnp.where(odd, sine, cosine), jnp.where(odd, cosine, sine)
+    return jnp.where((quadrant == 1) | (quadrant == 2), -cos, cos), jnp.where(quadrant >= 2, -sin, sin)
+
+
+@cos_sin.defjvp
+def _derivative(primals: tuple[Angles], tangents: tuple[Angles]) -> tuple:
+    cos, sin = cos_sin(*primals)
+    return (cos, sin), (-sin * tangents[0], cos * tangents[0])
+
+
+def _horner(coefficients: tuple[float, ...], x: Angles) -> Angles:
+    value = jnp.full_like(x, coefficients[-1])
+    for coefficient in coefficients[-2::-1]:
+        value = value * x + coefficient
+    return value

@@ -1,0 +1,200 @@
+"""Blocks, traces, reductions, reused tables and devices give what one instant after the other gives."""
+
+import os
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import qtraj as qt
+from qtraj.batch import program
+
+EXACT = 1e-12
+NAMES = ("position", "quaternion", "curvature", "torsion", "rate", "angular_acceleration")
+TILTED = qt.Placement([5.0, -2.0, 1.0], [0.8, 0.1, -0.5, 0.3])
+
+
+def helix(k=0.0, placement=TILTED):
+    return qt.SpiralHelix(jnp.stack([20.0 + k, jnp.asarray(1.0)]), [0.2, 1.9, 0.1], [1.0, 0.4, 0.05], 4.0, placement)
+
+
+@pytest.fixture(scope="module")
+def stack():
+    return jax.vmap(helix)(jnp.arange(3.0))
+
+
+@pytest.fixture
+def small_blocks(monkeypatch):
+    """Blocks of 8 instants, so that a few instants make several, the last of them incomplete."""
+    for name in ("_writing", "_reduction"):
+        monkeypatch.setattr(program, name, getattr(program, name).__wrapped__)
+    monkeypatch.setattr(program, "_samples", lambda: 8)
+
+
+def expected(path, times, name):
+    """One instant after the other, by the trihedral of one instant."""
+
+    def one(t):
+        at = qt.trihedral(path, t)
+        known = {"position": path.position(t), "quaternion": at.quaternion(), "angular_acceleration": at.acceleration}
+        return known[name] if name in known else getattr(at, name)
+
+    return jax.vmap(one)(jnp.asarray(times))
+
+
+def close(actual, desired):
+    scale = max(1.0, float(np.abs(desired).max()))
+    np.testing.assert_allclose(actual, desired, rtol=0, atol=EXACT * scale)
+
+
+@pytest.mark.parametrize("count", [21, 3])  # several blocks of a row; several rows in a block
+def test_blocks_leave_no_trace(stack, small_blocks, count):
+    times = np.linspace(0.0, 4.0, count)
+    own = np.stack([times, 0.5 * times, 0.25 * times])
+    shared, each = (qt.evaluate(stack, t, ("position", "quaternion", "rate")) for t in (times, own))
+    names = ("quaternion", "rate")
+    traced = jax.jit(lambda paths: qt.evaluate(paths, own, names))(stack)
+    assert each.to_xarray()["time"].dims == ("path", "sample")
+    for k in range(3):
+        path = jax.tree.map(lambda x, k=k: x[k], stack)
+        for name in ("position", "quaternion", "rate"):
+            close(getattr(shared, name)[k], expected(path, times, name))
+            close(getattr(each, name)[k], expected(path, own[k], name))
+    for name in names:
+        close(getattr(traced, name), getattr(each, name))
+
+
+def test_one_path_in_blocks_and_under_vmap(small_blocks):
+    times = np.linspace(0.0, 4.0, 21)
+    table = qt.evaluate(helix(), times, NAMES)
+    traced = jax.vmap(lambda k: qt.evaluate(helix(k), times, ["torsion"]).torsion)(jnp.arange(2.0))
+    close(traced[0], table.torsion)
+    for name in NAMES:
+        close(getattr(table, name), expected(helix(), times, name))
+
+
+def test_fillers_where_there_is_no_trihedral():
+    """Straight, upward and motionless paths: finite, flagged, and what the trihedral of one instant says."""
+    times = np.linspace(0.0, 1.0, 3)
+    for path in (
+        qt.SpiralHelix([5.0, 2.0], [0.3], [0.0, 1.0], 1.0),
+        qt.SpiralHelix([5.0], [0.3], [0.0, 2.0], 1.0),
+        qt.SpiralHelix([5.0], [0.3], [1.0], 1.0, TILTED),
+    ):
+        table = qt.evaluate(path, times, ["dcm", "defined", "rate", "curvature"])
+        assert not np.any(table.defined)
+        dcm = jax.vmap(lambda t, path=path: qt.trihedral(path, t).dcm())(jnp.asarray(times))
+        close(table.dcm, dcm)
+        close(table.rate, np.zeros((3, 3)))
+        gradient = jax.grad(lambda p: sum(jnp.sum(x) for x in jax.tree.leaves(_floats(p, times))))(path)
+        assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves(gradient))
+
+
+def _floats(path, times):
+    table = qt.evaluate(path, times, ["dcm", "rate", "curvature", "angular_acceleration", "speed"])
+    return table.dcm, table.rate, table.curvature, table.angular_acceleration, table.speed
+
+
+def test_gradients_through_blocks_agree_with_differences(small_blocks):
+    times = np.linspace(0.1, 3.9, 21)
+
+    def loss(radius, reduce=None):
+        path = qt.SpiralHelix(radius, [0.2, 1.9, 0.1], [1.0, 0.4, 0.05], 4.0, TILTED)
+        if reduce is not None:
+            return qt.evaluate(path, times, ["rate"], reduce=reduce)["rate"][2]
+        table = qt.evaluate(path, times, ["quaternion", "curvature", "angular_acceleration"], continuous=True)
+        weights = jnp.cos(jnp.arange(4.0))
+        turned = jnp.sum(table.quaternion @ weights)
+        return turned + 10 * jnp.sum(table.curvature) + jnp.sum(table.angular_acceleration)
+
+    radius, step = jnp.asarray([20.0, 1.0]), 1e-4
+    for reduce in (None, "max", "integral"):
+        value = jax.jit(lambda r, reduce=reduce: loss(r, reduce))
+        gradient = jax.jit(jax.grad(lambda r, reduce=reduce: loss(r, reduce)))(radius)
+        for k in range(2):
+            d = jnp.zeros(2).at[k].set(step)
+            difference = (value(radius + d) - value(radius - d)) / (2 * step)
+            np.testing.assert_allclose(gradient[k], difference, rtol=1e-6, atol=1e-8)
+
+
+def test_reductions_are_those_of_the_samples(stack, small_blocks):
+    times = np.linspace(0.0, 4.0, 21) ** 1.1
+    table = qt.evaluate(stack, times, ["speed", "rate"])
+    for reduce, over in (("max", np.max), ("min", np.min)):
+        peak = qt.evaluate(stack, times, ["speed", "rate"], reduce=reduce)
+        for name in ("speed", "rate"):
+            samples = np.asarray(getattr(table, name))
+            close(peak[name], over(samples, axis=1))
+        at = np.argmax(table.speed, axis=1) if reduce == "max" else np.argmin(table.speed, axis=1)
+        np.testing.assert_array_equal(peak.times["speed"], times[at])
+    integral = np.trapezoid(np.asarray(table.rate), times, axis=1)
+    close(qt.evaluate(stack, times, ["rate"], reduce="integral")["rate"], integral)
+    mean = qt.evaluate(helix(), times, ["rate"], reduce="mean", components="first")
+    close(mean["rate"], integral[0] / times[-1])
+    assert mean.times is None
+
+
+def test_a_table_is_written_over():
+    times = np.linspace(0.0, 4.0, 50)
+    first = qt.evaluate(helix(), times, NAMES)
+    wanted = np.asarray(qt.evaluate(helix(1.0), times, NAMES).position)
+    second = qt.evaluate(helix(1.0), times, NAMES, reuse=first)
+    np.testing.assert_array_equal(second.position, wanted)
+    assert first.position.is_deleted()
+    with pytest.raises(ValueError, match="same outputs"):
+        qt.evaluate(helix(), times, ["speed"], reuse=second)
+
+
+def test_float32_stays_float32():
+    single = jax.tree.map(lambda x: x.astype(jnp.float32), helix())
+    times = np.linspace(0.0, 4.0, 9, dtype=np.float32)
+    table = qt.evaluate(single, times)
+    exact = qt.evaluate(helix(), times.astype(float))
+    for name in ("position", "quaternion", "rate"):
+        assert getattr(table, name).dtype == jnp.float32
+        np.testing.assert_allclose(getattr(table, name), getattr(exact, name), rtol=2e-5, atol=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fragment"),
+    [
+        ({"reduce": "median"}, "'integral' or 'mean'"),
+        ({"times": np.zeros((2, 3))}, "vector (n,)"),
+        ({"times": []}, "at least one instant"),
+    ],
+)
+def test_bad_requests_are_refused(arguments, fragment):
+    with pytest.raises(ValueError) as caught:
+        qt.evaluate(**({"paths": helix(), "times": [0.0, 1.0]} | arguments))
+    assert fragment in str(caught.value)
+
+
+SHARDED = """
+import jax, jax.numpy as jnp, numpy as np
+jax.config.update("jax_num_cpu_devices", 2)
+jax.config.update("jax_enable_x64", True)
+import qtraj as qt
+make = lambda k: qt.SpiralHelix(jnp.stack([20.0 + k, jnp.asarray(1.0)]), [0.2, 1.9], [1.0, 0.4, 0.05], 4.0)
+stack, times = jax.vmap(make)(jnp.arange(4.0)), np.linspace(0.0, 4.0, 10)
+both, alone = jax.local_devices(), jax.local_devices()[:1]
+for paths in (stack, make(0.0), jax.vmap(make)(jnp.arange(3.0))):
+    two, one = (qt.evaluate(paths, times, continuous=True, devices=d) for d in (both, alone))
+    assert len(two.position.sharding.device_set) == 2
+    assert len(one.position.sharding.device_set) == 1
+    np.testing.assert_allclose(two.quaternion, one.quaternion, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(two.rate, one.rate, rtol=0, atol=1e-13)
+    for reduce in ("max", "mean"):
+        two, one = (qt.evaluate(paths, times, ["rate"], reduce=reduce, devices=d) for d in (both, alone))
+        np.testing.assert_allclose(two["rate"], one["rate"], rtol=0, atol=1e-13)
+large = qt.evaluate(stack, np.linspace(0.0, 4.0, 20000), ["speed"])
+assert len(large.speed.sharding.device_set) == 2
+print("agreed")
+"""
+
+
+def test_two_devices_share_the_work():
+    ran = subprocess.run([sys.executable, "-c", SHARDED], capture_output=True, text=True, env=os.environ, check=False)
+    assert ran.stdout.strip() == "agreed", ran.stderr[-2000:]
