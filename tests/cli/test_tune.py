@@ -86,7 +86,7 @@ def test_the_json_is_what_the_library_says(default_run):
         "motion": "uniform",
         "value": tuned.objective,
         "status": tuned.status,
-        "iterations": tuned.iterations,
+        "iterations": int(tuned.iterations),
         "result": tuned.result,
     }
     assert default_run.content["boundary"]["after"]["duration"] == float(tuned.path.duration)

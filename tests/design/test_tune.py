@@ -12,6 +12,7 @@ from scipy.optimize import NonlinearConstraint, minimize
 import qtraj as qt
 from qtraj.design.magnitudes import magnitude
 from qtraj.design.tuning.problem import pose
+from qtraj.path.boundary import cylindrical
 
 RATE = 0.35
 START = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, RATE * 20, 0.3])
@@ -225,6 +226,14 @@ def test_too_few_steps_are_said():
         ({"start": qt.BoundaryState([0.0, 0, 0], [1.0, 7.0, 0.3])}, "axis"),
         ({"end": qt.BoundaryState(END.position, -END.velocity)}, "opposite senses"),
         ({"start": qt.BoundaryState(START.position, START.velocity, [0.0, 0, 0])}, "accelerations"),
+        ({"fixed": ["start.V_phi"]}, "'start.V_phi' is no variable of this problem (uniform motion has V_phi"),
+        ({"fixed": ["duration"], "bounds": {"duration": (4.0, 5.0)}}, "duration is both fixed and bounded"),
+        ({"bounds": {"end.V_h": (1.0, -1.0)}}, "the bounds of end.V_h contradict"),
+        ({"bounds": {"duration": (-1.0, 5.0)}}, "must be positive"),
+        ({"weights": {"end.V_h": -1.0}}, "must be a finite number of 0 or more"),
+        ({"weights": {"end.V_h": 1.0}, "objective": "smoothest"}, "weights belong to objective='nearest'"),
+        ({"method": "newton"}, "'sqp' or 'lbfgs'"),
+        ({"starts": 0}, "must be 1 or more"),
         ({"objective": lambda path: path.duration * jnp.nan}, "must be finite there"),
     ],
 )
@@ -241,3 +250,94 @@ def test_the_outcome_is_stored_exactly(tmp_path):
     again = qt.load(tmp_path / "best.json")
     for a, b in zip(jax.tree.leaves(again), jax.tree.leaves(best), strict=True):
         assert np.all(np.asarray(a) == np.asarray(b))
+
+
+def test_the_move_that_is_advised_helps():
+    limits = qt.Limits(curvature=0.022)
+    best = qt.tune(START, END, limits, bounds={"duration": (2.0, 8.0)})
+    assert best.status == "infeasible"
+    turn = float(best.result.split("move the turn from 1.571 to ")[1].split(" ")[0]) - 0.01  # it has four digits
+    cos, sin = math.cos(turn), math.sin(turn)
+    position = jnp.asarray([28.0 * cos, 28.0 * sin, 1.5])
+    velocity = jnp.asarray([-cos - RATE * 28 * sin, -sin + RATE * 28 * cos, 0.1])
+    again = qt.tune(START, qt.BoundaryState(position, velocity), limits, bounds={"duration": (2.0, 8.0)})
+    assert again.converged, again.result
+
+
+def velocities(path):
+    """Cylindrical velocities (V_ρ, V_φ, V_h) at both ends, and the duration."""
+    ends = [cylindrical(path.state(t), path.placement).velocity for t in (0.0, path.duration)]
+    return {
+        **{f"start.{name}": float(v) for name, v in zip(COMPONENTS, ends[0], strict=True)},
+        **{f"end.{name}": float(v) for name, v in zip(COMPONENTS, ends[1], strict=True)},
+        "duration": float(path.duration),
+    }
+
+
+COMPONENTS = ("V_rho", "V_phi", "V_h")
+
+
+def test_variables_are_fixed_bounded_and_weighed_by_name():
+    given = {"start.V_rho": 1.0, "end.V_h": 0.1}
+    free = velocities(qt.tune(START, END, LIMITS, starts=2).path)
+    assert free["start.V_rho"] != pytest.approx(1.0, abs=1e-3)
+    best = qt.tune(START, END, LIMITS, starts=2, fixed=tuple(given), bounds={"duration": (None, 5.7)})
+    assert best.converged, best.result
+    held = velocities(best.path)
+    for name, value in given.items():
+        assert held[name] == pytest.approx(value, abs=1e-12)
+    assert held["duration"] == pytest.approx(5.7, abs=1e-7)
+    assert free["duration"] > 5.7
+    dear = velocities(qt.tune(START, END, LIMITS, starts=2, weights={"end.V_rho": 100.0}).path)
+    assert abs(dear["end.V_rho"] + 1.0) < 0.5 * abs(free["end.V_rho"] + 1.0)
+
+
+def stacked(count):
+    """Problems that differ in the end's place and in the limit."""
+    shifts = jnp.linspace(0.0, 3.0, count)
+    ends = jax.vmap(lambda s: qt.BoundaryState(END.position + jnp.stack([s * 0, s, s / 3]), END.velocity))(shifts)
+    starts = jax.vmap(lambda s: qt.BoundaryState(START.position + 0 * s, START.velocity))(shifts)
+    limits = jax.vmap(lambda s: qt.Limits(curvature=0.048 - 0.001 * s, lateral_acceleration=2.2 + 0 * s))(shifts)
+    return starts, ends, limits
+
+
+def test_a_batch_is_what_its_lanes_are():
+    starts, ends, limits = stacked(5)
+    many = qt.tune(starts, ends, limits, starts=2)
+    assert len(many) == 5
+    assert list(many.status) == ["converged"] * 5, many.result
+    assert "proved on the whole path" in many.result[3]
+    for k in (0, 4):
+        one = qt.tune(*(jax.tree.map(lambda x, k=k: x[k], part) for part in (starts, ends, limits)), starts=2)
+        np.testing.assert_allclose(many[k].path.radius, one.path.radius, atol=1e-9)
+        assert float(many.objective[k]) == pytest.approx(float(one.objective), rel=1e-9)
+        assert many[k].certificate.status == one.certificate.status
+    with pytest.raises(ValueError, match="does not go into one document"):
+        many.save("many.toml")
+    with pytest.raises(ValueError, match="lanes"):
+        qt.tune(starts, ends, jax.vmap(lambda k: qt.Limits(curvature=k, lateral_acceleration=k))(jnp.ones(3)))
+
+
+def test_a_fault_in_a_batch_is_named_by_its_place():
+    starts, ends, limits = stacked(3)
+    bad = jax.vmap(qt.BoundaryState)(starts.position.at[1].set(0.0), starts.velocity)
+    with pytest.raises(ValueError, match="problem 1 of the batch: a boundary position lies on the axis"):
+        qt.tune(bad, ends, limits)
+
+
+def test_the_solution_is_differentiable_in_its_data():
+    """By the implicit function theorem, against differences of problems solved again."""
+
+    def duration(radius, rate, curvature):
+        start = qt.BoundaryState(START.position.at[0].set(radius), START.velocity.at[1].set(rate * 20))
+        return qt.tune(start, END, qt.Limits(curvature=curvature), starts=1).path.duration
+
+    at = (20.0, RATE, 0.048)
+    both = jax.jit(jax.value_and_grad(duration, argnums=(0, 1, 2)))
+    value, gradient = both(*at)
+    assert float(value) == pytest.approx(float(duration(*at)), rel=1e-12)
+    for k, (slope, size) in enumerate(zip(gradient, (1e-3, 1e-5, 1e-6), strict=True)):
+        higher, lower = (both(*at[:k], at[k] + sign * size, *at[k + 1 :])[0] for sign in (1, -1))
+        assert float(slope) == pytest.approx(float(higher - lower) / (2 * size), rel=2e-5)
+    _, forward = jax.jvp(duration, at, (1.0, 0.0, 0.0))
+    assert float(forward) == pytest.approx(float(gradient[0]), rel=1e-9)

@@ -36,6 +36,9 @@ def tune(
     objective: Objective | None = typer.Option(
         None, metavar="OBJECTIVE", help="In place of the scenario's: nearest, fastest or smoothest."
     ),
+    starts: int | None = typer.Option(
+        None, min=1, metavar="N", help="In place of the scenario's: searches, from the given states and about them."
+    ),
 ) -> None:
     """Tune the boundary velocities of a path until its limits hold, and write both paths.
 
@@ -47,7 +50,7 @@ def tune(
         from qtraj.cli.tuning.report import print_tuning
         from qtraj.cli.tuning.work import run
 
-        choice = Choice(motion and motion.value, objective and objective.value)
+        choice = Choice(motion and motion.value, objective and objective.value, starts)
         content, met = run(scenario, out, choice)
     if as_json:
         typer.echo(json.dumps(content, indent=2, allow_nan=False))

@@ -128,6 +128,7 @@ def _area_and_speed(r: Derivatives) -> tuple[ScalarLike, ScalarLike]:
 
 def _over(part: ScalarLike, whole: ScalarLike) -> ScalarLike:
     """part/whole; 0/0 is 0, and anything else over 0 is infinite, with zero gradient there."""
+    part, whole = jnp.asarray(part), jnp.asarray(whole)
     positive = whole > 0
     ratio = part / jnp.where(positive, whole, 1.0)
     return jnp.where(positive, ratio, jnp.where(part > 0, jnp.inf, 0.0))

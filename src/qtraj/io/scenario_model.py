@@ -11,6 +11,7 @@ from qtraj.io.scenario_part import (
     POSITIVE_SECONDS,
     TEXT,
     THREE,
+    Counts,
     Number,
     Part,
     Positive,
@@ -159,6 +160,9 @@ class TunePart(Part):
     )
     turns: Wholes | None = Field(
         default=None, title="whole turns about the axis besides", description="a whole number, 0 or more"
+    )
+    starts: Counts = Field(
+        default=8, title="searches, from the given states and about them", description="a whole number, 1 or more"
     )
 
 

@@ -15,6 +15,7 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
 Wholes = Annotated[int, Field(ge=0)]
+Counts = Annotated[int, Field(ge=1)]
 Text = Annotated[str, Field(min_length=1)]
 
 Angles = Literal["deg", "rad"]

@@ -25,6 +25,7 @@ class Choice:
 
     motion: str | None = None
     objective: str | None = None
+    starts: int | None = None
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class Job:
     motion: str
     duration: float | None
     turns: int
+    starts: int
     turn: float | None = None
     track: Track | None = None
     residual: Residual | None = None
@@ -54,6 +56,7 @@ class Job:
             "duration": self.duration,
             "turns": self.turns,
             "turn": self.turn,
+            "starts": self.starts,
             "placement": self.path.placement,
         }
 
@@ -66,14 +69,15 @@ def lay(given: ScenarioFile[Scenario], choice: Choice = Choice()) -> Job:
     scenario = given.scenario
     objective = choice.objective or scenario.tune.objective
     motion = choice.motion or scenario.tune.motion
+    starts = choice.starts or scenario.tune.starts
     limits = Limits(**scenario.limits.given())
     try:
         if scenario.track is not None:
             path, track = _fitted(given, scenario, motion)
-            return _along(path, scenario, limits, objective, motion, track)
+            return _along(path, scenario, limits, objective, motion, starts, track)
         if scenario.path is not None:
-            return _along(saved_path(given.beside(scenario.path)), scenario, limits, objective, motion)
-        return _between(scenario, limits, objective, motion)
+            return _along(saved_path(given.beside(scenario.path)), scenario, limits, objective, motion, starts)
+        return _between(scenario, limits, objective, motion, starts)
     except ValueError as error:
         raise ValueError(f"{given.file}: {error}") from error
 
@@ -119,7 +123,13 @@ def _fitted(given: ScenarioFile[Scenario], scenario: Scenario, motion: str) -> t
 
 
 def _along(
-    path: SpiralHelix, scenario: Scenario, limits: Limits, objective: str, motion: str, track: Track | None = None
+    path: SpiralHelix,
+    scenario: Scenario,
+    limits: Limits,
+    objective: str,
+    motion: str,
+    starts: int,
+    track: Track | None = None,
 ) -> Job:
     """The job of a path that is there already: its ends are the boundary states, its turn is kept."""
     holds = motion == "hermite" or objective == "smoothest"
@@ -135,13 +145,14 @@ def _along(
         motion=motion,
         duration=duration,
         turns=0,
+        starts=starts,
         turn=float(path.turn),
         track=track,
         residual=path.residual,
     )
 
 
-def _between(scenario: Scenario, limits: Limits, objective: str, motion: str) -> Job:
+def _between(scenario: Scenario, limits: Limits, objective: str, motion: str, starts: int) -> Job:
     """The job between two boundary states."""
     if scenario.start is None or scenario.end is None:
         raise ValueError("there are no [start] and [end]")
@@ -150,4 +161,4 @@ def _between(scenario: Scenario, limits: Limits, objective: str, motion: str) ->
     duration = scenario.tune.duration or scenario.duration
     turns = scenario.tune.turns or scenario.turns or 0
     path = given_path(start, end, objective, motion, duration, turns, placement)
-    return Job(path, start, end, limits, objective, motion, duration, turns)
+    return Job(path, start, end, limits, objective, motion, duration, turns, starts)

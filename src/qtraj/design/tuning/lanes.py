@@ -22,7 +22,10 @@ from qtraj.design.tuning.task import Task
 BLOCKS = (8, 64)
 """Lanes computed together, in a small search and in a large one, whose numbers still stay in the cache."""
 
-STAGES = (6, 9, 14, 24, 40)
+FEW = 16
+"""So few lanes for each core make a small search."""
+
+STAGES = (6, 9, 14, 24, 40, 80)
 """Steps after which the unfinished lanes are gathered."""
 
 CORES = os.cpu_count() or 1
@@ -34,13 +37,13 @@ def search(tasks: Task, z: ArrayLike, most_steps: int, tell: Told | None = None)
     """The searches of stacked tasks, each from its own `z`. `tell(done, lanes)` is called after every block."""
     stacked, rest = eqx.partition(tasks, eqx.is_array)
     given = jax.tree.map(np.asarray, stacked)
-    states: Any = None
+    states: Any = None  # arrays of all lanes, once the first block is known
     z = np.asarray(z)
     lanes = z.shape[0]
     left = np.arange(lanes)
-    size = BLOCKS[0] if lanes <= BLOCKS[0] * CORES else BLOCKS[1]
     with ThreadPoolExecutor(CORES) as pool:
         for steps in (0, *(s for s in STAGES if s < most_steps), most_steps):
+            size = BLOCKS[0] if left.size <= FEW * CORES else BLOCKS[1]
             blocks = [left[k : k + size] for k in range(0, left.size, size)]
             source = z if states is None else states
             jobs = [pool.submit(_run, _take(given, b, size), rest, _take(source, b, size), steps) for b in blocks]
@@ -50,8 +53,8 @@ def search(tasks: Task, z: ArrayLike, most_steps: int, tell: Told | None = None)
                     states = jax.tree.map(lambda x: np.zeros((lanes, *x.shape[1:]), x.dtype), found)
                 _put(states, block, found)
                 if tell is not None:
-                    tell(int(states.done.sum()), lanes)
-            left = left[~states.done[left]]
+                    tell(int(np.sum(states.done)), lanes)
+            left = left[~np.asarray(states.done)[left]]
             if left.size == 0:
                 break
     return jax.tree.map(jnp.asarray, states)

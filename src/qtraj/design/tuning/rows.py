@@ -1,8 +1,8 @@
 """The limits on a path as inequality rows: each at its highest peaks in time, with derivatives in the variables.
 
 A row is g(z, u) = ½((value/limit)² − 1) ≤ 0 at a fraction u of the duration. At an inner peak u moves with z so that
-∂g/∂u = 0: the gradient of the peak is ∂g/∂z (envelope theorem), its Hessian g_zz − g_zu g_uz/g_uu. Both ends are rows
-as well. Fixed times between them, with gradients alone, foretell the peaks that a step would raise.
+∂g/∂u = 0: the gradient of the peak is ∂g/∂z (envelope theorem), its Hessian g_zz − g_zu g_uz/g_uu. At an end it stands
+still. Fixed times between them, with gradients alone, foretell the peaks that a step would raise.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,8 @@ NODES = 65
 STRIDE = 4
 """Every so many nodes one is a fixed time, with a row of its own."""
 
-ENDS = 2
+ALWAYS = 3
+"""Peaks that are always sought: next to both ends, and where the path is slowest."""
 
 ABSENT = -1e3
 """The value of a row for a peak that is not there."""
@@ -59,10 +60,9 @@ def peaks_of_each(limits: Limits) -> int:
 def find_peaks(problem: Problem, limits: Limits, z: Variables) -> Peaks:
     """The peaks and ends of all limits at `z`."""
     number = peaks_of_each(limits)
-    found = [_inner_peaks(problem, z, name, limit, number) for name, limit in limits.given().items()]
-    ends = jnp.asarray([0.0, 1.0], z.dtype)
-    times = jnp.stack([jnp.concatenate([inner, ends]) for inner, _ in found])
-    return Peaks(times, jnp.stack([jnp.concatenate([there, jnp.ones(ENDS, bool)]) for _, there in found]))
+    slow = _slowest(problem, z)
+    found = [_peaks(problem, z, name, limit, number, slow) for name, limit in limits.given().items()]
+    return Peaks(*(jnp.stack(column) for column in zip(*found, strict=True)))
 
 
 def values_at(problem: Problem, limits: Limits, z: Variables, peaks: Peaks) -> Float[Array, "limits k"]:
@@ -79,7 +79,7 @@ def values_nearby(problem: Problem, limits: Limits, z: Variables, rows: Rows) ->
     """The values at `z` of rows that stand elsewhere, their peaks followed to where they are; absent ones stay so."""
     given = limits.given()
     times = rows.time.reshape(len(given), -1)
-    number = peaks_of_each(limits)
+    number = peaks_of_each(limits) + ALWAYS
     values = []
     for k, (name, limit) in enumerate(given.items()):
         g = _at_path(problem, z, name, limit)
@@ -129,7 +129,7 @@ def _highest(
 
     hessian, ((slope, mixed), (value, _)) = jax.jacfwd(first, has_aux=True)(z)
     bend = jax.jvp(lambda u: jax.jvp(lambda u: g(z, u), (u,), (jnp.ones_like(u),))[1], (u,), (jnp.ones_like(u),))[1]
-    inner = (jnp.arange(u.shape[0]) < u.shape[0] - ENDS) & (u > 0) & (u < 1) & (bend < 0)
+    inner = (u > 0) & (u < 1) & (bend < 0)
     moving = jnp.where(inner, 1 / jnp.where(inner, bend, 1.0), 0.0)
     curvature = hessian - moving[:, None, None] * mixed[:, :, None] * mixed[:, None, :]
     sound = jnp.isfinite(value) & jnp.all(jnp.isfinite(slope), 1) & jnp.all(jnp.isfinite(curvature), (1, 2))
@@ -156,21 +156,46 @@ def _at_path(problem: Problem, z: Variables, name: str, limit: Scalar) -> Callab
     return lambda u: squared(path, u * path.duration, name) / limit**2
 
 
-def _inner_peaks(
-    problem: Problem, z: Variables, name: str, limit: Scalar, peaks: int
-) -> tuple[Float[Array, " peaks"], Bool[Array, " peaks"]]:
-    """The highest inner local maxima over the nodes, polished, and which of them there are."""
+def _peaks(
+    problem: Problem, z: Variables, name: str, limit: Scalar, peaks: int, slow: Scalar
+) -> tuple[Float[Array, " k"], Bool[Array, " k"]]:
+    """The highest inner local maxima over the nodes, those next to both ends and to `slow`; which of them there are.
+
+    Where a path nearly stops its curvature may rise to a needle between the nodes: it stands where the speed, which is
+    smooth, is least.
+    """
     g = _at_path(problem, z, name, limit)
     nodes = jnp.linspace(0.0, 1.0, NODES, dtype=z.dtype)
-    values = jax.vmap(g)(nodes)
+    picked, present = _highest_nodes(jax.vmap(g)(nodes), nodes, peaks)
+    u = jnp.concatenate([picked, jnp.stack([slow, jnp.zeros_like(slow), jnp.ones_like(slow)])])
+    reach = 1 / (NODES - 1)
+    polished = climb(g, u, jnp.maximum(u - reach, 0.0), jnp.minimum(u + reach, 1.0), NEWTON_STEPS)
+    return polished, jnp.concatenate([present, jnp.ones(ALWAYS, bool)])
+
+
+def _slowest(problem: Problem, z: Variables) -> Scalar:
+    """Where the speed is least: the lowest of its inner local minima over the nodes, polished."""
+    path = problem.path(z)
+
+    def slowness(u: Scalar) -> Scalar:
+        return -squared(path, u * path.duration, "speed")
+
+    nodes = jnp.linspace(0.0, 1.0, NODES, dtype=z.dtype)
+    picked, _ = _highest_nodes(jax.vmap(slowness)(nodes), nodes, 1)
+    reach = 1 / (NODES - 1)
+    return climb(slowness, picked, picked - reach, picked + reach, NEWTON_STEPS)[0]
+
+
+def _highest_nodes(
+    values: Float[Array, " nodes"], nodes: Float[Array, " nodes"], number: int
+) -> tuple[Float[Array, " number"], Bool[Array, " number"]]:
+    """The inner nodes of the highest local maxima, and which of them there are."""
     middle = values[1:-1]
     heights = jnp.where((middle >= values[:-2]) & (middle > values[2:]), middle, -jnp.inf)
     picked, present = [], []
-    for _ in range(peaks):  # a few passes are cheaper than sorting
+    for _ in range(number):  # a few passes are cheaper than sorting
         k = jnp.argmax(heights)
         picked.append(nodes[k + 1])
         present.append(heights[k] > -jnp.inf)
-        heights = jnp.where(jnp.arange(NODES - 2) == k, -jnp.inf, heights)
-    u = jnp.stack(picked)
-    reach = 1 / (NODES - 1)
-    return climb(g, u, u - reach, u + reach, NEWTON_STEPS), jnp.stack(present)
+        heights = jnp.where(jnp.arange(heights.shape[0]) == k, -jnp.inf, heights)
+    return jnp.stack(picked), jnp.stack(present)

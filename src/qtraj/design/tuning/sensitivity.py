@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float
 
 from qtraj.design.tuning.campaign import Found
 from qtraj.design.tuning.problem import Variables
-from qtraj.design.tuning.rows import ENDS, excess
+from qtraj.design.tuning.rows import excess
 from qtraj.design.tuning.subproblem import ACTIVE
 from qtraj.design.tuning.task import Task
 
@@ -67,8 +67,7 @@ def _or_zeros(x: Array | None, change: Array | None) -> Array | None:
 
 def _active(task: Task, found: Found) -> _Active:
     rows = found.multipliers > ACTIVE
-    peaks = jnp.arange(found.times.shape[1]) < found.times.shape[1] - ENDS
-    inner = rows & peaks[None] & (found.times > 0) & (found.times < 1)
+    inner = rows & (found.times > 0) & (found.times < 1)
     return _Active(rows, inner, found.z <= task.low, (found.z >= task.high) & (task.high > task.low))
 
 

@@ -12,7 +12,7 @@ from qtraj.design.tuning.rows import Rows, values_nearby
 from qtraj.design.tuning.task import Task
 from qtraj.foundation.types import Scalar
 
-FAR = 1e4  # in units of the trust: a row or an excess this far away is not reached
+FAR = 1e4  # in units of the trust: a row this far away is not reached
 CORRECTIONS = 2  # programs solved for one step: about the point, and with the rows as they are after the first
 INTERIOR_STEPS = 12
 
@@ -110,26 +110,29 @@ def _program(
 
 def _solve(program: _Program, values: Float[Array, " m"]) -> tuple[Variables, Scalar, Float[Array, " m"]]:
     """The step, the excess it allows, and the multipliers of the rows."""
-    # In units of the trust, and of the penalty where that is large, every number is near one.
+    # Against the present excess, in units of the trust, and of the penalty where that is large: numbers near one.
+    present = jnp.maximum(jnp.max(values), 0.0)
+    below = values - present
     length, force = program.trust, jnp.maximum(program.slope[-1], 1.0)
-    slope = program.slope + (program.squared * values) @ program.tilted
+    slope = program.slope + (program.squared * below) @ program.tilted
     x, multipliers = quadratic.minimise(
         quadratic.Program(
             hessian=program.hessian * (length / force),
             slope=slope / force,
             rows=program.tilted,
-            bounds=jnp.minimum(-values / length, FAR),
-            low=jnp.append(program.low / length, 0.0),
+            bounds=jnp.minimum(-below / length, FAR),
+            low=jnp.append(program.low / length, jnp.maximum(-present / length, -FAR)),
             high=jnp.append(program.high / length, FAR),
         ),
         INTERIOR_STEPS,
     )
     x, multipliers = x * length, multipliers * force
-    moved = program.squared * (values + program.tilted @ x)
+    moved = program.squared * (below + program.tilted @ x)
     d = jnp.where(program.high > program.low, jnp.clip(x[:-1], program.low, program.high), 0.0)
     found = jnp.maximum(multipliers + moved, 0.0)
     # No more than the penalty is ever needed: a program solved badly must not leave more behind.
-    return d, x[-1], found * jnp.minimum(1.0, program.slope[-1] / jnp.maximum(jnp.sum(found), program.slope[-1]))
+    found = found * jnp.minimum(1.0, program.slope[-1] / jnp.maximum(jnp.sum(found), program.slope[-1]))
+    return d, present + x[-1], found
 
 
 def _convex(

@@ -8,6 +8,8 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.core import Tracer
+from jaxtyping import Array
 
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import SAMPLED
@@ -22,7 +24,7 @@ from qtraj.design.tuning.sensitivity import solution
 from qtraj.design.tuning.sqp import FEASIBLE
 from qtraj.design.tuning.task import Task
 from qtraj.foundation.arrays import as_float
-from qtraj.foundation.types import ArrayInput, Scalar
+from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
@@ -49,7 +51,7 @@ def tune(
     weights: Mapping[str, float] | None = None,
     starts: int = 8,
     method: str | None = None,
-    max_steps: int = 100,
+    max_steps: int = 300,
     progress: Callable[[str], None] | None = None,
 ) -> Tuned:
     """Tune the boundary velocities between two positions until `limits` hold on the whole path.
@@ -101,7 +103,7 @@ def tune(
     data = (start, end, limits, duration, turn, placement, _as_floats(bounds))
     tasks = task_of(*data) if not lanes else eqx.filter_vmap(task_of, in_axes=_axes(data, lanes))(*data)
     require_sound(tasks.problem, turn)
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tasks)):
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tasks)):
         return _outcome(tasks, limits, _traced(tasks, starts, max_steps, lanes), start, end)
     stacked = tasks if lanes else jax.tree.map(lambda x: x[None], tasks)
     search = _by_lbfgs if method == "lbfgs" else partial(campaign.best_of_each, starts=starts)
@@ -191,10 +193,7 @@ def _one_by_lbfgs(tasks: Task, most_steps: int, tell: Tell | None) -> Found:
 
 
 def _outcome(tasks: Task, limits: Limits, found: Found, start: BoundaryState, end: BoundaryState) -> Tuned:
-    if found.excess.ndim > 0:
-        path, objective, states = eqx.filter_jit(jax.vmap(_reached))(tasks, found, start, end)
-    else:
-        path, objective, states = eqx.filter_jit(_reached)(tasks, found, start, end)
+    path, objective, states = _reached(tasks, found, start, end)
     certificate = certify(path, limits)
     met = jnp.all(certificate.codes <= SAMPLED, axis=-1)
     code = jnp.where(found.settled & met, CONVERGED, NOT_CONVERGED)
@@ -202,14 +201,16 @@ def _outcome(tasks: Task, limits: Limits, found: Found, start: BoundaryState, en
     return Tuned(path, *states, objective, certificate, code, found.steps)
 
 
+@eqx.filter_jit
 def _reached(
-    task: Task, found: Found, start: BoundaryState, end: BoundaryState
-) -> tuple[SpiralHelix, Scalar, tuple[BoundaryState, BoundaryState]]:
-    """The path of the solution, the objective there, and its boundary states."""
-    z = solution(task, jax.lax.stop_gradient(found))
-    path = task.problem.path(z)
-    states = (
-        BoundaryState(start.position, path.velocity(0.0)),
-        BoundaryState(end.position, path.velocity(path.duration)),
-    )
-    return path, task.problem.attained(z), states
+    tasks: Task, found: Found, start: BoundaryState, end: BoundaryState
+) -> tuple[SpiralHelix, Array, tuple[BoundaryState, BoundaryState]]:
+    """The paths of the solutions, the objectives there, and their boundary states."""
+
+    def one(task: Task, found: Found, start: BoundaryState, end: BoundaryState) -> tuple[Any, ...]:
+        z = solution(task, jax.lax.stop_gradient(found))
+        path = task.problem.path(z)
+        first = BoundaryState(start.position, path.velocity(0.0))
+        return path, task.problem.attained(z), (first, BoundaryState(end.position, path.velocity(path.duration)))
+
+    return (jax.vmap(one) if found.excess.ndim > 0 else one)(tasks, found, start, end)

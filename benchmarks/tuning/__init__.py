@@ -1,0 +1,1 @@
+"""Tuning against general optimisers: the same problems, the same derivatives, one run."""

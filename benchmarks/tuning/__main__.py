@@ -1,0 +1,91 @@
+"""qtraj, SLSQP and IPOPT on the same random problems:  python -m benchmarks.tuning [--problems N] [--starts N]"""
+
+import argparse
+import time
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp  # noqa: E402  (after float64 is on)
+import numpy as np  # noqa: E402
+
+import qtraj as qt  # noqa: E402
+from benchmarks.tuning import ipopt, slsqp  # noqa: E402
+from benchmarks.tuning.problems import Problems, problems  # noqa: E402
+from qtraj.design.tuning.campaign import starting_points  # noqa: E402
+
+SEED = 7
+FEASIBLE = 1 + 1e-8
+WORSE = 1e-6  # of the best cost, or of a thousandth of V_ref² where that is more
+NONE = np.zeros(slsqp.ADDED)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--problems", type=int, default=200)
+    parser.add_argument("--starts", type=int, default=16, help="of SLSQP and IPOPT")
+    parser.add_argument("--own-starts", type=int, default=8, help="of qtraj")
+    chosen = parser.parse_args()
+    given = problems(chosen.problems, SEED)
+    ours, seconds = own(given, chosen.own_starts)
+    single = own(given, 1)[1]
+    rivals = {
+        "SLSQP": best_of(given, chosen.starts, lambda p, k, z, u: slsqp.solve(p, k, z, u)),
+        "IPOPT": best_of(given, chosen.starts, ipopt.solve),
+    }
+    report(chosen, given, ours, seconds, single, rivals)
+
+
+def own(given: Problems, starts: int) -> tuple[qt.Tuned, float]:
+    """The outcome of one batch, and the seconds it took once compiled."""
+    limits = jax.vmap(lambda k: qt.Limits(curvature=k))(jnp.asarray(given.limits))
+    best = jax.block_until_ready(qt.tune(given.starts, given.ends, limits, starts=starts))
+    begun = time.perf_counter()
+    best = jax.block_until_ready(qt.tune(given.starts, given.ends, limits, starts=starts))
+    return best, time.perf_counter() - begun
+
+
+def best_of(given: Problems, starts: int, solve) -> tuple[np.ndarray, float]:
+    """The least cost of each problem that keeps its limit, and the seconds of one run from the given states."""
+    costs, seconds = np.full(given.limits.size, np.inf), []
+    points = starting_points(5, starts)
+    for k, limit in enumerate(map(float, given.limits)):
+        problem = slsqp.take(given.posed, k)
+        for place, point in enumerate(points):
+            begun = time.perf_counter()
+            found = solve(problem, limit, point, NONE)
+            if place == 0:
+                seconds.append(time.perf_counter() - begun)
+            for _ in range(slsqp.EXCHANGES):
+                if found.ratio <= FEASIBLE or found.ratio > 1.01 or found.cost > costs[k]:
+                    break
+                found = solve(problem, limit, found.z, np.asarray(slsqp.summits(problem, limit, found.z)[0]))
+            if found.ratio <= FEASIBLE:
+                costs[k] = min(costs[k], found.cost)
+    return costs, float(np.mean(seconds[1:]))
+
+
+def report(chosen, given: Problems, ours: qt.Tuned, seconds: float, single: float, rivals: dict) -> None:
+    """The table of docs/tuning.md, and the problems in which qtraj was not among the best."""
+    own_costs = np.asarray(ours.objective) / np.asarray(given.posed.scale)
+    own_costs = np.where(ours.converged, own_costs, np.inf)
+    least = np.min([own_costs, *(costs for costs, _ in rivals.values())], axis=0)
+    allowed = least + WORSE * np.maximum(least, 1e-3)
+    each = 1e3 / chosen.problems
+    print("| solver | starts | solved | best of all | a problem, one start |")
+    print("|---|---|---|---|---|")
+    rows = {"qtraj": (own_costs, single / chosen.problems, chosen.own_starts)}
+    rows |= {name: (costs, one, chosen.starts) for name, (costs, one) in rivals.items()}
+    for name, (costs, one, starts) in rows.items():
+        good = int(np.sum(costs <= allowed))
+        print(f"| {name} | {starts} | {int(np.isfinite(costs).sum())} | {good} | {1e3 * one:.2f} ms |")
+    print(f"\nqtraj with {chosen.own_starts} starts: {each * seconds:.2f} ms a problem, certificates included.")
+    print(ours)
+    for k in np.flatnonzero(~(own_costs <= allowed)):
+        others = ", ".join(f"{name} {costs[k]:.9g}" for name, (costs, _) in rivals.items())
+        print(f"problem {k}: qtraj {own_costs[k]:.9g} ({ours[int(k)].status}), {others}")
+
+
+if __name__ == "__main__":
+    main()
