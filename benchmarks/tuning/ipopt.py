@@ -11,6 +11,7 @@ from qtraj.design.tuning.problem import Problem
 PARAMETERS = 13  # ρ, h, V_ρ, V_φ, V_h at both ends, the turn, T₀ and V_ref
 OPTIONS = {
     "print_time": False,
+    "show_eval_warnings": False,
     "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-11, "constr_viol_tol": 1e-11, "max_iter": 300},
 }
 

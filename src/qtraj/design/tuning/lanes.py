@@ -37,7 +37,7 @@ def search(tasks: Task, z: ArrayLike, most_steps: int, tell: Told | None = None)
     """The searches of stacked tasks, each from its own `z`. `tell(done, lanes)` is called after every block."""
     stacked, rest = eqx.partition(tasks, eqx.is_array)
     given = jax.tree.map(np.asarray, stacked)
-    states: Any = None  # arrays of all lanes, once the first block is known
+    states: Any = ()  # arrays of all lanes, once the first block is known
     z = np.asarray(z)
     lanes = z.shape[0]
     left = np.arange(lanes)
@@ -45,11 +45,11 @@ def search(tasks: Task, z: ArrayLike, most_steps: int, tell: Told | None = None)
         for steps in (0, *(s for s in STAGES if s < most_steps), most_steps):
             size = BLOCKS[0] if left.size <= FEW * CORES else BLOCKS[1]
             blocks = [left[k : k + size] for k in range(0, left.size, size)]
-            source = z if states is None else states
+            source = z if steps == 0 else states
             jobs = [pool.submit(_run, _take(given, b, size), rest, _take(source, b, size), steps) for b in blocks]
             for block, job in zip(blocks, jobs, strict=True):
                 found = job.result()
-                if states is None:
+                if states == ():
                     states = jax.tree.map(lambda x: np.zeros((lanes, *x.shape[1:]), x.dtype), found)
                 _put(states, block, found)
                 if tell is not None:

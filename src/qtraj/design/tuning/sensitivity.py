@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float
 from qtraj.design.tuning.campaign import Found
 from qtraj.design.tuning.problem import Variables
 from qtraj.design.tuning.rows import excess
-from qtraj.design.tuning.subproblem import ACTIVE
+from qtraj.design.tuning.subproblem import ACTIVE, AT_BOUND
 from qtraj.design.tuning.task import Task
 
 
@@ -68,7 +68,8 @@ def _or_zeros(x: Array | None, change: Array | None) -> Array | None:
 def _active(task: Task, found: Found) -> _Active:
     rows = found.multipliers > ACTIVE
     inner = rows & (found.times > 0) & (found.times < 1)
-    return _Active(rows, inner, found.z <= task.low, (found.z >= task.high) & (task.high > task.low))
+    high = (found.z >= task.high - AT_BOUND) & (task.high > task.low)
+    return _Active(rows, inner, found.z <= task.low + AT_BOUND, high)
 
 
 def _conditions(task: Task, x: _Unknowns, at: _Unknowns, active: _Active) -> _Unknowns:

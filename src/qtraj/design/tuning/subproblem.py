@@ -17,6 +17,7 @@ CORRECTIONS = 2  # programs solved for one step: about the point, and with the r
 INTERIOR_STEPS = 12
 
 ACTIVE = 1e-7  # a multiplier above this takes its row for active
+AT_BOUND = 1e-7  # a variable this near to a bound stands on it
 CONVEX = 1e-5  # least pivot of a Hessian that is used as it is
 LADDER = (
     (0.0, 0.0),
@@ -69,7 +70,7 @@ def best_move(
     d, allowed, found, after = (x[-1] for x in solved)
     cost = task.weight * (model.slope @ d + 0.5 * d @ model.curvature @ d)
     balance = task.weight * model.slope + found @ rows.slope
-    inside = (z > task.low) & (z < task.high)
+    inside = (z > task.low + AT_BOUND) & (z < task.high - AT_BOUND)
     residual = jnp.max(jnp.abs(jnp.where(inside, balance, 0.0))) / jnp.maximum(penalty, 1.0)
     return Move(d, found, allowed, penalty * (jnp.maximum(jnp.max(rows.value), 0.0) - after) - cost, residual)
 
