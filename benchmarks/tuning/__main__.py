@@ -1,4 +1,4 @@
-"""qtraj, SLSQP and IPOPT on the same random problems:  python -m benchmarks.tuning [--problems N] [--starts N]"""
+"""qtraj, SLSQP and IPOPT on the same random problems:  python -m benchmarks.tuning [--problems N]"""
 
 import argparse
 import time
@@ -24,15 +24,16 @@ NONE = np.zeros(slsqp.ADDED)
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--problems", type=int, default=200)
-    parser.add_argument("--starts", type=int, default=16, help="of SLSQP and IPOPT")
+    parser.add_argument("--slsqp-starts", type=int, default=16)
+    parser.add_argument("--ipopt-starts", type=int, default=4)
     parser.add_argument("--own-starts", type=int, default=8, help="of qtraj")
     chosen = parser.parse_args()
     given = problems(chosen.problems, SEED)
     ours, seconds = own(given, chosen.own_starts)
     single = own(given, 1)[1]
     rivals = {
-        "SLSQP": best_of(given, chosen.starts, lambda p, k, z, u: slsqp.solve(p, k, z, u)),
-        "IPOPT": best_of(given, chosen.starts, ipopt.solve),
+        "SLSQP": best_of(given, chosen.slsqp_starts, slsqp.solve),
+        "IPOPT": best_of(given, chosen.ipopt_starts, ipopt.solve),
     }
     report(chosen, given, ours, seconds, single, rivals)
 
@@ -76,7 +77,8 @@ def report(chosen, given: Problems, ours: qt.Tuned, seconds: float, single: floa
     print("| solver | starts | solved | best of all | a problem, one start |")
     print("|---|---|---|---|---|")
     rows = {"qtraj": (own_costs, single / chosen.problems, chosen.own_starts)}
-    rows |= {name: (costs, one, chosen.starts) for name, (costs, one) in rivals.items()}
+    starts_of = {"SLSQP": chosen.slsqp_starts, "IPOPT": chosen.ipopt_starts}
+    rows |= {name: (costs, one, starts_of[name]) for name, (costs, one) in rivals.items()}
     for name, (costs, one, starts) in rows.items():
         good = int(np.sum(costs <= allowed))
         print(f"| {name} | {starts} | {int(np.isfinite(costs).sum())} | {good} | {1e3 * one:.2f} ms |")

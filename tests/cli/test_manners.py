@@ -85,7 +85,7 @@ def test_progress_is_shown_on_a_terminal(monkeypatch):
     monkeypatch.setattr(terminal, "stderr", lambda: screen)
     with terminal.watching() as watch:
         watch.say("fitting")
-        watch.round(3, 0.5, 0.02)
+        watch.tuning("3 of 8 searches")
     assert "tuning: round 3, limits exceeded by 2 %" in screen.file.getvalue()
 
 

@@ -341,3 +341,21 @@ def test_the_solution_is_differentiable_in_its_data():
         assert float(slope) == pytest.approx(float(higher - lower) / (2 * size), rel=2e-5)
     _, forward = jax.jvp(duration, at, (1.0, 0.0, 0.0))
     assert float(forward) == pytest.approx(float(gradient[0]), rel=1e-9)
+
+
+def test_a_batch_ends_where_its_lanes_do():
+    starts, ends, limits = stacked(2)
+    many = qt.tune(starts, ends, limits, starts=1)
+    assert len(list(many)) == 2
+    with pytest.raises(IndexError, match="there are 2 problems"):
+        many[2]
+    with pytest.raises(ValueError, match="lanes"):
+        qt.tune(START, END, limits)
+    shared = qt.tune(starts, END, LIMITS, starts=1)
+    np.testing.assert_array_equal(shared.end.position[1], END.position)
+
+
+def test_velocities_that_all_vanish_are_refused():
+    still = qt.BoundaryState(START.position, [0.0, 0.0, 0.0])
+    with pytest.raises(ValueError, match="not all zero"):
+        qt.tune(still, qt.BoundaryState(END.position, [0.0, 0, 0]), LIMITS, motion="hermite", duration=4.0, turn=1.0)

@@ -69,7 +69,7 @@ def lay(given: ScenarioFile[Scenario], choice: Choice = Choice()) -> Job:
     scenario = given.scenario
     objective = choice.objective or scenario.tune.objective
     motion = choice.motion or scenario.tune.motion
-    starts = choice.starts or scenario.tune.starts
+    starts = scenario.tune.starts if choice.starts is None else choice.starts
     limits = Limits(**scenario.limits.given())
     try:
         if scenario.track is not None:

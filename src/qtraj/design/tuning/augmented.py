@@ -87,7 +87,7 @@ def search(task: Task, z: Variables, most_rounds: int, tell: Callable[[str], Non
     boxed = Boxed(task.problem, task.low, task.high)
     last, settled = _solve(boxed, task.limits, boxed.outside(z), most_rounds, tell)
     z = boxed.inside(last.z)
-    # The rows of the other method, for what is derived from a solution: advice, derivatives.
+    # Advice starts from the peaks of the other method, whose multipliers it finds itself.
     peaks = find_peaks(task.problem.without_objective(), task.limits, z)
     settled_at = jnp.asarray(settled)
     return Found(z, jnp.zeros_like(peaks.time), peaks.time, last.violation, settled_at, last.steps)

@@ -49,18 +49,20 @@ def weights_of(weights: Mapping[str, float], objective: object) -> Float[Array, 
 
 def box(problem: Problem, fixed: Sequence[str], bounds: Bounds) -> tuple[Variables, Variables]:
     """Lowest and highest values of the variables z of one problem."""
-    low, high = [], []
+    low: list[Scalar] = []
+    high: list[Scalar] = []
     for name in problem.names:
         farthest = LARGEST_LOGARITHM if name == DURATION else LARGEST_CHANGE
         if name in fixed:
             farthest = 0.0
-        below, above = bounds.get(name, (None, None))
-        low.append(-farthest if below is None else _variable(problem, name, below))
-        high.append(farthest if above is None else _variable(problem, name, above))
+        below, above = (None if x is None else _variable(problem, name, x) for x in bounds.get(name, (None, None)))
+        # What is not bounded reaches far, and from a bound that is itself far as far again.
+        low.append(below if below is not None else jnp.minimum(-farthest, (0.0 if above is None else above) - farthest))
+        high.append(above if above is not None else jnp.maximum(farthest, (0.0 if below is None else below) + farthest))
     return _stacked(low, problem), _stacked(high, problem)
 
 
-def _stacked(values: list[float | Scalar], problem: Problem) -> Variables:
+def _stacked(values: list[Scalar], problem: Problem) -> Variables:
     return jnp.stack([jnp.asarray(x, problem.speed.dtype) for x in values])
 
 

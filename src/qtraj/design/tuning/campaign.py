@@ -1,5 +1,6 @@
 """Tuning from several starts: the best of the searches, or the path that exceeds the limits least."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -11,7 +12,6 @@ from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.design.limits import Limits
 from qtraj.design.tuning import lanes
-from qtraj.design.tuning.problem import Variables
 from qtraj.design.tuning.sqp import FEASIBLE, State, solve
 from qtraj.design.tuning.task import Task
 
@@ -21,6 +21,9 @@ SPREAD = 0.3
 SEED = 20171993
 LOWERINGS, LOWERED = 6, 0.5
 """How often, and to what part of the least excess found, the limits are set to find a lesser one."""
+
+UNMET = 1e100
+"""What not meeting the limits counts for, against any cost."""
 
 Tell = Callable[[str], None]
 
@@ -75,6 +78,7 @@ def best_of_each(tasks: Task, starts: int, most_steps: int, tell: Tell | None = 
 
 def least_excess(tasks: Task, found: Found, most_steps: int, tell: Tell | None = None) -> Found:
     """From where other searches ended, the least of the largest excess over the limits of each of many problems."""
+    tasks = _without_objective(tasks)
     for _ in range(LOWERINGS):
         ratio = jnp.sqrt(1 + 2 * found.excess)
         limits = _scaled(tasks.limits, LOWERED * ratio)
@@ -94,11 +98,22 @@ def take(tree: Any, lane: Any) -> Any:
     return jax.tree.map(lambda x: x[lane] if eqx.is_array(x) else x, tree)
 
 
+def _without_objective(tasks: Task) -> Task:
+    """The same tasks without an objective of the user's, which need not be twice differentiable."""
+    if isinstance(tasks.problem.objective, str):
+        return tasks
+    one = take(tasks, 0)
+    plain = dataclasses.replace(one, problem=one.problem.without_objective())
+    return jax.tree.unflatten(jax.tree.structure(plain), jax.tree.leaves(tasks))
+
+
 def _rescue(tasks: Task, found: Found, most_steps: int, tell: Tell | None) -> Found:
     least = least_excess(tasks, found, most_steps, tell)
     again = _found(lanes.search(tasks, least.z, most_steps, _counted(tell, "searches")))
     met = again.excess <= FEASIBLE
     steps = found.steps + least.steps + again.steps
+    # A path that meets the limits at the least excess, and that the objective then left, is not a solution.
+    least = least._replace(settled=least.settled & (least.excess > FEASIBLE))
     chosen = jax.tree.map(lambda a, b: jnp.where(met.reshape(-1, *(1,) * (a.ndim - 1)), a, b), again, least)
     return chosen._replace(steps=steps)
 
@@ -106,7 +121,8 @@ def _rescue(tasks: Task, found: Found, most_steps: int, tell: Tell | None) -> Fo
 def _merit(states: State) -> Float[Array, " *lanes"]:
     """The cost where the limits are met; where not, something larger that grows with the excess."""
     cost = jnp.where(states.settled, states.cost, states.cost + 1e-9 * jnp.abs(states.cost))
-    return jnp.where(states.excess <= FEASIBLE, cost, 1e6 * (1 + jnp.minimum(states.excess, 1e100)))
+    met = (states.excess <= FEASIBLE) & jnp.isfinite(cost)
+    return jnp.where(met, cost, UNMET * (1 + jnp.minimum(states.excess, 1e100)))
 
 
 def _found(states: State) -> Found:
@@ -117,7 +133,7 @@ def _repeat(tasks: Task, times: int) -> Task:
     return jax.tree.map(lambda x: jnp.repeat(x, times, axis=0) if eqx.is_array(x) else x, tasks)
 
 
-def _scaled(limits: Limits, factor: Variables) -> Limits:
+def _scaled(limits: Limits, factor: Float[Array, " lanes"]) -> Limits:
     return jax.tree.map(lambda limit: limit * factor, limits)
 
 

@@ -9,8 +9,9 @@ import jax
 import numpy as np
 
 from qtraj.design.limits import Limits
+from qtraj.design.magnitudes import UNITS
 from qtraj.design.tuning.problem import BOUNDING, MOTIONS, OBJECTIVES, Objective, Problem
-from qtraj.foundation.arrays import concrete
+from qtraj.foundation.arrays import concrete, require_positive
 from qtraj.foundation.types import Scalar
 from qtraj.path.boundary import BoundaryState
 
@@ -51,14 +52,18 @@ def require_choices(
         )
 
 
-def require_sound(problem: Problem, turn: Scalar | None) -> None:
-    """Raise a ValueError for boundary data that make no problem, where they are known; `turn` is the given one.
+def require_sound(problem: Problem, turn: Scalar | None, limits: Limits) -> None:
+    """Raise a ValueError for data that make no problem, where they are known; `turn` is the given one.
 
     One problem, or many with the lanes in front.
     """
-    if any(concrete(leaf) is None for leaf in jax.tree.leaves((problem.start, problem.end, problem.duration, turn))):
+    if any(
+        concrete(leaf) is None for leaf in jax.tree.leaves((problem.start, problem.end, problem.duration, turn, limits))
+    ):
         return
-    for fault in (_radii, _sense, _azimuths, _durations, _objectives):
+    for name, limit in limits.given().items():
+        require_positive(limit, f"the limit {name}", UNITS[name] or "-")
+    for fault in (_speeds, _radii, _sense, _azimuths, _durations, _objectives):
         fault(problem, turn is not None)
     if turn is not None:
         _turns(problem, np.asarray(turn))
@@ -70,6 +75,14 @@ def _refuse(bad: np.ndarray | np.bool_, message: Callable[[tuple[int, ...]], str
         return
     place = tuple(int(i) for i in np.argwhere(bad)[0])
     raise ValueError((f"problem {place[0]} of the batch: " if place else "") + message(place))
+
+
+def _speeds(problem: Problem, _: bool) -> None:
+    speed = np.asarray(problem.speed)
+    _refuse(
+        ~((speed > 0) & np.isfinite(speed)),
+        lambda k: f"the given velocities must be finite and not all zero: their mean is {speed[k]} m/s",
+    )
 
 
 def _radii(problem: Problem, _: bool) -> None:
@@ -99,7 +112,7 @@ def _azimuths(problem: Problem, _: bool) -> None:
     )
 
 
-def _durations(problem: Problem, _: bool) -> None:
+def _durations(problem: Problem, known: bool) -> None:
     duration = np.asarray(problem.duration)
     a, b = (np.asarray(state.velocity)[..., 1] / np.asarray(state.radius) for state in (problem.start, problem.end))
     opposite = ~(duration > 0) & (np.sign(a) * np.sign(b) <= 0)
@@ -109,6 +122,13 @@ def _durations(problem: Problem, _: bool) -> None:
             f"the given states turn in opposite senses (V_phi/rho is {a[k]:.6g} rad/s at the start and "
             f"{b[k]:.6g} at the end), so they have no common duration: give the end a velocity in the sense of the "
             "start's, or take motion='hermite' with a duration."
+        ),
+    )
+    _refuse(
+        known & (duration < 0),
+        lambda _: (
+            "the given turn is against the sense of V_phi, so the states have no duration of their own: give one, "
+            "with motion='hermite', or a turn in the sense of the states"
         ),
     )
     _refuse(

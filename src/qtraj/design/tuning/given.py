@@ -35,7 +35,7 @@ def given_path(
         require_choices(start, end, any_limit, objective, motion, duration is not None)
         duration, turn = (None if x is None else as_float(x) for x in (duration, turn))
         problem = pose(start, end, objective, motion, duration, turns, placement, turn)
-        require_sound(problem, turn)
+        require_sound(problem, turn, any_limit)
         return problem.path(jnp.zeros(problem.size, problem.speed.dtype))
     if motion != "hermite" or duration is None:
         raise ValueError("boundary states with accelerations make a path only with motion='hermite' and a duration")

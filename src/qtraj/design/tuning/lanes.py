@@ -37,7 +37,8 @@ def search(tasks: Task, z: ArrayLike, most_steps: int, tell: Told | None = None)
     """The searches of stacked tasks, each from its own `z`. `tell(done, lanes)` is called after every block."""
     stacked, rest = eqx.partition(tasks, eqx.is_array)
     given = jax.tree.map(np.asarray, stacked)
-    states: Any = ()  # arrays of all lanes, once the first block is known
+    states: Any = None  # arrays of all lanes, once the first block is known
+    x64 = bool(jax.config.read("jax_enable_x64"))
     z = np.asarray(z)
     lanes = z.shape[0]
     left = np.arange(lanes)
@@ -46,10 +47,12 @@ def search(tasks: Task, z: ArrayLike, most_steps: int, tell: Told | None = None)
             size = BLOCKS[0] if left.size <= FEW * CORES else BLOCKS[1]
             blocks = [left[k : k + size] for k in range(0, left.size, size)]
             source = z if steps == 0 else states
-            jobs = [pool.submit(_run, _take(given, b, size), rest, _take(source, b, size), steps) for b in blocks]
-            for block, job in zip(blocks, jobs, strict=True):
-                found = job.result()
-                if states == ():
+            calls = [(_take(given, b, size), rest, _take(source, b, size), steps, x64) for b in blocks]
+            compiled = _run(*calls[0])  # alone, so that no two threads compile the same
+            jobs = [pool.submit(_run, *call) for call in calls[1:]]
+            for k, block in enumerate(blocks):
+                found = compiled if k == 0 else jobs[k - 1].result()
+                if states is None:
                     states = jax.tree.map(lambda x: np.zeros((lanes, *x.shape[1:]), x.dtype), found)
                 _put(states, block, found)
                 if tell is not None:
@@ -60,9 +63,10 @@ def search(tasks: Task, z: ArrayLike, most_steps: int, tell: Told | None = None)
     return jax.tree.map(jnp.asarray, states)
 
 
-def _run(given: Task, rest: Task, source: Any, steps: int) -> State:
-    call = _begin(given, rest, source) if steps == 0 else _proceed(given, rest, source, jnp.asarray(steps))
-    return jax.tree.map(np.asarray, call)
+def _run(given: Task, rest: Task, source: Any, steps: int, x64: bool) -> State:
+    with jax.enable_x64(x64):  # a thread does not have the settings of its parent
+        call = _begin(given, rest, source) if steps == 0 else _proceed(given, rest, source, jnp.asarray(steps))
+        return jax.tree.map(np.asarray, call)
 
 
 @eqx.filter_jit

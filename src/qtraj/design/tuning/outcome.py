@@ -82,6 +82,8 @@ class Tuned(eqx.Module):
     def __getitem__(self, lane: Any) -> "Tuned":
         if self.code.ndim == 0:
             raise TypeError("this is the outcome of one problem: only that of many has lanes")
+        if isinstance(lane, int) and not -len(self) <= lane < len(self):
+            raise IndexError(f"there are {len(self)} problems, and none at {lane}")
         return Tuned(
             jax.tree.map(lambda x: x[lane], self.path),
             jax.tree.map(lambda x: x[lane], self.start),

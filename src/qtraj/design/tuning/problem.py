@@ -174,7 +174,8 @@ def _own_duration(a: Cylindrical, b: Cylindrical, turn: Scalar, motion: str) -> 
 def _scale(problem: Problem) -> Scalar:
     """The objective's size: V_ref², T₀, or its value at the given states."""
     if problem.objective == "nearest":
-        return problem.speed**2
+        heaviest = jnp.max(problem.weights)
+        return problem.speed**2 * jnp.where(heaviest > 0, heaviest, 1.0)
     if problem.objective == "fastest":
         return problem.duration
     size = jnp.abs(problem.attained(jnp.zeros(problem.size, problem.speed.dtype)))

@@ -12,7 +12,6 @@ from jaxtyping import Array, Float
 
 from qtraj.foundation.types import Flag, Scalar, ScalarLike
 
-STEPS = 14
 TO_THE_BORDER = 0.995  # of the way to where a slack or a multiplier would vanish
 LEAST_GAP = 1e-17  # of complementarity: below it only rounding moves the iterate
 FIRST = 0.1  # slack and multiplier at the start, in problems scaled to numbers near one
@@ -98,7 +97,7 @@ class _Iterate(NamedTuple):
     multiplier: Float[Array, " k"]
 
 
-def minimise(program: Program, steps: int = STEPS) -> tuple[Vector, Float[Array, " m"]]:
+def minimise(program: Program, steps: int) -> tuple[Vector, Float[Array, " m"]]:
     """The solution x, and the multipliers of the rows."""
     slack = jnp.maximum(program.room, FIRST)
     start = _Iterate(jnp.zeros_like(program.slope), slack, jnp.full_like(slack, FIRST))

@@ -58,7 +58,8 @@ def advice(tasks: Task, found: Found, most_steps: int, tell: Tell | None) -> str
     broken = [name for name, ratio in worst.items() if ratio > 1 + FEASIBLE]
     alone = {name: _least_alone(tasks, found, name, most_steps, tell) for name in broken} if len(given) > 1 else worst
     lines = [_verdict(name, alone[name], float(given[name][0])) for name in broken]
-    remedies = [f"raise {name} to {quantity(name, MARGIN * worst[name] * float(given[name][0]))}" for name in broken]
+    raised = [f"{name} to {quantity(name, MARGIN * worst[name] * float(given[name][0]))}" for name in broken]
+    remedies = ["raise " + " and ".join(raised)]
     remedies += _move(tasks, found, most_steps, tell)
     problem = tasks.problem
     if problem.motion == "uniform":
@@ -114,11 +115,8 @@ def _moved_until_met(tasks: Task, found: Found, k: int, most_steps: int, tell: T
     for _ in range(MOVES):
         step, relative = _tangents(tasks, found)[k]
         value = float(_value(tasks.problem, number)[0]) + OVERSHOT * step
-        if (
-            not math.isfinite(relative)
-            or abs(value - first) > FARTHEST * size
-            or (number.field == "radius" and value <= 0)
-        ):
+        through_zero = number.field != "height" and value * first <= 0
+        if not math.isfinite(relative) or abs(value - first) > FARTHEST * size or through_zero:
             return None
         moved = _with(tasks.problem, number, jnp.full_like(tasks.weight, value))
         tasks = eqx.tree_at(lambda t: t.problem, tasks, moved)

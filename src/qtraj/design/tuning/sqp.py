@@ -4,8 +4,8 @@ It minimises weight·cost + ν·max(0, g₁, …) over a box: an exact penalty, 
 continuous while peaks come and go. Each step solves a convex quadratic program in the step d and the excess t allowed,
 in a box of trust; the Hessian is that of the Lagrangian, exact, with the motion of the peaks. Where it is not positive
 definite, squares of the active rows are added first (which does not change the solution where they stay active), and
-multiples of the identity when that is not enough. A step that raises what is minimised is refused: the trust shrinks,
-and the time where it broke a limit most becomes a row.
+multiples of the identity when that is not enough. A step that raises what is minimised is refused, and the trust
+shrinks.
 """
 
 from typing import NamedTuple

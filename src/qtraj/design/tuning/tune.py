@@ -98,12 +98,14 @@ def tune(
         low, high = box(problem, fixed, bounds)
         return Task(problem, aims, low, high, jnp.ones_like(problem.speed))
 
-    lanes = start.position.shape[:-1]
-    require_float64_state(start)
+    start, end, lanes = _stacked(start, end)
     data = (start, end, limits, duration, turn, placement, _as_floats(bounds))
-    tasks = task_of(*data) if not lanes else eqx.filter_vmap(task_of, in_axes=_axes(data, lanes))(*data)
-    require_sound(tasks.problem, turn)
+    axes = _axes(data, lanes)
+    tasks = eqx.filter_vmap(task_of, in_axes=axes)(*data) if lanes else task_of(*data)
+    require_sound(tasks.problem, turn, limits)
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tasks)):
+        if method == "lbfgs" and not isinstance(objective, str):
+            raise ValueError("the search 'lbfgs' cannot be traced: pass method='sqp' under jit, vmap and grad")
         return _outcome(tasks, limits, _traced(tasks, starts, max_steps, lanes), start, end)
     stacked = tasks if lanes else jax.tree.map(lambda x: x[None], tasks)
     search = _by_lbfgs if method == "lbfgs" else partial(campaign.best_of_each, starts=starts)
@@ -116,13 +118,26 @@ def tune(
     return dataclasses.replace(outcome, advice=relief.advice(stacked, found, max_steps, progress))
 
 
-def require_float64_state(state: BoundaryState) -> None:
-    """Raise a ValueError for a state in lower precision than float64."""
-    if state.position.dtype != jnp.float64:
+def _stacked(start: BoundaryState, end: BoundaryState) -> tuple[BoundaryState, BoundaryState, tuple[int, ...]]:
+    """Both states with the lanes of either, and these lanes.
+
+    **Raises:** ValueError in lower precision than float64, and for lanes that are none or do not agree.
+    """
+    for state in (start, end):
+        if state.position.dtype != jnp.float64:
+            raise ValueError(
+                f"tuning needs float64, but these states are in {state.position.dtype}. Call "
+                "jax.config.update('jax_enable_x64', True) before building them."
+            )
+    shapes = {state.position.shape[:-1] for state in (start, end)} - {()}
+    if len(shapes) > 1 or any(len(shape) != 1 or shape[0] == 0 for shape in shapes):
         raise ValueError(
-            f"tuning needs float64, but these states are in {state.position.dtype}. Call "
-            "jax.config.update('jax_enable_x64', True) before building them."
+            f"the states must have one axis of lanes, the same for both or none: shapes {start.position.shape} and "
+            f"{end.position.shape} were given"
         )
+    lanes: tuple[int, ...] = shapes.pop() if shapes else ()
+    both = jax.tree.map(lambda x: jnp.broadcast_to(x, (*lanes, 3)), (start, end))
+    return *both, lanes
 
 
 def _method(method: str | None, objective: Objective) -> str:
@@ -148,11 +163,11 @@ def _axes(data: tuple[Any, ...], lanes: tuple[int, ...]) -> tuple[Any, ...]:
         if x.ndim == plain:
             return None
         if x.shape[: x.ndim - plain] != lanes:
-            raise ValueError(f"the states have lanes {lanes}, but other data have the shape {x.shape}")
+            raise ValueError(
+                f"the states have the lanes {lanes}, but other data have the shape {x.shape}: stack the states likewise"
+            )
         return 0
 
-    if len(lanes) > 1:
-        raise ValueError(f"one axis of lanes was expected, but the states have {lanes}: reshape them")
     return tuple(
         jax.tree.map(lambda x, plain=int(vector): axis(x, plain), part)
         for part, vector in zip(data, vectors, strict=True)
@@ -183,21 +198,19 @@ def _one_by_lbfgs(tasks: Task, most_steps: int, tell: Tell | None) -> Found:
     found = augmented.search(task, given, most_steps, tell)
     if float(found.excess) <= FEASIBLE:
         return found
-    # The least excess does not ask for the objective, which need not be twice differentiable.
-    plain = dataclasses.replace(task, problem=task.problem.without_objective())
-    plain, at = jax.tree.map(lambda x: x[None], (plain, found))
-    least = take(campaign.least_excess(plain, at, most_steps, tell), 0)
+    least = take(campaign.least_excess(tasks, jax.tree.map(lambda x: x[None], found), most_steps, tell), 0)
     if float(least.excess) > FEASIBLE:
         return least
-    return augmented.search(task, least.z, most_steps, tell)
+    again = augmented.search(task, least.z, most_steps, tell)
+    return again if float(again.excess) <= FEASIBLE else least._replace(settled=jnp.asarray(False))
 
 
 def _outcome(tasks: Task, limits: Limits, found: Found, start: BoundaryState, end: BoundaryState) -> Tuned:
     path, objective, states = _reached(tasks, found, start, end)
     certificate = certify(path, limits)
     met = jnp.all(certificate.codes <= SAMPLED, axis=-1)
-    code = jnp.where(found.settled & met, CONVERGED, NOT_CONVERGED)
-    code = jnp.where(found.excess > FEASIBLE, INFEASIBLE, code)
+    code = jnp.where(found.settled & met & (found.excess <= FEASIBLE), CONVERGED, NOT_CONVERGED)
+    code = jnp.where((found.excess > FEASIBLE) & ~met, INFEASIBLE, code)
     return Tuned(path, *states, objective, certificate, code, found.steps)
 
 
