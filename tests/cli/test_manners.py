@@ -86,14 +86,14 @@ def test_progress_is_shown_on_a_terminal(monkeypatch):
     with terminal.watching() as watch:
         watch.say("fitting")
         watch.tuning("3 of 8 searches")
-    assert "tuning: round 3, limits exceeded by 2 %" in screen.file.getvalue()
+    assert "tuning: 3 of 8 searches" in screen.file.getvalue()
 
 
 @pytest.mark.parametrize(
     ("arguments", "fragments"),
     [
-        ([], ["tune", "evaluate", "turn", "track", "Example"]),
-        (["tune"], ["--out", "--json", "--motion", "--objective", "Example"]),
+        ([], ["tune", "evaluate", "turn", "track", "report", "Example"]),
+        (["tune"], ["--out", "--json", "--motion", "--objective", "--starts", "Example"]),
         (["evaluate"], ["--samples", "--step", "--out", "--json", "Example"]),
         (["turn"], ["--samples", "--out", "--json", "Example"]),
         (["track"], ["--out", "--json", "Example"]),
