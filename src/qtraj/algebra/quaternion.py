@@ -77,12 +77,12 @@ def canonical(q: Quat) -> Quat:
 
 def from_xyzw(xyzw: Quat) -> Quat:
     """λ from components with the scalar part last, as SciPy's default, ROS and TUM files have them."""
-    return jnp.roll(xyzw, 1)
+    return jnp.roll(xyzw, 1, axis=-1)
 
 
 def to_xyzw(q: Quat) -> Quat:
     """The components of λ with the scalar part last."""
-    return jnp.roll(q, -1)
+    return jnp.roll(q, -1, axis=-1)
 
 
 def _negative(x: Scalar, next_is: Flag) -> Flag:
