@@ -16,7 +16,7 @@ from benchmarks.tuning.problems import Problems, problems  # noqa: E402
 from qtraj.design.tuning.campaign import starting_points  # noqa: E402
 
 SEED = 7
-FEASIBLE = 1 + 1e-8
+FEASIBLE = 1 + 1e-10
 WORSE = 1e-6  # of the best cost, or of a thousandth of V_ref² where that is more
 NONE = np.zeros(slsqp.ADDED)
 

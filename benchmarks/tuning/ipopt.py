@@ -5,7 +5,7 @@ from functools import cache
 import casadi
 import numpy as np
 
-from benchmarks.tuning.slsqp import INSTANTS, Solved, summits
+from benchmarks.tuning.slsqp import INSTANTS, Solved, functions, summits
 from qtraj.design.tuning.problem import Problem
 
 PARAMETERS = 13  # ρ, h, V_ρ, V_φ, V_h at both ends, the turn, T₀ and V_ref
@@ -42,7 +42,9 @@ def solve(problem: Problem, limit: float, start: np.ndarray, added: np.ndarray) 
     found = _solver(len(added))(x0=start, p=parameters, ubg=0.0, lbg=-np.inf)
     z = np.asarray(found["x"]).ravel()
     z = np.where(np.isfinite(z), z, start)
-    return Solved(z, float(found["f"]), float(summits(problem, limit, z)[1]))
+    # Its own cost is not always that of the point it returns, as after an evaluation that failed.
+    cost = float(functions(problem, limit, added, z)[0])
+    return Solved(z, cost, float(summits(problem, limit, z)[1]))
 
 
 def _cubic(a: casadi.SX, b: casadi.SX, va: casadi.SX, vb: casadi.SX, period: casadi.SX) -> tuple[casadi.SX, ...]:
