@@ -232,6 +232,7 @@ def test_too_few_steps_are_said():
         ({"bounds": {"duration": (-1.0, 5.0)}}, "must be positive"),
         ({"weights": {"end.V_h": -1.0}}, "must be a finite number of 0 or more"),
         ({"weights": {"end.V_h": 1.0}, "objective": "smoothest"}, "weights belong to objective='nearest'"),
+        ({"weights": {"duration": 2.0}}, "'duration' cannot be weighed"),
         ({"method": "newton"}, "'sqp' or 'lbfgs'"),
         ({"starts": 0}, "must be 1 or more"),
         ({"objective": lambda path: path.duration * jnp.nan}, "must be finite there"),
@@ -359,3 +360,9 @@ def test_velocities_that_all_vanish_are_refused():
     still = qt.BoundaryState(START.position, [0.0, 0.0, 0.0])
     with pytest.raises(ValueError, match="not all zero"):
         qt.tune(still, qt.BoundaryState(END.position, [0.0, 0, 0]), LIMITS, motion="hermite", duration=4.0, turn=1.0)
+
+
+@pytest.mark.parametrize("change", [{"method": "lbfgs"}, {"objective": lambda path: path.length()}])
+def test_the_search_that_cannot_be_traced_says_so(change):
+    with pytest.raises(ValueError, match="pass method='sqp'"):
+        jax.jit(lambda k: qt.tune(START, END, qt.Limits(curvature=k), **change).path)(0.048)

@@ -31,12 +31,12 @@ def require_names(motion: str, holds_duration: bool, fixed: Sequence[str], bound
         _require_order(name, low, high)
 
 
-def weights_of(weights: Mapping[str, float], objective: object) -> Float[Array, " 7"]:
+def weights_of(weights: Mapping[str, float], objective: object, motion: str) -> Float[Array, " 7"]:
     """The weights of the squared changes, in the order of `Problem.weights`; 1 where nothing is said.
 
     **Raises:** ValueError for a name that weighs nothing, or a weight that is not a finite number of 0 or more.
     """
-    names = (*VELOCITIES, DURATION)
+    names = (*VELOCITIES, DURATION) if motion == "hermite" else VELOCITIES
     if weights and objective != "nearest":
         raise ValueError(f"weights belong to objective='nearest', but the objective is {objective!r}: leave them out")
     for name, weight in weights.items():
@@ -44,7 +44,7 @@ def weights_of(weights: Mapping[str, float], objective: object) -> Float[Array, 
             raise ValueError(f"{name!r} cannot be weighed: the changes that 'nearest' sums are {', '.join(names)}")
         if not (np.ndim(weight) == 0 and np.isfinite(weight) and weight >= 0):
             raise ValueError(f"the weight of {name} must be a finite number of 0 or more, but {weight!r} was given")
-    return jnp.asarray([float(weights.get(name, 1.0)) for name in names])
+    return jnp.asarray([float(weights.get(name, 1.0)) for name in (*VELOCITIES, DURATION)])
 
 
 def box(problem: Problem, fixed: Sequence[str], bounds: Bounds) -> tuple[Variables, Variables]:

@@ -78,7 +78,8 @@ def tune(
     **Batches**: states with lanes in front (`jax.vmap(BoundaryState)(positions, velocities)`), and limits, duration,
     turn and placement with the same lanes or shared, give an outcome with lanes, one compiled search for all.
     **Traces**: under `jit`, `vmap` and `grad` the same "sqp" runs on whole arrays, and the derivatives of its path in
-    the boundary data and the limits are exact (implicit function theorem); infeasible problems are not looked into.
+    the boundary data and the limits are exact (implicit function theorem); infeasible problems are not looked into. A
+    callable objective needs method="sqp" there.
 
     **Raises:** ValueError for input that makes no problem, or in float32. A problem without a solution is no error:
     its `status` is "infeasible" and its `result` says why and what would help.
@@ -89,7 +90,7 @@ def tune(
     require_names(motion, objective == "smoothest", fixed, bounds)
     if starts < 1 or max_steps < 1:
         raise ValueError(f"starts and max_steps must be 1 or more, but {starts} and {max_steps} were given")
-    weighed = weights_of(weights or {}, objective)
+    weighed = weights_of(weights or {}, objective, motion)
     duration, turn = (None if x is None else as_float(x) for x in (duration, turn))
 
     def task_of(start: Any, end: Any, limits: Any, duration: Any, turn: Any, placement: Any, bounds: Any) -> Task:
@@ -104,7 +105,7 @@ def tune(
     tasks = eqx.filter_vmap(task_of, in_axes=axes)(*data) if lanes else task_of(*data)
     require_sound(tasks.problem, turn, limits)
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tasks)):
-        if method == "lbfgs" and not isinstance(objective, str):
+        if method == "lbfgs":
             raise ValueError("the search 'lbfgs' cannot be traced: pass method='sqp' under jit, vmap and grad")
         return _outcome(tasks, limits, _traced(tasks, starts, max_steps, lanes), start, end)
     stacked = tasks if lanes else jax.tree.map(lambda x: x[None], tasks)
