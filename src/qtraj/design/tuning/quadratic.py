@@ -8,13 +8,12 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.foundation.types import Flag, Scalar, ScalarLike
 
-TO_THE_BORDER = 0.995  # of the way to where a slack or a multiplier would vanish
-LEAST_GAP = 1e-17  # of complementarity: below it only rounding moves the iterate
-FIRST = 0.1  # slack and multiplier at the start, in problems scaled to numbers near one
+TOLERANCE = 1e-12  # to which bounds are kept, in problems scaled to numbers near one
+DEPENDENT = 1e-13  # a bound whose normal the active ones leave less of than this depends on them
 
 Vector = Float[Array, " n"]
 Matrix = Float[Array, "n n"]
@@ -70,71 +69,96 @@ class Program(NamedTuple):
     low: Vector
     high: Vector
 
-    def products(self, x: Vector) -> Float[Array, " k"]:
-        """What is bounded, at `x`: the rows, x, and −x."""
-        return jnp.concatenate([self.rows @ x, x, -x])
 
-    def combination(self, y: Float[Array, " k"]) -> Vector:
-        """The transpose of `products`."""
-        m, n = self.rows.shape
-        return y[:m] @ self.rows + y[m : m + n] - y[m + n :]
+class _Active(NamedTuple):
+    """The solution under some of the bounds, held as equalities, each in a slot of its own."""
 
-    def stiffened(self, weights: Float[Array, " k"]) -> Matrix:
-        """H and the squares of everything that is bounded, times `weights`."""
-        m, n = self.rows.shape
-        of_box = weights[m : m + n] + weights[m + n :]
-        return self.hessian + (self.rows.T * weights[None, :m]) @ self.rows + jnp.diag(of_box)
-
-    @property
-    def room(self) -> Float[Array, " k"]:
-        """The bounds on `products`."""
-        return jnp.concatenate([self.bounds, self.high, -self.low])
-
-
-class _Iterate(NamedTuple):
     x: Vector
-    slack: Float[Array, " k"]
-    multiplier: Float[Array, " k"]
+    inverse: Matrix  # of the Hessian, reduced to where the active bounds leave x free
+    pulls: Matrix  # how the multiplier of each slot answers to a force
+    multiplier: Vector  # of each slot
+    bound: Int[Array, " n"]  # in each slot
+    used: Bool[Array, " n"]
+    entering: Int[Array, ""]  # the bound that is being made active, or −1
+    pull: Scalar  # its multiplier so far
+    done: Flag
 
 
-def minimise(program: Program, steps: int) -> tuple[Vector, Float[Array, " m"]]:
+def minimise(program: Program, most_steps: int) -> tuple[Vector, Float[Array, " m"]]:
     """The solution x, and the multipliers of the rows."""
-    slack = jnp.maximum(program.room, FIRST)
-    start = _Iterate(jnp.zeros_like(program.slope), slack, jnp.full_like(slack, FIRST))
-    end = jax.lax.fori_loop(0, steps, lambda _, at: _advance(program, at), start)
-    return end.x, end.multiplier[: program.bounds.shape[0]]
-
-
-def _advance(program: Program, at: _Iterate) -> _Iterate:
-    x, slack, multiplier = at
-    count = slack.shape[0]
-    inverse = 1 / slack
-    dual = program.hessian @ x + program.slope + program.combination(multiplier)
-    primal = program.products(x) + slack - program.room
-    gap = slack @ multiplier / count
-    of = factor(program.stiffened(multiplier * inverse))
-
-    def direction(complementarity: Float[Array, " k"]) -> _Iterate:
-        dx = substitute(of, -dual - program.combination((multiplier * primal - complementarity) * inverse))
-        ds = -primal - program.products(dx)
-        return _Iterate(dx, ds, (-complementarity - multiplier * ds) * inverse)
-
-    first = direction(slack * multiplier)
-    reached = (slack + _reach(slack, first.slack) * first.slack) @ (
-        multiplier + _reach(multiplier, first.multiplier) * first.multiplier
+    n, m = program.slope.shape[0], program.bounds.shape[0]
+    whole = inverse(program.hessian)
+    start = _Active(
+        x=-whole @ program.slope,
+        inverse=whole,
+        pulls=jnp.zeros_like(whole),
+        multiplier=jnp.zeros_like(program.slope),
+        bound=jnp.zeros(n, int),
+        used=jnp.zeros(n, bool),
+        entering=jnp.asarray(-1),
+        pull=jnp.zeros_like(program.slope[0]),
+        done=jnp.asarray(False),
     )
-    centring = (reached / count / gap) ** 3 * gap
-    second = direction(slack * multiplier + first.slack * first.multiplier - centring)
-    primal_step = _reach(slack, second.slack, TO_THE_BORDER)
-    dual_step = _reach(multiplier, second.multiplier, TO_THE_BORDER)
-    moved = _Iterate(
-        x + primal_step * second.x, slack + primal_step * second.slack, multiplier + dual_step * second.multiplier
+    unit = jnp.eye(n, dtype=whole.dtype)
+    bounded = jnp.concatenate([program.rows, unit, -unit])
+    room = jnp.concatenate([program.bounds, program.high, -program.low])
+    stiffness = jnp.einsum("ki,ij,kj->k", bounded, whole, bounded)
+
+    def step(state: tuple[_Active, Array]) -> tuple[_Active, Array]:
+        at, count = state
+        return _advance(program, bounded, room, stiffness, at), count + 1
+
+    end, _ = jax.lax.while_loop(lambda s: ~s[0].done & (s[1] < most_steps), step, (start, jnp.asarray(0)))
+    of_rows = (end.bound[None] == jnp.arange(m)[:, None]) & end.used[None]
+    return end.x, jnp.sum(jnp.where(of_rows, end.multiplier[None], 0.0), axis=1)
+
+
+def _advance(program: Program, bounded: Matrix, room: Vector, compliance: Vector, at: _Active) -> _Active:
+    """One bound made active, or one let go that stands in its way."""
+    left = room - bounded @ at.x
+    fresh = at.entering < 0
+    p = jnp.where(fresh, jnp.argmin(left), at.entering)
+    done = fresh & (left[p] >= -TOLERANCE * (1 + jnp.abs(room[p])))
+    a = bounded[p]
+    z, r = at.inverse @ a, at.pulls @ a
+    give = a @ z
+    free = give > DEPENDENT * compliance[p]
+    give = jnp.where(free, give, 1.0)
+    full = jnp.where(free, jnp.maximum(-left[p], 0.0) / give, jnp.inf)
+    shrinks = at.used & (r > 0)
+    ratios = jnp.where(shrinks, at.multiplier / jnp.where(shrinks, r, 1.0), jnp.inf)
+    tau = jnp.minimum(full, jnp.min(ratios))
+    tau = jnp.where(jnp.isfinite(tau), tau, 0.0)
+    adds = full <= jnp.min(ratios)
+    slots = jnp.arange(at.used.shape[0])
+    slot = jnp.where(adds, jnp.argmin(at.used), jnp.argmin(ratios))
+    here = slots == slot
+    u = at.pulls[slot]
+    h = program.hessian @ u
+    q = u @ h
+    q = jnp.where(q > 0, q, 1.0)
+    direction = jnp.where(adds, z, u)
+    scale = jnp.where(adds, -1 / give, 1 / q)
+    along = jnp.where(adds, r / give, at.pulls @ h / q)
+    pulls = at.pulls - along[:, None] * direction[None]
+    pulls = jnp.where(here[:, None], jnp.where(adds, z / give, 0.0)[None], pulls)
+    pull = at.pull + tau
+    multiplier = jnp.maximum(at.multiplier - tau * r, 0.0)
+    moved = _Active(
+        x=at.x - jnp.where(free, tau, 0.0) * z,
+        inverse=at.inverse + scale * direction[:, None] * direction[None],
+        pulls=pulls,
+        multiplier=jnp.where(here, jnp.where(adds, pull, 0.0), multiplier),
+        bound=jnp.where(here, p, at.bound),
+        used=jnp.where(here, adds, at.used),
+        entering=jnp.where(adds, -1, p),
+        pull=jnp.where(adds, 0.0, pull),
+        done=done,
     )
-    sound = jnp.isfinite(jnp.sum(second.x) + jnp.sum(second.multiplier)) & (gap > LEAST_GAP)
-    return jax.tree.map(lambda new, old: jnp.where(sound, new, old), moved, at)
+    return jax.tree.map(lambda new, old: jnp.where(done, old, new), moved._replace(done=jnp.asarray(False)), at)._replace(done=done)
 
 
-def _reach(v: Float[Array, " k"], change: Float[Array, " k"], part: float = 1.0) -> Scalar:
-    """The largest step up to 1 that keeps v + step·change positive, or that `part` of it."""
-    shrinks: Flag = change < 0
-    return jnp.minimum(1.0, part * jnp.min(jnp.where(shrinks, -v / jnp.where(shrinks, change, -1.0), jnp.inf)))
+def inverse(matrix: Matrix) -> Matrix:
+    """The inverse of a positive definite matrix."""
+    of = factor(matrix)
+    return jax.vmap(lambda column: substitute(of, column), out_axes=1)(jnp.eye(matrix.shape[0], dtype=matrix.dtype))

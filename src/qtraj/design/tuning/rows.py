@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from qtraj.design.limits import Limits
 from qtraj.design.magnitudes import squared
@@ -34,7 +34,9 @@ TOO_MUCH = 1e9
 """The value of a row that is not finite."""
 
 NEWTON_STEPS = 3
+REACH = 1 / (NODES - 1)  # so far from a node its peak is sought
 FOLLOWED = 0.1  # of the duration: so far a peak is followed through one step
+SAME = 1e-5  # of the duration: peaks nearer to each other are one
 
 
 class Rows(NamedTuple):
@@ -43,6 +45,7 @@ class Rows(NamedTuple):
     value: Float[Array, " m"]
     slope: Float[Array, "m n"]
     time: Float[Array, " m"]
+    moving: Bool[Array, " m"]  # with a peak, or else standing still
 
 
 class Peaks(NamedTuple):
@@ -50,6 +53,7 @@ class Peaks(NamedTuple):
 
     time: Float[Array, "limits k"]
     present: Bool[Array, "limits k"]
+    moving: Bool[Array, "limits k"]  # an inner peak, whose time changes with the variables
 
 
 def peaks_of_each(limits: Limits) -> int:
@@ -78,13 +82,13 @@ def values_at(problem: Problem, limits: Limits, z: Variables, peaks: Peaks) -> F
 def values_nearby(problem: Problem, limits: Limits, z: Variables, rows: Rows) -> Float[Array, " m"]:
     """The values at `z` of rows that stand elsewhere, their peaks followed to where they are; absent ones stay so."""
     given = limits.given()
-    times = rows.time.reshape(len(given), -1)
+    times, moving = (x.reshape(len(given), -1) for x in (rows.time, rows.moving))
     number = peaks_of_each(limits) + ALWAYS
     values = []
     for k, (name, limit) in enumerate(given.items()):
         g = _at_path(problem, z, name, limit)
         peaks = times[k, :number]
-        followed = climb(g, peaks, jnp.maximum(peaks - FOLLOWED, 0.0), jnp.minimum(peaks + FOLLOWED, 1.0), NEWTON_STEPS)
+        followed, _ = _polished(g, peaks, jnp.where(moving[k, :number], FOLLOWED, REACH))
         values.append(jax.vmap(g)(jnp.concatenate([followed, times[k, number:]])))
     flat = 0.5 * (jnp.concatenate(values) - 1.0)
     return jnp.where(rows.value > ABSENT, jnp.where(jnp.isfinite(flat), flat, rows.value), ABSENT)
@@ -95,7 +99,7 @@ def rows_at(problem: Problem, limits: Limits, z: Variables, peaks: Peaks) -> tup
     fixed = jnp.linspace(0.0, 1.0, NODES, dtype=z.dtype)[STRIDE:-1:STRIDE]
     rows, hessians = [], []
     for k, (name, limit) in enumerate(limits.given().items()):
-        highest, hessian = _highest(problem, z, name, limit, Peaks(peaks.time[k], peaks.present[k]))
+        highest, hessian = _highest(problem, z, name, limit, jax.tree.map(lambda x, k=k: x[k], peaks))
         rows += [highest, _fixed(problem, z, name, limit, fixed)]
         hessians.append(hessian)
     return Rows(*(jnp.concatenate(field) for field in zip(*rows, strict=True))), jnp.stack(hessians)
@@ -117,7 +121,7 @@ def _highest(
 ) -> tuple[Rows, Float[Array, "k n n"]]:
     """The rows of one limit's peaks and ends, and their Hessians."""
     g = _excesses(problem, name, limit)
-    u, present = peaks
+    u, present, moves = peaks
 
     def both(z: Variables) -> tuple[Float[Array, "2 k"], Float[Array, "2 k"]]:
         pair = jnp.stack(jax.jvp(lambda u: g(z, u), (u,), (jnp.ones_like(u),)))  # g and ∂g/∂u
@@ -129,13 +133,13 @@ def _highest(
 
     hessian, ((slope, mixed), (value, _)) = jax.jacfwd(first, has_aux=True)(z)
     bend = jax.jvp(lambda u: jax.jvp(lambda u: g(z, u), (u,), (jnp.ones_like(u),))[1], (u,), (jnp.ones_like(u),))[1]
-    inner = (u > 0) & (u < 1) & (bend < 0)
-    moving = jnp.where(inner, 1 / jnp.where(inner, bend, 1.0), 0.0)
+    bends = moves & (bend < 0)
+    moving = jnp.where(bends, 1 / jnp.where(bends, bend, 1.0), 0.0)
     curvature = hessian - moving[:, None, None] * mixed[:, :, None] * mixed[:, None, :]
     sound = jnp.isfinite(value) & jnp.all(jnp.isfinite(slope), 1) & jnp.all(jnp.isfinite(curvature), (1, 2))
     height = jnp.where(present, jnp.where(sound, value, TOO_MUCH), ABSENT)
     kept = present & sound
-    return Rows(height, _keep(slope, kept[:, None]), u), _keep(curvature, kept[:, None, None])
+    return Rows(height, _keep(slope, kept[:, None]), u, moves), _keep(curvature, kept[:, None, None])
 
 
 def _fixed(problem: Problem, z: Variables, name: str, limit: Scalar, times: Float[Array, " r"]) -> Rows:
@@ -143,7 +147,7 @@ def _fixed(problem: Problem, z: Variables, name: str, limit: Scalar, times: Floa
     g = _excesses(problem, name, limit)
     value, slope = g(z, times), jax.jacfwd(g)(z, times)
     sound = jnp.isfinite(value) & jnp.all(jnp.isfinite(slope), 1)
-    return Rows(jnp.where(sound, value, ABSENT), _keep(slope, sound[:, None]), times)
+    return Rows(jnp.where(sound, value, ABSENT), _keep(slope, sound[:, None]), times, jnp.zeros(times.shape, bool))
 
 
 def _keep(x: Array, keep: Array) -> Array:
@@ -158,8 +162,8 @@ def _at_path(problem: Problem, z: Variables, name: str, limit: Scalar) -> Callab
 
 def _peaks(
     problem: Problem, z: Variables, name: str, limit: Scalar, peaks: int, slow: Scalar
-) -> tuple[Float[Array, " k"], Bool[Array, " k"]]:
-    """The highest inner local maxima over the nodes, those next to both ends and to `slow`; which of them there are.
+) -> tuple[Float[Array, " k"], Bool[Array, " k"], Bool[Array, " k"]]:
+    """The highest inner local maxima over the nodes, those next to both ends and to `slow`; which there are and move.
 
     Where a path nearly stops its curvature may rise to a needle between the nodes: it stands where the speed, which is
     smooth, is least.
@@ -168,9 +172,26 @@ def _peaks(
     nodes = jnp.linspace(0.0, 1.0, NODES, dtype=z.dtype)
     picked, present = _highest_nodes(jax.vmap(g)(nodes), nodes, peaks)
     u = jnp.concatenate([picked, jnp.stack([slow, jnp.zeros_like(slow), jnp.ones_like(slow)])])
-    reach = 1 / (NODES - 1)
-    polished = climb(g, u, jnp.maximum(u - reach, 0.0), jnp.minimum(u + reach, 1.0), NEWTON_STEPS)
-    return polished, jnp.concatenate([present, jnp.ones(ALWAYS, bool)])
+    times, moving = _polished(g, u, REACH)
+    present = jnp.concatenate([present, jnp.ones(ALWAYS, bool)])
+    return times, present & ~_repeated(times, present), moving
+
+
+def _polished(
+    g: Callable[[Scalar], Scalar], u: Float[Array, " k"], reach: ArrayLike
+) -> tuple[Float[Array, " k"], Bool[Array, " k"]]:
+    """The peaks within `reach` of the times, and which there are; where there is none a time stays as it is."""
+    low, high = jnp.maximum(u - reach, 0.0), jnp.minimum(u + reach, 1.0)
+    found = climb(g, u, low, high, NEWTON_STEPS)
+    inside = (found > low) & (found < high)
+    return jnp.where(inside, found, u), inside
+
+
+def _repeated(times: Float[Array, " k"], present: Bool[Array, " k"]) -> Bool[Array, " k"]:
+    """Which times are those of an earlier peak: one row for each, or their multipliers are not unique."""
+    k = times.shape[0]
+    earlier = jnp.arange(k)[None] < jnp.arange(k)[:, None]
+    return jnp.any(earlier & present[None] & (jnp.abs(times[None] - times[:, None]) < SAME), axis=1)
 
 
 def _slowest(problem: Problem, z: Variables) -> Scalar:
@@ -182,8 +203,7 @@ def _slowest(problem: Problem, z: Variables) -> Scalar:
 
     nodes = jnp.linspace(0.0, 1.0, NODES, dtype=z.dtype)
     picked, _ = _highest_nodes(jax.vmap(slowness)(nodes), nodes, 1)
-    reach = 1 / (NODES - 1)
-    return climb(slowness, picked, picked - reach, picked + reach, NEWTON_STEPS)[0]
+    return climb(slowness, picked, picked - REACH, picked + REACH, NEWTON_STEPS)[0]
 
 
 def _highest_nodes(

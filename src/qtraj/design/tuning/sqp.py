@@ -104,9 +104,12 @@ def step(task: Task, s: State) -> State:
     still = (taken & (jnp.max(jnp.abs(move.d)) < SMALL_STEP)) | flat
     trust = _trust(s, move, taken, gained >= 0.7 * move.promise - rounding)
     penalty, hopeless = _penalty(task, s, move, taken, still & (ended.excess > FEASIBLE))
+    met = taken & (ended.excess <= FEASIBLE)
+    penalty = jnp.where(met, jnp.clip(3 * jnp.sum(move.multipliers), jnp.where(task.weight > 0, FIRST_PENALTY, 1.0), penalty), penalty)
+    multipliers = ended.multipliers * jnp.where(~met & (jnp.sum(move.multipliers) > 0.9 * s.penalty), penalty / s.penalty, 1.0)
     settled = still & ((ended.excess <= FEASIBLE) | hopeless)
     done = settled | (trust < LEAST_TRUST)
-    return ended._replace(trust=trust, penalty=penalty, steps=s.steps + 1, done=done, settled=settled)
+    return ended._replace(multipliers=multipliers, trust=trust, penalty=penalty, steps=s.steps + 1, done=done, settled=settled)
 
 
 def _model(task: Task, s: State) -> Model:

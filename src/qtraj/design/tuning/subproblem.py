@@ -14,10 +14,12 @@ from qtraj.foundation.types import Scalar
 
 FAR = 1e4  # in units of the trust: a row this far away is not reached
 CORRECTIONS = 2  # programs solved for one step: about the point, and with the rows as they are after the first
-INTERIOR_STEPS = 12
+ACTIVE_SET_STEPS = 60
 
 ACTIVE = 1e-7  # a multiplier above this takes its row for active
 AT_BOUND = 1e-7  # a variable this near to a bound stands on it
+ELASTIC = 0.9  # of the penalty: multipliers with this sum are those of limits that cannot be met yet
+OF_EXCESS = 1e-4  # a little curvature of t keeps the program strictly convex
 CONVEX = 1e-5  # least pivot of a Hessian that is used as it is
 LADDER = (
     (0.0, 0.0),
@@ -59,17 +61,30 @@ def best_move(
     task: Task, z: Variables, model: Model, multipliers: Float[Array, "limits k"], penalty: Scalar, trust: Scalar
 ) -> Move:
     """The step from `z`, of a program solved once more with the rows as they are after the first step."""
-    program, rows = _program(task, z, model, multipliers, penalty, trust), model.rows
+    rows = model.rows
+    padded = jax.vmap(lambda of: jnp.pad(of, ((0, rows.value.shape[0] // model.hessians.shape[0] - of.shape[0]), (0, 0), (0, 0))))(model.hessians)
+    bends = padded.reshape(-1, *padded.shape[2:])
+    count = multipliers.shape
 
-    def correct(bent: Float[Array, " m"], _: None) -> tuple[Float[Array, " m"], tuple[Array, ...]]:
-        d, allowed, found = _solve(program, bent)
-        after = values_nearby(task.problem, task.limits, z + d, rows) - rows.slope @ d
-        return after, (d, allowed, found, jnp.maximum(jnp.max(bent + rows.slope @ d), 0.0))
+    def correct(about: tuple[Variables, Array, Array], _: None) -> tuple[tuple[Variables, Array, Array], tuple[Array, ...]]:
+        d, values, pulls = about
+        near = Model(
+            model.cost,
+            model.slope + model.curvature @ d,
+            model.curvature,
+            rows._replace(value=values, slope=rows.slope + bends @ d),
+            model.hessians,
+        )
+        program = _program(task, z, near, pulls, penalty, trust, d)
+        e, allowed, found = _solve(program, values)
+        after = values_nearby(task.problem, task.limits, z + d + e, rows)
+        excess = jnp.maximum(jnp.max(values + near.rows.slope @ e), 0.0)
+        return (d + e, after, found.reshape(count[0], -1)[:, : count[1]]), (d + e, allowed, found, excess, near.rows.slope)
 
-    _, solved = jax.lax.scan(correct, rows.value, None, length=CORRECTIONS)
-    d, allowed, found, after = (x[-1] for x in solved)
+    _, solved = jax.lax.scan(correct, (jnp.zeros_like(z), rows.value, multipliers), None, length=CORRECTIONS)
+    d, allowed, found, after, slopes = (x[-1] for x in solved)
     cost = task.weight * (model.slope @ d + 0.5 * d @ model.curvature @ d)
-    balance = task.weight * model.slope + found @ rows.slope
+    balance = task.weight * (model.slope + model.curvature @ d) + found @ slopes
     inside = (z > task.low + AT_BOUND) & (z < task.high - AT_BOUND)
     residual = jnp.max(jnp.abs(jnp.where(inside, balance, 0.0))) / jnp.maximum(penalty, 1.0)
     return Move(d, found, allowed, penalty * (jnp.maximum(jnp.max(rows.value), 0.0) - after) - cost, residual)
@@ -78,35 +93,53 @@ def best_move(
 class _Program(NamedTuple):
     """The quadratic program in (d, t) about a point, but for the values of its rows."""
 
-    hessian: Float[Array, "q q"]
+    hessian: Float[Array, "n n"]
     slope: Float[Array, " q"]
     tilted: Float[Array, "m q"]  # J d − t ≤ −g
-    squared: Float[Array, " m"]  # how much of each row's square is in the Hessian
+    active: Float[Array, " m"]  # 1 for the active rows, else 0
+    squared: Scalar  # how much of the active rows' squares is in the Hessian
+    elastic: Scalar  # 1 where these are measured from their mean, which moves with t, or 0
     low: Variables
     high: Variables
     trust: Scalar
 
 
 def _program(
-    task: Task, z: Variables, model: Model, multipliers: Float[Array, "limits k"], penalty: Scalar, trust: Scalar
+    task: Task,
+    z: Variables,
+    model: Model,
+    multipliers: Float[Array, "limits k"],
+    penalty: Scalar,
+    trust: Scalar,
+    moved: Variables,
 ) -> _Program:
     rows = model.rows
     free = jnp.where(task.high > task.low, 1.0, 0.0).astype(z.dtype)
-    tilted = jnp.concatenate([rows.slope * free[None], -jnp.ones_like(rows.value)[:, None]], axis=1)
+    slopes = rows.slope * free[None]
     lagrangian = task.weight * model.curvature + jnp.einsum("lk,lkij->ij", multipliers, model.hessians)
     lagrangian = lagrangian * jnp.outer(free, free) + jnp.diag(1.0 - free)
     active = jnp.where(multipliers > ACTIVE, 1.0, 0.0).astype(z.dtype)
     active = jnp.pad(active, ((0, 0), (0, rows.value.shape[0] // active.shape[0] - active.shape[1]))).reshape(-1)
-    hessian, squares = _convex(lagrangian, tilted, active)
+    elastic = jnp.where(jnp.sum(multipliers) > ELASTIC * penalty, 1.0, 0.0).astype(z.dtype)
+    hessian, squared = _convex(lagrangian, _centred(slopes, active, elastic))
     return _Program(
         hessian=hessian,
         slope=jnp.append(task.weight * model.slope * free, penalty),
-        tilted=tilted,
-        squared=squares * active,
-        low=jnp.maximum(task.low - z, -trust),
-        high=jnp.minimum(task.high - z, trust),
+        tilted=jnp.concatenate([slopes, -jnp.ones_like(rows.value)[:, None]], axis=1),
+        active=active,
+        squared=squared,
+        elastic=elastic,
+        low=jnp.maximum(task.low - z, -trust) - moved,
+        high=jnp.minimum(task.high - z, trust) - moved,
         trust=trust,
     )
+
+
+def _centred(x: Array, active: Float[Array, " m"], elastic: Scalar) -> Array:
+    """What belongs to active rows, and zero elsewhere; from their mean where t moves with them."""
+    weight = active.reshape(-1, *(1,) * (x.ndim - 1))
+    mean = jnp.sum(weight * x, axis=0) / jnp.maximum(jnp.sum(active), 1.0)
+    return weight * (x - elastic * mean[None])
 
 
 def _solve(program: _Program, values: Float[Array, " m"]) -> tuple[Variables, Scalar, Float[Array, " m"]]:
@@ -115,43 +148,40 @@ def _solve(program: _Program, values: Float[Array, " m"]) -> tuple[Variables, Sc
     present = jnp.maximum(jnp.max(values), 0.0)
     below = values - present
     length, force = program.trust, jnp.maximum(program.slope[-1], 1.0)
-    slope = program.slope + (program.squared * below) @ program.tilted
+    slopes = _centred(program.tilted[:, :-1], program.active, program.elastic)
+    offset = _centred(below, program.active, program.elastic)
+    slope = program.slope.at[:-1].add(program.squared * (offset @ slopes))
+    hessian = program.hessian * (length / force)
+    of_excess = jnp.minimum(jnp.trace(hessian) / hessian.shape[0], OF_EXCESS)
     x, multipliers = quadratic.minimise(
         quadratic.Program(
-            hessian=program.hessian * (length / force),
+            hessian=jnp.pad(hessian, (0, 1)).at[-1, -1].set(of_excess),
             slope=slope / force,
             rows=program.tilted,
             bounds=jnp.minimum(-below / length, FAR),
             low=jnp.append(program.low / length, jnp.maximum(-present / length, -FAR)),
             high=jnp.append(program.high / length, FAR),
         ),
-        INTERIOR_STEPS,
+        ACTIVE_SET_STEPS,
     )
-    x, multipliers = x * length, multipliers * force
-    moved = program.squared * (below + program.tilted @ x)
-    d = jnp.where(program.high > program.low, jnp.clip(x[:-1], program.low, program.high), 0.0)
-    found = jnp.maximum(multipliers + moved, 0.0)
+    d = jnp.where(program.high > program.low, jnp.clip(x[:-1] * length, program.low, program.high), 0.0)
+    found = jnp.maximum(multipliers * force + program.squared * (offset + slopes @ d), 0.0)
     # No more than the penalty is ever needed: a program solved badly must not leave more behind.
     found = found * jnp.minimum(1.0, program.slope[-1] / jnp.maximum(jnp.sum(found), program.slope[-1]))
-    return d, present + x[-1], found
+    return d, present + x[-1] * length, found
 
 
-def _convex(
-    lagrangian: Float[Array, "n n"], tilted: Float[Array, "m q"], active: Float[Array, " m"]
-) -> tuple[Float[Array, "q q"], Scalar]:
-    """The Hessian in (d, t), made positive definite in d, and how much of the active rows' squares it took."""
+def _convex(lagrangian: Float[Array, "n n"], rows: Float[Array, "m n"]) -> tuple[Float[Array, "n n"], Scalar]:
+    """The Hessian, made positive definite, and how much of the squares of `rows` it took."""
     n = lagrangian.shape[0]
     squares, identities = (jnp.asarray(column, lagrangian.dtype) for column in zip(*LADDER, strict=True))
-    of_rows = (tilted.T * active[None]) @ tilted
-    whole = jnp.zeros((n + 1, n + 1), lagrangian.dtype).at[:n, :n].set(lagrangian)
-    bulk = jnp.eye(n, dtype=lagrangian.dtype)
-
-    def least_pivot(a: Scalar, b: Scalar) -> Scalar:
-        return jnp.min(quadratic.factor(lagrangian + a * of_rows[:n, :n] + b * bulk).pivots)
-
+    of_rows = rows.T @ rows
+    unit = jnp.eye(n, dtype=lagrangian.dtype)
     scale = jnp.maximum(jnp.max(jnp.abs(lagrangian)), 1.0)
-    squares, identities = scale * squares, scale * identities
-    rung = jnp.argmax(jax.vmap(least_pivot)(squares, identities) > CONVEX)
-    # A little curvature of t keeps the program strictly convex where no row is active.
-    diagonal = jnp.append(jnp.full(n, identities[rung]), 1e-8)
-    return whole + squares[rung] * of_rows + jnp.diag(diagonal), squares[rung]
+
+    def rung(a: Scalar, b: Scalar) -> Float[Array, "n n"]:
+        return lagrangian + scale * (a * of_rows + b * unit)
+
+    chosen = jnp.argmax(jax.vmap(lambda a, b: jnp.min(quadratic.factor(rung(a, b)).pivots))(squares, identities) > CONVEX)
+    convex = rung(squares[chosen], identities[chosen])
+    return convex, scale * squares[chosen]
