@@ -50,7 +50,7 @@ def own(given: Problems, starts: int) -> tuple[qt.Tuned, float]:
 def best_of(given: Problems, starts: int, solve) -> tuple[np.ndarray, float]:
     """The least cost of each problem that keeps its limit, and the seconds of one run from the given states."""
     costs, seconds = np.full(given.limits.size, np.inf), []
-    points = starting_points(5, starts)
+    points = starting_points(given.posed.names, starts)
     for k, limit in enumerate(map(float, given.limits)):
         problem = slsqp.take(given.posed, k)
         for place, point in enumerate(points):

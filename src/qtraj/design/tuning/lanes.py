@@ -6,7 +6,7 @@ cores share them.
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -32,6 +32,9 @@ CORES = os.cpu_count() or 1
 
 Told = Callable[[int, int], None]
 
+_COMPILED: set[Any] = set()
+"""Kinds of blocks that have been run."""
+
 
 def search(tasks: Task, z: ArrayLike, most_steps: int, tell: Told | None = None) -> State:
     """The searches of stacked tasks, each from its own `z`. `tell(done, lanes)` is called after every block."""
@@ -48,10 +51,7 @@ def search(tasks: Task, z: ArrayLike, most_steps: int, tell: Told | None = None)
             blocks = [left[k : k + size] for k in range(0, left.size, size)]
             source = z if steps == 0 else states
             calls = [(_take(given, b, size), rest, _take(source, b, size), steps, x64) for b in blocks]
-            compiled = _run(*calls[0])  # alone, so that no two threads compile the same
-            jobs = [pool.submit(_run, *call) for call in calls[1:]]
-            for k, block in enumerate(blocks):
-                found = compiled if k == 0 else jobs[k - 1].result()
+            for block, found in zip(blocks, _all(pool, calls), strict=True):
                 if states is None:
                     states = jax.tree.map(lambda x: np.zeros((lanes, *x.shape[1:]), x.dtype), found)
                 _put(states, block, found)
@@ -61,6 +61,16 @@ def search(tasks: Task, z: ArrayLike, most_steps: int, tell: Told | None = None)
             if left.size == 0:
                 break
     return jax.tree.map(jnp.asarray, states)
+
+
+def _all(pool: ThreadPoolExecutor, calls: list[tuple[Any, ...]]) -> Iterator[State]:
+    """What the calls give, in their order; the first of a kind alone, so that no two threads compile the same."""
+    given, rest, source, steps, x64 = calls[0]
+    kind = (jax.tree.structure(rest), steps == 0, x64, *((x.shape, x.dtype) for x in jax.tree.leaves((given, source))))
+    alone = 0 if kind in _COMPILED else 1
+    yield from (_run(*call) for call in calls[:alone])
+    _COMPILED.add(kind)
+    yield from [job.result() for job in [pool.submit(_run, *call) for call in calls[alone:]]]
 
 
 def _run(given: Task, rest: Task, source: Any, steps: int, x64: bool) -> State:

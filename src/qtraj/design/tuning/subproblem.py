@@ -12,9 +12,8 @@ from qtraj.design.tuning.rows import Rows, values_nearby
 from qtraj.design.tuning.task import Task
 from qtraj.foundation.types import Scalar
 
-FAR = 1e4  # in units of the trust: a row this far away is not reached
+FAR = 1e3  # in units of the trust: a row this far away is not reached
 CORRECTIONS = 2  # programs solved for one step: about the point, and with the rows as they are after the first
-ACTIVE_SET_STEPS = 60
 
 ACTIVE = 1e-7  # a multiplier above this takes its row for active
 AT_BOUND = 1e-7  # a variable this near to a bound stands on it
@@ -94,8 +93,9 @@ class _Program(NamedTuple):
     """The quadratic program in (d, t) about a point, but for the values of its rows."""
 
     hessian: Float[Array, "n n"]
-    slope: Float[Array, " q"]
-    tilted: Float[Array, "m q"]  # J d − t ≤ −g
+    slope: Variables
+    penalty: Scalar
+    slopes: Float[Array, "m n"]  # J d − t ≤ −g
     active: Float[Array, " m"]  # 1 for the active rows, else 0
     squared: Scalar  # how much of the active rows' squares is in the Hessian
     elastic: Scalar  # 1 where these are measured from their mean, which moves with t, or 0
@@ -124,8 +124,9 @@ def _program(
     hessian, squared = _convex(lagrangian, _centred(slopes, active, elastic))
     return _Program(
         hessian=hessian,
-        slope=jnp.append(task.weight * model.slope * free, penalty),
-        tilted=jnp.concatenate([slopes, -jnp.ones_like(rows.value)[:, None]], axis=1),
+        slope=task.weight * model.slope * free,
+        penalty=penalty,
+        slopes=slopes,
         active=active,
         squared=squared,
         elastic=elastic,
@@ -147,28 +148,29 @@ def _solve(program: _Program, values: Float[Array, " m"]) -> tuple[Variables, Sc
     # Against the present excess, in units of the trust, and of the penalty where that is large: numbers near one.
     present = jnp.maximum(jnp.max(values), 0.0)
     below = values - present
-    length, force = program.trust, jnp.maximum(program.slope[-1], 1.0)
-    slopes = _centred(program.tilted[:, :-1], program.active, program.elastic)
+    length, force = program.trust, jnp.maximum(program.penalty, 1.0)
+    slopes = _centred(program.slopes, program.active, program.elastic)
     offset = _centred(below, program.active, program.elastic)
-    slope = program.slope.at[:-1].add(program.squared * (offset @ slopes))
+    slope = program.slope + program.squared * (offset @ slopes)
     hessian = program.hessian * (length / force)
-    of_excess = jnp.minimum(jnp.trace(hessian) / hessian.shape[0], OF_EXCESS)
-    x, multipliers = quadratic.minimise(
+    d, t, multipliers = quadratic.minimise(
         quadratic.Program(
-            hessian=jnp.pad(hessian, (0, 1)).at[-1, -1].set(of_excess),
+            hessian=hessian,
             slope=slope / force,
-            rows=program.tilted,
+            rows=program.slopes,
             bounds=jnp.minimum(-below / length, FAR),
-            low=jnp.append(program.low / length, jnp.maximum(-present / length, -FAR)),
-            high=jnp.append(program.high / length, FAR),
-        ),
-        ACTIVE_SET_STEPS,
+            low=program.low / length,
+            high=program.high / length,
+            penalty=program.penalty / force,
+            stiffness=jnp.minimum(jnp.trace(hessian) / hessian.shape[0], OF_EXCESS),
+            least=jnp.maximum(-present / length, -FAR),
+        )
     )
-    d = jnp.where(program.high > program.low, jnp.clip(x[:-1] * length, program.low, program.high), 0.0)
+    d = jnp.where(program.high > program.low, jnp.clip(d * length, program.low, program.high), 0.0)
     found = jnp.maximum(multipliers * force + program.squared * (offset + slopes @ d), 0.0)
     # No more than the penalty is ever needed: a program solved badly must not leave more behind.
-    found = found * jnp.minimum(1.0, program.slope[-1] / jnp.maximum(jnp.sum(found), program.slope[-1]))
-    return d, present + x[-1] * length, found
+    found = found * jnp.minimum(1.0, program.penalty / jnp.maximum(jnp.sum(found), program.penalty))
+    return d, present + t * length, found
 
 
 def _convex(lagrangian: Float[Array, "n n"], rows: Float[Array, "m n"]) -> tuple[Float[Array, "n n"], Scalar]:
@@ -182,6 +184,6 @@ def _convex(lagrangian: Float[Array, "n n"], rows: Float[Array, "m n"]) -> tuple
     def rung(a: Scalar, b: Scalar) -> Float[Array, "n n"]:
         return lagrangian + scale * (a * of_rows + b * unit)
 
-    chosen = jnp.argmax(jax.vmap(lambda a, b: jnp.min(quadratic.factor(rung(a, b)).pivots))(squares, identities) > CONVEX)
+    chosen = jnp.argmax(jax.vmap(lambda a, b: quadratic.least_pivot(rung(a, b)))(squares, identities) > CONVEX)
     convex = rung(squares[chosen], identities[chosen])
     return convex, scale * squares[chosen]

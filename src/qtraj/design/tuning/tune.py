@@ -9,7 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.core import Tracer
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import SAMPLED
@@ -29,7 +29,7 @@ from qtraj.path.boundary import BoundaryState
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
 
-AIM = 1 - 1e-8
+AIM = 1 - 4e-9
 """Tuning aims at this part of each limit, so that round-off at a peak does not break the limit that was given."""
 
 METHODS = ("sqp", "lbfgs")
@@ -93,16 +93,11 @@ def tune(
     weighed = weights_of(weights or {}, objective, motion)
     duration, turn = (None if x is None else as_float(x) for x in (duration, turn))
 
-    def task_of(start: Any, end: Any, limits: Any, duration: Any, turn: Any, placement: Any, bounds: Any) -> Task:
-        problem = pose(start, end, objective, motion, duration, turns, placement, turn, weighed)
-        aims = jax.tree.map(lambda x: AIM * x.astype(problem.speed.dtype), limits)
-        low, high = box(problem, fixed, bounds)
-        return Task(problem, aims, low, high, jnp.ones_like(problem.speed))
-
     start, end, lanes = _stacked(start, end)
     data = (start, end, limits, duration, turn, placement, _as_floats(bounds))
-    axes = _axes(data, lanes)
-    tasks = eqx.filter_vmap(task_of, in_axes=axes)(*data) if lanes else task_of(*data)
+    # A callable objective may hold arrays, which are constants of the problem: it is not traced.
+    posed = _posed_once if isinstance(objective, str) else _posed
+    tasks = posed(data, _axes(data, lanes), objective, motion, turns, tuple(fixed), weighed)
     require_sound(tasks.problem, turn, limits)
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tasks)):
         if method == "lbfgs":
@@ -117,6 +112,30 @@ def tune(
     if int(outcome.code) != INFEASIBLE:
         return outcome
     return dataclasses.replace(outcome, advice=relief.advice(stacked, found, max_steps, progress))
+
+
+def _posed(
+    data: tuple[Any, ...],
+    axes: tuple[Any, ...],
+    objective: Objective,
+    motion: str,
+    turns: int,
+    fixed: tuple[str, ...],
+    weights: Float[Array, " 7"],
+) -> Task:
+    """The task, or one of each lane."""
+
+    def one(start: Any, end: Any, limits: Any, duration: Any, turn: Any, placement: Any, bounds: Any) -> Task:
+        problem = pose(start, end, objective, motion, duration, turns, placement, turn, weights)
+        aims = jax.tree.map(lambda x: AIM * x.astype(problem.speed.dtype), limits)
+        low, high = box(problem, fixed, bounds)
+        return Task(problem, aims, low, high, jnp.ones_like(problem.speed))
+
+    batched = any(axis is not None for axis in jax.tree.leaves(axes, is_leaf=lambda x: x is None))
+    return eqx.filter_vmap(one, in_axes=axes)(*data) if batched else one(*data)
+
+
+_posed_once = eqx.filter_jit(_posed)
 
 
 def _stacked(start: BoundaryState, end: BoundaryState) -> tuple[BoundaryState, BoundaryState, tuple[int, ...]]:
