@@ -33,7 +33,7 @@ A scenario is a TOML file that says what a command is to do. These are all its k
 may be left out. A key that is not listed is refused, and so is a value of another kind; the message names the key and
 what was expected. Files are named relative to the scenario. Numbers are in SI units; in scenarios of `qtraj turn` and
 `qtraj track` every angle, also in rates and accelerations, is in the unit that `angles` names. Complete scenarios are
-in [examples](../examples), and those that run without an argument in [src/qtraj/io/data](../src/qtraj/io/data).
+in the folder `examples`, and those that run without an argument in `src/qtraj/io/data`.
 
 This page is written by `docs/scenarios.py` from the models that read the files; change those, not this page.
 """
@@ -98,7 +98,7 @@ def _keys(model: type[BaseModel]) -> str:
 
 
 def _cell(text: str | None) -> str:
-    return (text or "").replace("|", "\\|")
+    return (text or "").replace("|", "\\|").replace("] [", "] \\[")  # the second bracket is a unit, no link
 
 
 def _default(field: FieldInfo) -> str:

@@ -16,7 +16,7 @@ from qtraj.cli.app import app
 def qtraj():
     """Run the command line in this process."""
     runner = CliRunner()
-    return lambda *args: runner.invoke(app, [str(arg) for arg in args], prog_name="qtraj")
+    return lambda *args, **more: runner.invoke(app, [str(arg) for arg in args], prog_name="qtraj", **more)
 
 
 @dataclass

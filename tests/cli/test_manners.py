@@ -1,11 +1,14 @@
 """How the command line behaves: whole files, quiet streams, help, missing packages, a process of its own."""
 
 import io
+import itertools
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -13,6 +16,7 @@ from rich.console import Console
 
 import qtraj as qt
 from qtraj.cli import output, session, terminal
+from qtraj.cli.app import app
 from qtraj.cli.content import finite
 from qtraj.cli.evaluation import work as evaluation
 from qtraj.cli.layout import column_table
@@ -80,34 +84,110 @@ def test_ctrl_c_ends_with_130_and_writes_nothing(qtraj, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_progress_is_shown_on_a_terminal(monkeypatch):
-    screen = Console(file=io.StringIO(), force_terminal=True, width=80)
-    monkeypatch.setattr(terminal, "stderr", lambda: screen)
+class Screen(io.StringIO):
+    """A stream that is a terminal, or is none."""
+
+    def __init__(self, terminal):
+        super().__init__()
+        self.isatty = lambda: terminal
+
+
+def shown(monkeypatch, is_terminal):
+    """What the progress of a command leaves on stderr, in an environment without wishes about terminals."""
+    for name in ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    stream = Screen(is_terminal)
+    monkeypatch.setattr(sys, "stderr", stream)
     with terminal.watching() as watch:
         watch.say("fitting")
         watch.tuning("3 of 8 searches")
-    assert "tuning: 3 of 8 searches" in screen.file.getvalue()
+    return stream.getvalue()
+
+
+def test_progress_is_shown_on_a_terminal_and_wiped(monkeypatch):
+    text = shown(monkeypatch, is_terminal=True)
+    assert "tuning: 3 of 8 searches" in text
+    assert text.rpartition("searches")[2].endswith("\x1b[2K")  # the line is erased, and nothing comes after
+
+
+def test_progress_is_silent_where_stderr_is_no_terminal(monkeypatch):
+    assert shown(monkeypatch, is_terminal=False) == ""
+
+
+COLOUR = re.compile(r"\x1b\[[0-9;]*(?<![0-9])(?:3[0-8]|4[0-8]|9[0-7]|10[0-7])(?:;[0-9;]*)?m")
+"""A change of colour; bold and dim are none."""
+
+
+@pytest.mark.parametrize(("wish", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False)], ids=["plain", "NO_COLOR"])
+def test_no_color_is_respected(monkeypatch, qtraj, wish, coloured, tmp_path):
+    """On a terminal there is colour, on errors as well as in help, unless NO_COLOR asks for none."""
+    for name in ("NO_COLOR", "TERM", "COLORTERM"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("typer.rich_utils.FORCE_TERMINAL", True)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    for name, value in wish.items():
+        monkeypatch.setenv(name, value)
+    assert bool(COLOUR.search(qtraj("tune", "--help", color=True).output)) == coloured
+    stream = Screen(True)
+    monkeypatch.setattr(sys, "stdout", stream)
+    terminal.stdout().print("[green]met[/green]")
+    assert bool(COLOUR.search(stream.getvalue())) == coloured
 
 
 @pytest.mark.parametrize(
     ("arguments", "fragments"),
     [
-        ([], ["tune", "evaluate", "turn", "track", "report", "Example"]),
-        (["tune"], ["--out", "--json", "--motion", "--objective", "--starts", "Example"]),
-        (["evaluate"], ["--samples", "--step", "--out", "--json", "Example"]),
-        (["turn"], ["--samples", "--out", "--json", "Example"]),
-        (["track"], ["--out", "--json", "Example"]),
+        ([], ["tune", "evaluate", "turn", "track", "report", "--version", "--install-completion"]),
+        (["tune"], ["--out", "--json", "--motion", "--objective", "--starts"]),
+        (["evaluate"], ["--samples", "--step", "--out", "--json"]),
+        (["turn"], ["--samples", "--out", "--json"]),
+        (["track"], ["--samples", "--out", "--json"]),
+        (["report"], ["--out", "--json", "moving trihedral"]),
     ],
 )
-def test_help_has_an_example_within_80_columns(qtraj, monkeypatch, arguments, fragments):
+def test_help_has_examples_within_80_columns(qtraj, monkeypatch, arguments, fragments):
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setenv("NO_COLOR", "1")
     result = qtraj(*arguments, "--help")
     assert result.exit_code == 0
     for fragment in fragments:
         assert fragment in result.stdout
+    about, _, examples = result.stdout.partition("Examples:")
+    assert examples.count(" qtraj ") >= 2
     assert max(map(len, result.stdout.splitlines())) <= 80
     assert "\x1b" not in result.stdout
+    prose = about.partition("╭")[0].split("\n")
+    short = [line for line, after in itertools.pairwise(prose) if 1 < len(line.strip()) < 55 and after.strip()]
+    assert short == []  # paragraphs are filled
+
+
+def test_every_command_has_help_with_examples():
+    for command in app.registered_commands:
+        assert command.help
+        assert command.epilog.startswith("Examples:")
+
+
+def complete(runner, shell, line, **more):
+    """What a shell is offered for the last word of a line."""
+    words = line.split(" ")
+    asked = {"COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1), "_TYPER_COMPLETE_ARGS": line}
+    result = runner(env={"_QTRAJ_COMPLETE": f"complete_{shell}"} | asked | more)
+    assert result.exit_code == 0
+    return result.stdout
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_shells_complete_commands_options_and_values(qtraj, shell):
+    script = qtraj(env={"_QTRAJ_COMPLETE": f"source_{shell}"})
+    assert script.exit_code == 0
+    assert f"_QTRAJ_COMPLETE=complete_{shell}" in script.stdout
+    more = {"_TYPER_COMPLETE_FISH_ACTION": "get-args"} if shell == "fish" else {}
+    commands = complete(qtraj, shell, "qtraj t", **more)
+    assert all(name in commands for name in ("tune", "turn", "track"))
+    assert "evaluate" not in commands
+    assert "--objective" in complete(qtraj, shell, "qtraj tune --ob", **more)
+    assert "smoothest" in complete(qtraj, shell, "qtraj tune --objective s", **more)
 
 
 def test_a_narrow_terminal_folds_numbers_and_cuts_none():
@@ -142,17 +222,38 @@ def test_the_cache_stands_in_the_users_own_folder(monkeypatch, name, value, expe
     assert session.cache_folder() == Path(expected)
 
 
-def process(arguments, **environment):
-    """A true process, away from the settings of this test session."""
+def surroundings(**environment):
+    """The environment of a true process, away from the settings of this test session."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("JAX_", "XDG_", "PYTHON"))}
+    return kept | {"PYTHONPATH": str(SOURCE)} | environment
+
+
+def process(arguments, **environment):
     return subprocess.run(
         [sys.executable, *arguments],
-        env=kept | {"PYTHONPATH": str(SOURCE)} | environment,
+        env=surroundings(**environment),
         capture_output=True,
         text=True,
         check=False,
         timeout=120,
     )
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for one process of a group")
+def test_ctrl_c_in_a_running_process_leaves_nothing(tmp_path):
+    """Interrupted once it computes, which it does when the first compilation lies in its cache."""
+    cache, out = tmp_path / "cache", tmp_path / "results"
+    command = [sys.executable, "-m", "qtraj", "tune", "--out", str(out)]
+    environment = surroundings(XDG_CACHE_HOME=str(cache))
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+        deadline = time.monotonic() + 60
+        while running.poll() is None and time.monotonic() < deadline and not any(cache.glob("qtraj/jax/*")):
+            time.sleep(0.05)
+        running.send_signal(signal.SIGINT)
+        printed, told = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert (printed, told) == (b"", b"interrupted\n")
+    assert [file.name for file in tmp_path.iterdir()] == ["cache"]
 
 
 def test_a_process_computes_in_float64_and_keeps_its_compilations(tmp_path):

@@ -9,7 +9,7 @@
 | turn by Φ about e       | λ = cos Φ/2 + e sin Φ/2 = exp(Φe/2), positive by the right-hand rule                     |
 | composition             | λ_AC = λ_AB∘λ_BC for C → B → A; a further turn in body axes multiplies on the right      |
 | rates                   | 2λ̇ = λ∘ω_x (body axes) = ω_ξ∘λ (inertial axes); ω is (3,), or (4,) with scalar part first |
-| scalar part of ω        | ω0 = d/dt ln|λ|²; the attitude does not depend on it                                     |
+| scalar part of ω        | ω0 = d/dt ln(λ∘λ̄); the attitude does not depend on it                                   |
 | direction cosines α     | inertial → body, v_X = α v_ξ, α = R(λ)ᵀ; the rows of α are the body axes (τ, n, b)       |
 | Gibbs vector            | G = λ_v/λ0 = e tan Φ/2, the same components in both axes (αG = G)                        |
 | scale                   | every read-out of λ agrees for λ and cλ, c ≠ 0; λ = 0 has no attitude and gives NaN      |

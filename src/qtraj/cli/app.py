@@ -1,5 +1,7 @@
 """The commands, gathered."""
 
+from collections.abc import Callable
+
 import typer
 
 from qtraj._version import __version__
@@ -11,15 +13,52 @@ from qtraj.cli.turn import turn
 
 app = typer.Typer(
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command(epilog="Example:  qtraj tune turn.toml --out results")(tune)
-app.command(epilog="Example:  qtraj evaluate turn.toml --samples 11")(evaluate)
-app.command(epilog="Example:  qtraj turn quarter.toml --out results")(turn)
-app.command(epilog="Example:  qtraj track loop.toml --out results")(track)
-app.command(epilog="Example:  qtraj tune && qtraj report    (reads qtraj-out, writes qtraj-out/report.html)")(report)
+
+
+def _prose(docstring: str | None) -> str:
+    """A docstring whose paragraphs are filled anew for the terminal that shows them."""
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in (docstring or "").split("\n\n"))
+
+
+def _examples(*lines: str) -> str:
+    """What stands below the help of a command: one example to a line."""
+    return "\n\n".join(("Examples:", *lines))
+
+
+def _add(command: Callable[..., None], *examples: str) -> None:
+    app.command(help=_prose(command.__doc__), epilog=_examples(*examples))(command)
+
+
+_add(
+    tune,
+    "qtraj tune  (the embedded scenario)",
+    "qtraj tune turn.toml --out results",
+    "qtraj tune turn.toml --objective fastest --motion hermite",
+)
+_add(
+    evaluate,
+    "qtraj evaluate turn.toml --samples 11",
+    "qtraj evaluate results/path.toml --step 0.1 --out table",
+)
+_add(
+    turn,
+    "qtraj turn  (the embedded scenario)",
+    "qtraj turn slew.toml --out results --samples 401",
+)
+_add(
+    track,
+    "qtraj track  (the embedded scenario)",
+    "qtraj track loop.toml --out results --json",
+)
+_add(
+    report,
+    "qtraj report  (reads qtraj-out, writes qtraj-out/report.html)",
+    "qtraj report results",
+    "qtraj report helix.parquet --out pages",
+)
 
 
 def _version(wanted: bool) -> bool:
@@ -29,7 +68,13 @@ def _version(wanted: bool) -> bool:
     return wanted
 
 
-@app.callback(epilog="Example:  qtraj tune    (runs the embedded scenario and writes ./qtraj-out)")
+@app.callback(
+    epilog=_examples(
+        "qtraj tune  (runs the embedded scenario, writes qtraj-out)",
+        "qtraj report  (makes a page for the browser of it)",
+        "qtraj --install-completion  (commands and options by the Tab key)",
+    )
+)
 def root(
     version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
 ) -> None:

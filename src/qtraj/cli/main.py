@@ -18,7 +18,11 @@ def main() -> None:
             "Install it with: pip install 'qtraj[all]'\n"
         )
         sys.exit(2)
-    prepare()
-    from qtraj.cli.app import app
+    try:
+        prepare()
+        from qtraj.cli.app import app
 
-    app(prog_name="qtraj")
+        app(prog_name="qtraj")
+    except KeyboardInterrupt:  # before a command has begun, which sees to it itself
+        sys.stderr.write("interrupted\n")
+        sys.exit(130)

@@ -67,7 +67,7 @@ class EulerTurn(AbstractProgram):
 
     @property
     def angle(self) -> Scalar:
-        """The whole angle Φ in [0, π] [rad]."""
+        """The whole angle Φ [rad], from 0 to π."""
         return _length(self.start_q, self.end_q)
 
     @property
@@ -139,7 +139,7 @@ class TurnChain(AbstractProgram):
 
     @property
     def angles(self) -> Float[Array, " _"]:
-        """The angle of each turn, in [0, π] [rad]."""
+        """The angle of each turn [rad], from 0 to π."""
         return jax.vmap(_length)(self.attitudes[:-1], self.attitudes[1:])
 
 

@@ -1,0 +1,163 @@
+"""Draws the figures of the README and of the pages on conventions and concepts into docs/figures.
+
+Run it from the folder of the project:  .venv/bin/python docs/pictures.py [NAME ...]
+
+Without names all are drawn; the figures of docs/accuracy.md have their own command, which that page names.
+"""
+
+import sys
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+jax.config.update("jax_enable_x64", True)
+
+import qtraj as qt  # noqa: E402
+from qtraj.io.dataset import path_dataset  # noqa: E402
+from qtraj.viz import figures  # noqa: E402
+from qtraj.viz.style import RC  # noqa: E402
+
+FOLDER = Path(__file__).with_name("figures")
+WORLD, BODY, VECTOR = "0.35", "#0072B2", "#D55E00"
+TURN = np.radians(35.0)  # of the body in the picture of the conventions
+
+
+def tuning() -> Figure:
+    """What `qtraj tune` draws of its embedded scenario."""
+    track = qt.read_track(files("qtraj.io") / "data" / "boreas_right_angle.csv").window(1093.5, 1099.5)
+    before = qt.fit(track)
+    limits = qt.Limits(curvature=1 / 22.5, lateral_acceleration=1.5)
+    best = qt.tune(before.state(0.0), before.state(before.duration), limits, placement=before.placement)
+    paths = {"before": before, "after": best.path}
+    data = path_dataset(paths, limits, track, attributes={"title": "Right-angle turn for a city bus"})
+    return figures.tuning_figure(data)
+
+
+def trihedra() -> Figure:
+    """A climbing, widening turn with its natural trihedra."""
+    path = qt.SpiralHelix([8.0, 0.8], [0.0, 0.6], [0.0, 1.0], 8.0)
+    return figures.path_figure(path_dataset({"spiral-helix": path}), trihedra=7)
+
+
+def orientation() -> Figure:
+    """The natural trihedral of a helix, of a turn and a half: the Gibbs vector is infinite where Φ = 180°."""
+    program = qt.FrameProgram(qt.SpiralHelix([10.0], [0.0, 0.5], [0.0, 1.0], 18.0))
+    times = jnp.linspace(0.0, program.duration, 601)
+    return figures.orientation_figure(times, jax.vmap(lambda t: program(t).quaternion)(times))
+
+
+def turns() -> Figure:
+    """One turn of 90° under five laws with the same limits."""
+    limits = {"max_rate": np.radians(20.0), "max_acceleration": np.radians(10.0)}
+    laws = {
+        "time-optimal": qt.TimeOptimal(**limits),
+        "S-curve": qt.SCurve(**limits, max_jerk=np.radians(10.0)),
+        "cubic": qt.Cubic(**limits),
+        "quintic": qt.Quintic(**limits),
+        "septic": qt.Septic(**limits),
+    }
+    one, quarter = jnp.array([1.0, 0.0, 0.0, 0.0]), qt.rotation.from_rotation_vector(jnp.array([0.0, 0.0, np.pi / 2]))
+    profiles = {name: qt.EulerTurn(one, quarter, law).profile for name, law in laws.items()}
+    return figures.profiles_figure(profiles, **limits)
+
+
+def conventions() -> Figure:
+    """One λ, passively (one vector, two sets of components) and actively (one set of components, two vectors)."""
+    turn = qt.rotation.from_rotation_vector(jnp.array([0.0, 0.0, TURN]))
+    with mpl.rc_context(RC):
+        figure = Figure(figsize=(9.4, 4.1))
+        left, right = figure.subplots(1, 2)
+        _passive(left, turn)
+        _active(right, turn)
+        for axes in (left, right):
+            axes.set(xlim=(-1.0, 1.65), ylim=(-0.5, 1.6), aspect="equal")
+            axes.axis("off")
+        figure.subplots_adjust(left=0.01, right=0.99, top=0.9, bottom=0.02, wspace=0.04)
+    return figure
+
+
+def _passive(axes, turn) -> None:
+    body = jnp.array([1.15, 0.45, 0.0])
+    world = np.asarray(qt.quaternion.rotate(turn, body))
+    axes.set_title("passive: one vector, two sets of components", fontweight="bold")
+    _bases(axes, turn)
+    _arc(axes, 0.33, 0.0, TURN, label=0.4)
+    _arrow(axes, world, VECTOR, "v", lw=2.4)
+    for basis, color, values in ((np.eye(2), WORLD, world[:2]), (_axes_of(turn), BODY, np.asarray(body[:2]))):
+        for component, direction in zip(values, basis, strict=True):
+            foot = component * direction
+            axes.plot(*zip(world[:2], foot, strict=True), color=color, lw=0.9, ls=(0, (3, 2)), zorder=1)
+            axes.plot(*foot, "o", color=color, ms=4)
+    axes.text(
+        0.3, -0.4, r"$v_\xi = \lambda\circ v_X\circ\lambda^{-1},\quad v_X = \alpha\,v_\xi$", ha="center", fontsize=12
+    )
+
+
+def _active(axes, turn) -> None:
+    before = jnp.array([1.15, 0.45, 0.0])
+    after = np.asarray(qt.quaternion.rotate(turn, before))
+    axes.set_title("active: one set of components, two vectors", fontweight="bold")
+    _bases(axes, turn)
+    _arrow(axes, np.asarray(before), WORLD, "v", lw=2.4)
+    _arrow(axes, after, BODY, "R(λ)v", lw=2.4)
+    start = np.arctan2(before[1], before[0])
+    _arc(axes, np.linalg.norm(before), start, start + TURN, label=0.2)
+    axes.text(0.3, -0.4, r"$R(\lambda)\,v = \lambda\circ v\circ\lambda^{-1}$", ha="center", fontsize=12)
+
+
+def _bases(axes, turn) -> None:
+    """Inertial and body axes; the third of each points towards the reader."""
+    for basis, color, names in ((np.eye(2), WORLD, "ξη"), (_axes_of(turn), BODY, "XY")):
+        for direction, name in zip(basis, names, strict=True):
+            _arrow(axes, 1.42 * direction, color, name, lw=1.1)
+
+
+def _axes_of(turn) -> np.ndarray:
+    """The body axes X and Y in inertial components: rows of α."""
+    return np.asarray(qt.rotation.to_dcm(turn))[:2, :2]
+
+
+def _arrow(axes, tip, color, name, lw) -> None:
+    tip = np.asarray(tip)[:2]
+    axes.annotate(
+        "", tip, (0.0, 0.0), arrowprops={"arrowstyle": "-|>", "color": color, "lw": lw, "shrinkA": 0, "shrinkB": 0}
+    )
+    axes.text(*(tip + 0.09 * tip / np.linalg.norm(tip)), name, color=color, ha="center", va="center", fontsize=11)
+
+
+def _arc(axes, radius, start, end, label) -> None:
+    """The turn by Φ, with its sense, and its name after this part of it."""
+    angles = np.linspace(start, end, 60)
+    points = radius * np.stack([np.cos(angles), np.sin(angles)])
+    axes.plot(*points[:, :-4], color=VECTOR, lw=1.4)
+    style = {"arrowstyle": "-|>", "color": VECTOR, "lw": 1.4, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", points[:, -1], points[:, -6], arrowprops=style)
+    axes.text(
+        *((1 + 0.1 / radius) * points[:, int(60 * label)]), "Φ", color=VECTOR, ha="center", va="center", fontsize=11
+    )
+
+
+PICTURES: dict[str, Callable[[], Figure]] = {
+    "tuning": tuning,
+    "conventions": conventions,
+    "trihedra": trihedra,
+    "orientation": orientation,
+    "turns": turns,
+}
+"""Name of the file, and what draws it."""
+
+
+def main(names: list[str]) -> None:
+    """Draw the figures of these names, all without."""
+    for name in names or PICTURES:
+        figures.save(PICTURES[name](), FOLDER / f"{name}.svg")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,103 @@
+"""The reference has every public name, and every public name says what it is."""
+
+import importlib
+import inspect
+import re
+import types
+from pathlib import Path
+
+import pytest
+
+import qtraj
+from qtraj.cli.app import app
+from qtraj.viz import figures
+
+DOCS = Path(__file__).parents[2] / "docs"
+TEXT = "\n".join(page.read_text(encoding="utf-8") for page in sorted((DOCS / "reference").glob("*.md")))
+DOCUMENTED = re.findall(r"(?m)^::: (\S+)$", TEXT)
+
+MODULES = {"qtraj": qtraj, "qtraj.viz.figures": figures}
+MODULES |= {f"qtraj.{n}": vars(qtraj)[n] for n in qtraj.__all__ if isinstance(vars(qtraj)[n], types.ModuleType)}
+"""Modules whose public names are the library's, by the names that users know."""
+
+
+def public(module):
+    """Public names of a module: those of `__all__`, or else what it defines. Modules and texts are no such names."""
+    own = [name for name, thing in vars(module).items() if getattr(thing, "__module__", None) == module.__name__]
+    names = getattr(module, "__all__", None) or [name for name in own if not name.startswith("_")]
+    return {name: vars(module)[name] for name in names if not isinstance(vars(module)[name], types.ModuleType | str)}
+
+
+def resolve(identifier):
+    """The object of a dotted name.
+
+    **Raises:** AttributeError or ModuleNotFoundError where there is none.
+    """
+    parts, found = identifier.split("."), qtraj
+    for k, name in enumerate(parts[1:], 2):
+        found = getattr(found, name) if hasattr(found, name) else importlib.import_module(".".join(parts[:k]))
+    return found
+
+
+def missing(module, documented):
+    """Public names of a module that no documented name stands for."""
+    known = {id(resolve(identifier)) for identifier in documented}
+    return sorted(name for name, thing in public(module).items() if id(thing) not in known)
+
+
+def silent(name, thing):
+    """Whatever of a public thing has no docstring: itself, its public methods and properties."""
+    text = thing.__dict__.get("__doc__") if inspect.isclass(thing) else thing.__doc__
+    generated = inspect.isclass(thing) and (text or "").startswith(f"{thing.__name__}(")
+    found = [name] if not (text or "").strip() or generated else []
+    if inspect.isclass(thing):
+        members = {k: v for k, v in inspect.getmembers(thing) if not k.startswith("_")}
+        spoken = {k: v for k, v in members.items() if isinstance(v, property) or inspect.isroutine(v)}
+        found += [f"{name}.{k}" for k, v in spoken.items() if not inspect.getdoc(v)]
+    return found
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_every_public_name_is_in_the_reference(name):
+    assert missing(MODULES[name], DOCUMENTED) == []
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_every_public_name_has_a_docstring(name):
+    assert MODULES[name].__doc__
+    assert [member for n, thing in public(MODULES[name]).items() for member in silent(f"{name}.{n}", thing)] == []
+
+
+def test_every_submodule_and_the_version_are_named():
+    assert [name for name in MODULES if f"`{name}`" not in TEXT and name != "qtraj"] == []
+    assert "`qtraj.__version__`" in TEXT
+
+
+def test_nothing_is_documented_twice_or_in_vain():
+    assert len(DOCUMENTED) > 130
+    assert sorted(DOCUMENTED) == sorted(set(DOCUMENTED))
+    things = [id(resolve(identifier)) for identifier in DOCUMENTED]
+    assert len(set(things)) == len(things)
+
+
+def test_every_command_is_on_a_page():
+    page = (DOCS / "concepts" / "files.md").read_text(encoding="utf-8")
+    names = [command.callback.__name__ for command in app.registered_commands]
+    assert [name for name in names if f"| `qtraj {name} " not in page] == []
+
+
+def test_the_check_sees_a_missing_name_and_a_missing_docstring():
+    module = types.ModuleType("qtraj.fake")
+
+    def told():
+        """Told."""
+
+    class Quiet:
+        def method(self): ...
+
+    for thing in (told, Quiet):
+        thing.__module__ = module.__name__
+    module.told, module.Quiet, module._own = told, Quiet, told
+    assert missing(module, ["qtraj.tune"]) == ["Quiet", "told"]
+    assert silent("told", told) == []
+    assert silent("Quiet", Quiet) == ["Quiet", "Quiet.method"]
