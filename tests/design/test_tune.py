@@ -19,6 +19,8 @@ START = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, RATE * 20, 0.3])
 END = qt.BoundaryState([0.0, 28.0, 1.5], [-RATE * 28, -1.0, 0.1])
 LIMITS = qt.Limits(curvature=0.048, lateral_acceleration=2.2)
 
+SOON = {"duration": (2.0, 8.0)}  # [s]: slow paths that loop far out would meet almost any curvature
+
 AGREES = 1e-6  # relative difference of objectives
 
 
@@ -150,7 +152,8 @@ def test_progress_is_told():
 
 
 def test_an_impossible_limit_is_explained():
-    best = qt.tune(START, END, qt.Limits(curvature=0.02, lateral_acceleration=2.2))
+    limits = qt.Limits(curvature=0.02, lateral_acceleration=2.2)
+    best = qt.tune(START, END, limits, bounds=SOON)
     assert best.status == "infeasible"
     assert not best.converged
     assert not best.certificate.met
@@ -158,7 +161,7 @@ def test_an_impossible_limit_is_explained():
     assert "What would help: raise curvature to" in best.result
     # The remedy it names does help.
     needed = float(best.result.split("raise curvature to ")[1].split(" ")[0])
-    again = qt.tune(START, END, qt.Limits(curvature=needed, lateral_acceleration=2.2))
+    again = qt.tune(START, END, qt.Limits(curvature=needed, lateral_acceleration=2.2), bounds=SOON)
     assert again.certificate.met, again.result
 
 
@@ -171,7 +174,7 @@ def test_limits_that_quarrel_are_told_apart_from_impossible_ones():
     assert "longer duration" in best.result
 
 
-@pytest.mark.parametrize("limit", [1e-2, 1e-6, 1e-300])
+@pytest.mark.parametrize("limit", [1e-3, 1e-6, 1e-300])
 def test_a_limit_far_out_of_reach_is_infeasible_not_a_runaway(limit):
     start = qt.BoundaryState([10.0, 0.0, 0.0], [0.0, 5.0, 1.0])
     end = qt.BoundaryState([0.0, 12.0, 2.0], [-6.0, 0.0, 1.0])
@@ -205,7 +208,7 @@ def test_the_outcome_passes_through_jit():
 
 
 def test_too_few_steps_are_said():
-    best = qt.tune(START, END, LIMITS, starts=1, max_steps=2)
+    best = qt.tune(START, END, LIMITS, starts=1, max_steps=1)
     assert best.status == "not converged"
     assert "max_steps" in best.result
 
@@ -254,14 +257,14 @@ def test_the_outcome_is_stored_exactly(tmp_path):
 
 
 def test_the_move_that_is_advised_helps():
-    limits = qt.Limits(curvature=0.022)
-    best = qt.tune(START, END, limits, bounds={"duration": (2.0, 8.0)})
+    limits = qt.Limits(curvature=0.02)
+    best = qt.tune(START, END, limits, bounds=SOON)
     assert best.status == "infeasible"
     turn = float(best.result.split("move the turn from 1.571 to ")[1].split(" ")[0]) - 0.01  # it has four digits
     cos, sin = math.cos(turn), math.sin(turn)
     position = jnp.asarray([28.0 * cos, 28.0 * sin, 1.5])
     velocity = jnp.asarray([-cos - RATE * 28 * sin, -sin + RATE * 28 * cos, 0.1])
-    again = qt.tune(START, qt.BoundaryState(position, velocity), limits, bounds={"duration": (2.0, 8.0)})
+    again = qt.tune(START, qt.BoundaryState(position, velocity), limits, bounds=SOON)
     assert again.converged, again.result
 
 

@@ -10,7 +10,7 @@ from qtraj.design.tuning.problem import COMPONENTS, DURATION, ENDS, VELOCITIES, 
 from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.types import ArrayInput, Scalar
 
-LARGEST_CHANGE, LARGEST_LOGARITHM = 100.0, 5.0
+LARGEST_CHANGE, LARGEST_LOGARITHM = 10.0, 3.0
 """How far a velocity may move, in reference speeds, and the logarithm of the duration, unless bounds say otherwise."""
 
 Bounds = Mapping[str, tuple[ArrayInput | None, ArrayInput | None]]

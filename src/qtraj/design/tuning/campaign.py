@@ -16,7 +16,7 @@ from qtraj.design.tuning.problem import COMPONENTS, DURATION
 from qtraj.design.tuning.sqp import FEASIBLE, State, solve
 from qtraj.design.tuning.task import Task
 
-MOVED = (f"start.{COMPONENTS[0]}", f"end.{COMPONENTS[0]}", DURATION)
+MOVED: tuple[str, ...] = (f"start.{COMPONENTS[0]}", f"end.{COMPONENTS[0]}", DURATION)
 PLANNED = (
     (0.0, 0.0, 0.0),
     (-1.0, 1.0, -0.5),
@@ -63,7 +63,9 @@ class Found(NamedTuple):
 
 def starting_points(names: Sequence[str], starts: int) -> np.ndarray:
     """The given states, planned changes of them, then random ones, always the same: (starts, variables) numbers."""
-    planned = np.asarray([[dict(zip(MOVED, change, strict=True)).get(name, 0.0) for name in names] for change in PLANNED])
+    planned = np.asarray(
+        [[dict(zip(MOVED, change, strict=True)).get(name, 0.0) for name in names] for change in PLANNED]
+    )
     about = SPREAD * np.random.default_rng(SEED).standard_normal((max(starts - len(planned), 0), len(names)))
     return np.concatenate([planned[:starts], about])
 

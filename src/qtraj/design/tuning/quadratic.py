@@ -1,8 +1,8 @@
 """Small elastic quadratic programs by the dual active-set method of Goldfarb and Idnani.
 
-It starts from the solution with the excess t held at its least and nothing else bounded, and makes the most broken bound
-active, one after the other, letting go those whose multiplier would turn negative on the way. So it ends after a few
-steps at the exact solution, however large the penalty and however small the box.
+It starts from the solution with the excess t held at its least and nothing else bounded, and makes the most broken
+bound active, one after the other, letting go those whose multiplier would turn negative on the way. So it ends after a
+few steps at the exact solution, however large the penalty and however small the box.
 """
 
 from typing import NamedTuple
@@ -73,7 +73,7 @@ class _Active(NamedTuple):
 
 
 class _Way(NamedTuple):
-    """Where a bound's entering leads: x moves along −direction and the multipliers along −force, per unit of its own."""
+    """Where a bound's entering leads: x goes along −direction, the multipliers along −force, per unit of its own."""
 
     bound: Index
     direction: Float[Array, " q"]
@@ -200,7 +200,7 @@ def _inverse(matrix: Matrix) -> Matrix:
     for j in range(n):
         column = [diagonal[j]]
         for i in range(j + 1, n):
-            column.append(-_dot(lower[i][j:], column) * diagonal[i])
+            column.append(-diagonal[i] * _dot(lower[i][j:], column))
         columns.append(column)
     above = [[_dot(columns[i][j - i :], columns[j]) for j in range(i, n)] for i in range(n)]
     return jnp.stack([jnp.stack([jnp.asarray(above[min(i, j)][abs(i - j)]) for j in range(n)]) for i in range(n)])

@@ -3,9 +3,10 @@
 It minimises weight·cost + ν·max(0, g₁, …) over a box: an exact penalty, whose largest excess (and not their sum) stays
 continuous while peaks come and go. Each step solves a convex quadratic program in the step d and the excess t allowed,
 in a box of trust; the Hessian is that of the Lagrangian, exact, with the motion of the peaks. Where it is not positive
-definite, squares of the active rows are added first (which does not change the solution where they stay active), and
-multiples of the identity when that is not enough. A step that raises what is minimised is refused, and the trust
-shrinks.
+definite, squares of the active rows are added first (which does not change the solution where they stay active; while
+the limits cannot be met, squares of their differences, for then they all move with t), and multiples of the identity
+when that is not enough. A second program about where the first one leads corrects the step. A step that raises what is
+minimised is refused, and the trust shrinks.
 """
 
 from typing import NamedTuple
@@ -16,12 +17,13 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.design.tuning.problem import Variables
 from qtraj.design.tuning.rows import Peaks, find_peaks, rows_at, values_at
-from qtraj.design.tuning.subproblem import Model, Move, best_move
+from qtraj.design.tuning.subproblem import ELASTIC, Model, Move, best_move
 from qtraj.design.tuning.task import Task
 from qtraj.foundation.types import Flag, Scalar
 
 FIRST_TRUST, LARGEST_TRUST, LEAST_TRUST = 0.5, 2.0, 1e-11
 FIRST_PENALTY, PENALTY_GROWTH, HIGHEST_PENALTY = 2.0, 5.0, 1e5
+SPARE_PENALTY = 3.0  # times the sum of the multipliers: enough once the limits are met
 
 FEASIBLE = 2e-9
 """Largest relative excess over a limit, of ½((value/limit)² − 1), that counts as met."""
@@ -70,7 +72,7 @@ def begin(task: Task, z: Variables) -> State:
         values=values_at(task.problem, task.limits, z, peaks),
         multipliers=jnp.zeros_like(peaks.time),
         trust=jnp.full_like(cost, FIRST_TRUST),
-        penalty=jnp.where(task.weight > 0, FIRST_PENALTY, 1.0).astype(cost.dtype),
+        penalty=_first_penalty(task),
         steps=jnp.asarray(0),
         done=jnp.asarray(False),
         settled=jnp.asarray(False),
@@ -103,13 +105,15 @@ def step(task: Task, s: State) -> State:
     ended: State = jax.tree.map(lambda new, old: jnp.where(taken, new, old), there, s)
     still = (taken & (jnp.max(jnp.abs(move.d)) < SMALL_STEP)) | flat
     trust = _trust(s, move, taken, gained >= 0.7 * move.promise - rounding)
-    penalty, hopeless = _penalty(task, s, move, taken, still & (ended.excess > FEASIBLE))
-    met = taken & (ended.excess <= FEASIBLE)
-    penalty = jnp.where(met, jnp.clip(3 * jnp.sum(move.multipliers), jnp.where(task.weight > 0, FIRST_PENALTY, 1.0), penalty), penalty)
-    multipliers = ended.multipliers * jnp.where(~met & (jnp.sum(move.multipliers) > 0.9 * s.penalty), penalty / s.penalty, 1.0)
+    penalty, hopeless = _penalty(task, s, ended, move, taken, still)
+    # Where limits cannot be met yet, all the pull is that of the penalty, and grows with it.
+    elastic = (ended.excess > FEASIBLE) & (jnp.sum(move.multipliers) > ELASTIC * s.penalty)
+    multipliers = ended.multipliers * jnp.where(elastic, penalty / s.penalty, 1.0)
     settled = still & ((ended.excess <= FEASIBLE) | hopeless)
     done = settled | (trust < LEAST_TRUST)
-    return ended._replace(multipliers=multipliers, trust=trust, penalty=penalty, steps=s.steps + 1, done=done, settled=settled)
+    return ended._replace(
+        multipliers=multipliers, trust=trust, penalty=penalty, steps=s.steps + 1, done=done, settled=settled
+    )
 
 
 def _model(task: Task, s: State) -> Model:
@@ -125,13 +129,24 @@ def _trust(s: State, move: Move, taken: Flag, good: Flag) -> Scalar:
     return jnp.where(taken, jnp.where(good, wide, s.trust), 0.3 * jnp.clip(size, 0.1 * s.trust, s.trust))
 
 
-def _penalty(task: Task, s: State, move: Move, taken: Flag, ended_outside: Flag) -> tuple[Scalar, Flag]:
-    """The next penalty, larger where it holds the step back from the limits; and whether that is past hope."""
+def _penalty(task: Task, s: State, ended: State, move: Move, taken: Flag, still: Flag) -> tuple[Scalar, Flag]:
+    """The next penalty, and whether it is past hope.
+
+    Larger where it holds the step back from the limits; where they are met, no larger than the multipliers need, or
+    steps along a curved limit would have to be short.
+    """
+    pull = jnp.sum(move.multipliers)
     inside = jnp.max(jnp.abs(move.d)) < 0.5 * s.trust  # or the trust, and not the penalty, holds it back
-    pressed = taken & inside & (move.allowed > 0.1 * FEASIBLE) & (jnp.sum(move.multipliers) > 0.5 * s.penalty)
-    raised = (pressed | ended_outside) & (task.weight > 0)
+    pressed = taken & inside & (move.allowed > 0.1 * FEASIBLE) & (pull > 0.5 * s.penalty)
+    met = ended.excess <= FEASIBLE
+    raised = (pressed | (still & ~met)) & (task.weight > 0)
     penalty = jnp.where(raised, jnp.minimum(PENALTY_GROWTH * s.penalty, HIGHEST_PENALTY), s.penalty)
-    return penalty, (task.weight == 0) | (s.penalty >= HIGHEST_PENALTY)
+    lowered = jnp.minimum(jnp.maximum(SPARE_PENALTY * pull, _first_penalty(task)), penalty)
+    return jnp.where(taken & met, lowered, penalty), (task.weight == 0) | (s.penalty >= HIGHEST_PENALTY)
+
+
+def _first_penalty(task: Task) -> Scalar:
+    return jnp.where(task.weight > 0, FIRST_PENALTY, 1.0).astype(task.weight.dtype)
 
 
 def _hand_over(multipliers: Float[Array, " m"], times: Float[Array, " m"], peaks: Peaks) -> Float[Array, "limits k"]:

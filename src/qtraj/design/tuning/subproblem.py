@@ -13,7 +13,7 @@ from qtraj.design.tuning.task import Task
 from qtraj.foundation.types import Scalar
 
 FAR = 1e3  # in units of the trust: a row this far away is not reached
-CORRECTIONS = 2  # programs solved for one step: about the point, and with the rows as they are after the first
+CORRECTIONS = 2  # programs solved for one step: about the point, and about where the first one leads
 
 ACTIVE = 1e-7  # a multiplier above this takes its row for active
 AT_BOUND = 1e-7  # a variable this near to a bound stands on it
@@ -56,41 +56,63 @@ class Move(NamedTuple):
     residual: Scalar  # of the stationarity that the multipliers leave, over the penalty
 
 
+class _Trial(NamedTuple):
+    """Where the programs so far have led: the step, the values of the rows there, and the multipliers of the peaks."""
+
+    d: Variables
+    values: Float[Array, " m"]
+    pulls: Float[Array, "limits k"]
+
+
 def best_move(
     task: Task, z: Variables, model: Model, multipliers: Float[Array, "limits k"], penalty: Scalar, trust: Scalar
 ) -> Move:
-    """The step from `z`, of a program solved once more with the rows as they are after the first step."""
-    rows = model.rows
-    padded = jax.vmap(lambda of: jnp.pad(of, ((0, rows.value.shape[0] // model.hessians.shape[0] - of.shape[0]), (0, 0), (0, 0))))(model.hessians)
-    bends = padded.reshape(-1, *padded.shape[2:])
-    count = multipliers.shape
+    """The step from `z`: that of the program there, and that of the program about where the first one leads.
 
-    def correct(about: tuple[Variables, Array, Array], _: None) -> tuple[tuple[Variables, Array, Array], tuple[Array, ...]]:
-        d, values, pulls = about
-        near = Model(
-            model.cost,
-            model.slope + model.curvature @ d,
-            model.curvature,
-            rows._replace(value=values, slope=rows.slope + bends @ d),
-            model.hessians,
-        )
-        program = _program(task, z, near, pulls, penalty, trust, d)
-        e, allowed, found = _solve(program, values)
-        after = values_nearby(task.problem, task.limits, z + d + e, rows)
-        excess = jnp.maximum(jnp.max(values + near.rows.slope @ e), 0.0)
-        return (d + e, after, found.reshape(count[0], -1)[:, : count[1]]), (d + e, allowed, found, excess, near.rows.slope)
+    The second knows the true values of the rows, their peaks followed, and their slopes as the Hessians foretell them.
+    """
+    bends = _of_rows(model.hessians, model.rows)
 
-    _, solved = jax.lax.scan(correct, (jnp.zeros_like(z), rows.value, multipliers), None, length=CORRECTIONS)
-    d, allowed, found, after, slopes = (x[-1] for x in solved)
+    def correct(at: _Trial, _: None) -> tuple[_Trial, tuple[Array, ...]]:
+        near = _foretold(model, bends, at)
+        program = _program(task, near, at.pulls, penalty)
+        e, allowed, found = _solve(program, at.values, _box(task, z, at.d, trust), trust)
+        d = at.d + e
+        excess = jnp.maximum(jnp.max(at.values + near.rows.slope @ e), 0.0)
+        there = values_nearby(task.problem, task.limits, z + d, model.rows)
+        pulls = found.reshape(multipliers.shape[0], -1)[:, : multipliers.shape[1]]
+        return _Trial(d, there, pulls), (d, found, allowed, excess, near.rows.slope)
+
+    start = _Trial(jnp.zeros_like(z), model.rows.value, multipliers)
+    _, solved = jax.lax.scan(correct, start, None, length=CORRECTIONS)
+    d, found, allowed, excess, slopes = (x[-1] for x in solved)
+    gained = penalty * (jnp.maximum(jnp.max(model.rows.value), 0.0) - excess)
     cost = task.weight * (model.slope @ d + 0.5 * d @ model.curvature @ d)
     balance = task.weight * (model.slope + model.curvature @ d) + found @ slopes
     inside = (z > task.low + AT_BOUND) & (z < task.high - AT_BOUND)
     residual = jnp.max(jnp.abs(jnp.where(inside, balance, 0.0))) / jnp.maximum(penalty, 1.0)
-    return Move(d, found, allowed, penalty * (jnp.maximum(jnp.max(rows.value), 0.0) - after) - cost, residual)
+    return Move(d, found, allowed, gained - cost, residual)
+
+
+def _of_rows(x: Float[Array, "limits k *rest"], rows: Rows) -> Float[Array, "m *rest"]:
+    """What belongs to peaks and ends as one for each row, zero for those at fixed times."""
+    each = rows.value.shape[0] // x.shape[0]
+    return jnp.pad(x, ((0, 0), (0, each - x.shape[1]), *((0, 0),) * (x.ndim - 2))).reshape(-1, *x.shape[2:])
+
+
+def _foretold(model: Model, bends: Float[Array, "m n n"], at: _Trial) -> Model:
+    """The model about the trial: its values are known, its slopes follow from the second derivatives."""
+    rows = model.rows._replace(value=at.values, slope=model.rows.slope + bends @ at.d)
+    return model._replace(slope=model.slope + model.curvature @ at.d, rows=rows)
+
+
+def _box(task: Task, z: Variables, d: Variables, trust: Scalar) -> tuple[Variables, Variables]:
+    """Bounds on a step from z + d that stays within the trust about z and the bounds of the problem."""
+    return jnp.maximum(task.low - z, -trust) - d, jnp.minimum(task.high - z, trust) - d
 
 
 class _Program(NamedTuple):
-    """The quadratic program in (d, t) about a point, but for the values of its rows."""
+    """The quadratic program in (d, t) about a point, but for the values of its rows and its box."""
 
     hessian: Float[Array, "n n"]
     slope: Variables
@@ -99,41 +121,17 @@ class _Program(NamedTuple):
     active: Float[Array, " m"]  # 1 for the active rows, else 0
     squared: Scalar  # how much of the active rows' squares is in the Hessian
     elastic: Scalar  # 1 where these are measured from their mean, which moves with t, or 0
-    low: Variables
-    high: Variables
-    trust: Scalar
 
 
-def _program(
-    task: Task,
-    z: Variables,
-    model: Model,
-    multipliers: Float[Array, "limits k"],
-    penalty: Scalar,
-    trust: Scalar,
-    moved: Variables,
-) -> _Program:
-    rows = model.rows
-    free = jnp.where(task.high > task.low, 1.0, 0.0).astype(z.dtype)
-    slopes = rows.slope * free[None]
+def _program(task: Task, model: Model, multipliers: Float[Array, "limits k"], penalty: Scalar) -> _Program:
+    free = jnp.where(task.high > task.low, 1.0, 0.0).astype(model.slope.dtype)
+    slopes = model.rows.slope * free[None]
     lagrangian = task.weight * model.curvature + jnp.einsum("lk,lkij->ij", multipliers, model.hessians)
     lagrangian = lagrangian * jnp.outer(free, free) + jnp.diag(1.0 - free)
-    active = jnp.where(multipliers > ACTIVE, 1.0, 0.0).astype(z.dtype)
-    active = jnp.pad(active, ((0, 0), (0, rows.value.shape[0] // active.shape[0] - active.shape[1]))).reshape(-1)
-    elastic = jnp.where(jnp.sum(multipliers) > ELASTIC * penalty, 1.0, 0.0).astype(z.dtype)
+    active = _of_rows(jnp.where(multipliers > ACTIVE, 1.0, 0.0).astype(model.slope.dtype), model.rows)
+    elastic = jnp.where(jnp.sum(multipliers) > ELASTIC * penalty, 1.0, 0.0).astype(model.slope.dtype)
     hessian, squared = _convex(lagrangian, _centred(slopes, active, elastic))
-    return _Program(
-        hessian=hessian,
-        slope=task.weight * model.slope * free,
-        penalty=penalty,
-        slopes=slopes,
-        active=active,
-        squared=squared,
-        elastic=elastic,
-        low=jnp.maximum(task.low - z, -trust) - moved,
-        high=jnp.minimum(task.high - z, trust) - moved,
-        trust=trust,
-    )
+    return _Program(hessian, task.weight * model.slope * free, penalty, slopes, active, squared, elastic)
 
 
 def _centred(x: Array, active: Float[Array, " m"], elastic: Scalar) -> Array:
@@ -143,12 +141,15 @@ def _centred(x: Array, active: Float[Array, " m"], elastic: Scalar) -> Array:
     return weight * (x - elastic * mean[None])
 
 
-def _solve(program: _Program, values: Float[Array, " m"]) -> tuple[Variables, Scalar, Float[Array, " m"]]:
+def _solve(
+    program: _Program, values: Float[Array, " m"], box: tuple[Variables, Variables], trust: Scalar
+) -> tuple[Variables, Scalar, Float[Array, " m"]]:
     """The step, the excess it allows, and the multipliers of the rows."""
     # Against the present excess, in units of the trust, and of the penalty where that is large: numbers near one.
     present = jnp.maximum(jnp.max(values), 0.0)
     below = values - present
-    length, force = program.trust, jnp.maximum(program.penalty, 1.0)
+    low, high = box
+    length, force = trust, jnp.maximum(program.penalty, 1.0)
     slopes = _centred(program.slopes, program.active, program.elastic)
     offset = _centred(below, program.active, program.elastic)
     slope = program.slope + program.squared * (offset @ slopes)
@@ -159,14 +160,14 @@ def _solve(program: _Program, values: Float[Array, " m"]) -> tuple[Variables, Sc
             slope=slope / force,
             rows=program.slopes,
             bounds=jnp.minimum(-below / length, FAR),
-            low=program.low / length,
-            high=program.high / length,
+            low=low / length,
+            high=high / length,
             penalty=program.penalty / force,
             stiffness=jnp.minimum(jnp.trace(hessian) / hessian.shape[0], OF_EXCESS),
             least=jnp.maximum(-present / length, -FAR),
         )
     )
-    d = jnp.where(program.high > program.low, jnp.clip(d * length, program.low, program.high), 0.0)
+    d = jnp.where(high > low, jnp.clip(d * length, low, high), 0.0)
     found = jnp.maximum(multipliers * force + program.squared * (offset + slopes @ d), 0.0)
     # No more than the penalty is ever needed: a program solved badly must not leave more behind.
     found = found * jnp.minimum(1.0, program.penalty / jnp.maximum(jnp.sum(found), program.penalty))
