@@ -257,7 +257,7 @@ def test_the_outcome_is_stored_exactly(tmp_path):
 
 
 def test_the_move_that_is_advised_helps():
-    limits = qt.Limits(curvature=0.02)
+    limits = qt.Limits(curvature=0.02, lateral_acceleration=2.2)
     best = qt.tune(START, END, limits, bounds=SOON)
     assert best.status == "infeasible"
     turn = float(best.result.split("move the turn from 1.571 to ")[1].split(" ")[0]) - 0.01  # it has four digits
