@@ -14,6 +14,7 @@ from qtraj.design.tuning.tune import tune
 from qtraj.foundation.document import load
 from qtraj.io import exchange
 from qtraj.io.dataset_file import load_dataset, save_dataset
+from qtraj.io.label import label
 from qtraj.io.track_file import read_track
 from qtraj.motion import control, dynamics
 from qtraj.motion.attitude import AbstractProgram, Attitude
@@ -96,6 +97,7 @@ __all__ = [
     "exchange",
     "fit",
     "integrate",
+    "label",
     "load",
     "load_dataset",
     "peak",

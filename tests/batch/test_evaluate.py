@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import qtraj as qt
-from qtraj.batch.table import AXES
+from qtraj.path.quantities import AXES
 
 TIMES = np.linspace(0.0, 4.0, 7)
 SHAPES = {"world": 3, "body": 3, "quaternion_component": 4}

@@ -39,7 +39,7 @@ def notebook(name):
 
 
 def test_the_notebooks_are_found():
-    assert {"00_two_papers", "10_recorded_turn", "40_propagation"} <= SCRIPTS.keys()
+    assert {"00_two_papers", "10_recorded_turn", "50_tuning", "70_batches"} <= SCRIPTS.keys()
     assert {file.stem for file in FOLDER.glob("*.ipynb")} == SCRIPTS.keys()
 
 

@@ -107,7 +107,7 @@ def test_a_callable_objective_is_minimised():
 
 
 def test_wide_limits_leave_the_given_states_alone():
-    best = qt.tune(START, END, qt.Limits(curvature=1.0, speed=50.0))
+    best = qt.tune(START, END, qt.Limits(curvature=1.0, lateral_acceleration=50.0))
     assert best.status == "converged"
     assert best.objective == pytest.approx(0.0, abs=1e-15)
     assert "No limit binds" in best.result
@@ -188,16 +188,17 @@ def test_a_known_turn_is_kept_against_the_sense_of_the_start():
     start = qt.BoundaryState([10.0, 0.0, 0.0], [0.0, -0.5, 1.0])
     end = qt.BoundaryState([0.0, 10.0, 2.0], [-6.0, 0.0, 1.0])
     given = qt.SpiralHelix.hermite(start, end, 3.0)
-    best = qt.tune(start, end, qt.Limits(speed=30.0), motion="hermite", duration=3.0, turn=given.turn)
+    wide = qt.Limits(curvature=1e3, lateral_acceleration=1e3)
+    best = qt.tune(start, end, wide, motion="hermite", duration=3.0, turn=given.turn)
     assert float(best.path.turn) == pytest.approx(math.pi / 2)
     np.testing.assert_allclose(best.path.angle, given.angle, atol=1e-9)
-    assert float(qt.tune(start, end, qt.Limits(speed=30.0), motion="hermite", duration=3.0).path.turn) < 0
+    assert float(qt.tune(start, end, wide, motion="hermite", duration=3.0).path.turn) < 0
 
 
 def test_a_path_through_its_own_axis_is_remarked_on():
     start = qt.BoundaryState([10.0, 0.0, 0.0], [-30.0, 5.0, 0.0])
     end = qt.BoundaryState([0.0, 10.0, 0.0], [-5.0, 30.0, 0.0])
-    best = qt.tune(start, end, qt.Limits(speed=100.0))
+    best = qt.tune(start, end, qt.Limits(curvature=1e3, lateral_acceleration=1e4))
     assert "runs through its own axis" in best.result
 
 
@@ -305,9 +306,14 @@ def stacked(count):
     return starts, ends, limits
 
 
-def test_a_batch_is_what_its_lanes_are():
+@pytest.fixture(scope="module")
+def many():
+    """The outcomes of five problems."""
+    return qt.tune(*stacked(5), starts=2)
+
+
+def test_a_batch_is_what_its_lanes_are(many):
     starts, ends, limits = stacked(5)
-    many = qt.tune(starts, ends, limits, starts=2)
     assert len(many) == 5
     assert list(many.status) == ["converged"] * 5, many.result
     assert "proved on the whole path" in many.result[3]
@@ -337,22 +343,26 @@ def test_the_solution_is_differentiable_in_its_data():
         return qt.tune(start, END, qt.Limits(curvature=curvature), starts=1).path.duration
 
     at = (20.0, RATE, 0.048)
-    both = jax.jit(jax.value_and_grad(duration, argnums=(0, 1, 2)))
-    value, gradient = both(*at)
+
+    @jax.jit
+    def both(*at):
+        """The value, and the derivatives of one linearisation: transposed, and pushed forward."""
+        value, push = jax.linearize(duration, *at)
+        return value, jax.linear_transpose(push, *at)(jnp.ones_like(value)), push(1.0, 0.0, 0.0)
+
+    value, gradient, forward = both(*at)
     assert float(value) == pytest.approx(float(duration(*at)), rel=1e-12)
     for k, (slope, size) in enumerate(zip(gradient, (1e-3, 1e-5, 1e-6), strict=True)):
         higher, lower = (both(*at[:k], at[k] + sign * size, *at[k + 1 :])[0] for sign in (1, -1))
         assert float(slope) == pytest.approx(float(higher - lower) / (2 * size), rel=2e-5)
-    _, forward = jax.jvp(duration, at, (1.0, 0.0, 0.0))
     assert float(forward) == pytest.approx(float(gradient[0]), rel=1e-9)
 
 
-def test_a_batch_ends_where_its_lanes_do():
-    starts, ends, limits = stacked(2)
-    many = qt.tune(starts, ends, limits, starts=1)
-    assert len(list(many)) == 2
-    with pytest.raises(IndexError, match="there are 2 problems"):
-        many[2]
+def test_a_batch_ends_where_its_lanes_do(many):
+    starts, _, limits = stacked(5)
+    assert len(list(many)) == 5
+    with pytest.raises(IndexError, match="there are 5 problems"):
+        many[5]
     with pytest.raises(ValueError, match="lanes"):
         qt.tune(START, END, limits)
     shared = qt.tune(starts, END, LIMITS, starts=1)

@@ -8,7 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import qtraj as qt
-from qtraj.io import exchange, extras
+from qtraj.foundation import extras
+from qtraj.io import exchange
 
 ROUND_OFF = 1e-14
 Q = np.random.default_rng(11).normal(size=(20, 4)) * np.logspace(-3, 3, 20)[:, None]

@@ -24,8 +24,9 @@ def check_gradient(f, points):
 
     @jax.jit
     def both(x, direction):
-        value, slope = jax.jvp(f, (x,), (direction,))
-        return value, slope, jax.grad(f)(x)
+        """The value, and one linearisation of `f` pushed forward and transposed."""
+        value, push = jax.linearize(f, x)
+        return value, push(direction), jax.linear_transpose(push, x)(jnp.ones_like(value))[0]
 
     for x in points:
         ends = [[both(x + sign * STEP * e, e)[0] for sign in (1, -1)] for e in np.eye(len(x))]

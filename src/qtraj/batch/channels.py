@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from qtraj.batch.table import AXES
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.natural_components import natural_components
+from qtraj.path.quantities import AXES
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.trihedral import AbstractFrame, Natural
 

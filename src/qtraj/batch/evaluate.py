@@ -9,11 +9,12 @@ from jax.core import Tracer
 
 from qtraj.batch.program import run
 from qtraj.batch.reduction import REDUCTIONS, Reduced
-from qtraj.batch.table import AXES, Table
+from qtraj.batch.table import Table
 from qtraj.batch.task import Task
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.quantities import AXES
 from qtraj.path.trihedral import AbstractFrame, Natural
 
 DEFAULT_OUTPUTS = ("position", "velocity", "acceleration", "quaternion", "curvature", "torsion", "rate")
@@ -67,9 +68,9 @@ def evaluate(
     work = (paths, Natural() if frame is None else frame)
     traced = any(isinstance(x, Tracer) for x in (*jax.tree.leaves(work), instants))
     values = run(task, work, jnp.atleast_2d(instants), None if traced else devices, traced, _old(reuse, task))
-    if task.reduce is not None:
-        return Reduced(*values, reduction=task.reduce)
     hung = "natural" if frame is None else type(frame).__name__.lower()
+    if task.reduce is not None:
+        return Reduced(*values, reduction=task.reduce, batched=task.batched, components=components, frame=hung)
     return Table(time=instants, **values, batched=task.batched, components=components, frame=hung)
 
 

@@ -7,7 +7,12 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
+
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import AbstractResult, in_lanes
+from qtraj.path.quantities import AXES, DESCRIPTIONS, LABELS, framed
 
 REDUCTIONS = ("max", "min", "integral", "mean")
 
@@ -15,7 +20,7 @@ ROUNDING = 8
 """In machine epsilons: samples so near to a peak are equal to it."""
 
 
-class Reduced(eqx.Module):
+class Reduced(AbstractResult):
     """One number for each component of each output: `reduced["speed"]`.
 
     Arrays are the components alone, (…) for one path and (b, …) for many, or with `components="first"` (…, b). For
@@ -25,9 +30,32 @@ class Reduced(eqx.Module):
     values: dict[str, Array]
     times: dict[str, Array] | None
     reduction: str = eqx.field(static=True)
+    batched: bool = eqx.field(static=True, default=False)
+    components: str = eqx.field(static=True, default="last")
+    frame: str = eqx.field(static=True, default="natural")
 
     def __getitem__(self, name: str) -> Array:
         return self.values[name]
+
+    def record(self) -> Record:
+        """The numbers over `path`, where there are many, and over components; `…_time` is where a peak is attained."""
+        variables = {}
+        for name, values in self.values.items():
+            (unit, meaning), axes = DESCRIPTIONS[name], AXES[name]
+            lanes = ("path",) if self.batched else ()
+            dims = (*lanes, *axes) if self.components == "last" else (*axes, *lanes)
+            whole = f"{unit} s" if self.reduction == "integral" else unit
+            variables[name] = Quantity(values, whole.removeprefix("1 "), f"{self.reduction} of the {meaning}", dims)
+            if self.times is not None:
+                variables[f"{name}_time"] = Quantity(self.times[name], "s", f"time of the {self.reduction}", dims)
+        first = next(iter(variables.values()))
+        paths = (np.shape(first.values)[first.axes.index("path")],) if self.batched else ()
+        return Record(
+            f"{in_lanes(paths, 'paths')}{self.reduction} over time, {self.frame} frame: {', '.join(self.values)}",
+            variables,
+            attributes=framed(self.frame) | {"reduction": self.reduction},
+            labels=LABELS,
+        )
 
 
 def weights(times: Float[Array, "rows n"], reduction: str) -> Float[Array, "rows n"]:

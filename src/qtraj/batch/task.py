@@ -9,7 +9,7 @@ from jax.experimental.layout import Layout
 from jax.sharding import PartitionSpec
 from jaxtyping import Array
 
-from qtraj.batch.table import AXES, LABELS
+from qtraj.path.quantities import AXES, LABELS
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,12 @@ def quantity(name: str, value: float) -> str:
     return f"{value:.6g} {UNITS[name]}".rstrip()
 
 
+def netcdf_unit(name: str) -> str:
+    """The unit of one magnitude as netCDF writes it: "m s-2" for "m/s²"; "1" for a number, or an unknown name."""
+    written = {"1/m": "m-1", "m/s": "m s-1", "m/s²": "m s-2", "rad/s": "rad s-1", "rad/s²": "rad s-2"}
+    return written.get(UNITS.get(name, ""), "1")
+
+
 def peak(path: AbstractHodograph, name: str) -> tuple[Scalar, Scalar]:
     """Time [s] and size of the largest value of one magnitude (a field of `Limits`) over the whole path.
 

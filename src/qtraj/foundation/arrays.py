@@ -91,6 +91,12 @@ def require_positive(x: Array, name: str, unit: str) -> None:
         raise ValueError(f"{name} must be positive and finite [{unit}], but {value.tolist()} was given")
 
 
+def require_lane(lane: Any, count: int, what: str) -> None:
+    """Raise an IndexError where `lane` is a whole number, of Python or NumPy, and none of `count`."""
+    if isinstance(lane, int | np.integer) and not -count <= lane < count:
+        raise IndexError(f"there are {count} {what}, and none at {lane}")
+
+
 def warn_if_coarse(x: Array, name: str) -> None:
     """Warn (once per name) where positions in float32 resolve worse than a millimetre."""
     value = concrete(x)

@@ -17,13 +17,12 @@ import numpy as np
 import xarray
 from jaxtyping import Array, Float
 
-from qtraj._version import __version__
 from qtraj.batch.evaluate import evaluate
-from qtraj.batch.table import AXES, DESCRIPTIONS, LABELS
 from qtraj.design.limits import Limits
-from qtraj.design.magnitudes import UNITS, magnitude
-from qtraj.io.provenance import made_with
+from qtraj.design.magnitudes import magnitude, netcdf_unit
+from qtraj.foundation.provenance import made_with
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.quantities import AXES, DESCRIPTIONS, LABELS
 from qtraj.path.track import Track, known
 
 SAMPLES = 513
@@ -96,7 +95,7 @@ def path_dataset(
         dims = ("record", "world")
         variables["recorded_position"] = (dims, known(track.positions), _notes("m", "recorded position, world axes"))
     made = made_with(np.asarray(next(iter(paths.values())).duration).dtype)
-    notes = {"source": f"qtraj {__version__}", **CONVENTIONS, **made, **(attributes or {})}
+    notes = {**CONVENTIONS, **made, **(attributes or {})}
     return xarray.Dataset(variables, coordinates, notes)
 
 
@@ -117,8 +116,8 @@ def _columns(path: AbstractHodograph, progress: np.ndarray) -> dict[str, tuple[t
     for name, axes in AXES.items():
         columns[name] = (("sample", *axes), np.asarray(getattr(table, name)), _notes(*DESCRIPTIONS[name]))
     for name, values in _magnitudes(path, times).items():
-        unit = _unit(UNITS[name])
-        columns.setdefault(MAGNITUDES[name], (("sample",), np.asarray(values), _notes(unit, MEANINGS.get(name, name))))
+        notes = _notes(netcdf_unit(name), MEANINGS.get(name, name))
+        columns.setdefault(MAGNITUDES[name], (("sample",), np.asarray(values), notes))
     return columns
 
 
@@ -129,8 +128,3 @@ def _magnitudes(path: AbstractHodograph, times: Float[Array, " n"]) -> dict[str,
 
 def _notes(unit: str, meaning: str) -> dict[str, Any]:
     return {"units": unit, "long_name": meaning}
-
-
-def _unit(symbol: str) -> str:
-    """A unit as netCDF writes it: "m/s²" is "m s-2"."""
-    return {"": "1", "1/m": "m-1", "m/s": "m s-1", "m/s²": "m s-2", "rad/s": "rad s-1", "rad/s²": "rad s-2"}[symbol]

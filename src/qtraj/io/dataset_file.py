@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from qtraj.io.extras import needed
+from qtraj.foundation.extras import needed
 
 if TYPE_CHECKING:
     import xarray

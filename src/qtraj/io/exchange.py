@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import as_float
+from qtraj.foundation.extras import needed
 from qtraj.foundation.types import ArrayInput
-from qtraj.io.extras import needed
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

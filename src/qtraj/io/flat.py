@@ -1,9 +1,9 @@
 """A dataset as one table with a header: what Parquet and CSV files hold.
 
-The rows are the instants, path by path where there are several: the dimensions of `time`, and `path`. A variable of
-more dimensions has a column for each component (`position_x`, `dcm_tangent_x`); one of fewer is repeated (`duration` on
-each row of its path). What has nothing to do with the rows (the names of axes, a recording) stands in the header,
-beside all dimensions, types, units and other attributes.
+The rows are the instants, path by path (or lane by lane) where there are several: the dimensions of `time`, and
+`path`. A variable of more dimensions has a column for each component (`position_x`, `dcm_tangent_x`); one of fewer is
+repeated (`duration` on each row of its path). Numbers alone make one row. What has nothing to do with the rows (the
+names of axes, a recording) stands in the header, beside all dimensions, types, units and other attributes.
 """
 
 import itertools
@@ -32,7 +32,7 @@ class Flat:
 def flatten(dataset: xarray.Dataset) -> Flat:
     """The table and the header of a dataset.
 
-    **Raises:** ValueError for a dataset without dimensions, for values that are neither numbers nor texts, and for
+    **Raises:** ValueError for an empty dataset, for values that are neither numbers nor texts, and for
     attributes that JSON cannot hold.
     """
     rows = _rows(dataset)
@@ -43,7 +43,7 @@ def flatten(dataset: xarray.Dataset) -> Flat:
         about: dict[str, Any] = {"dims": [str(dim) for dim in variable.dims], "dtype": _kind(variable, name)}
         about |= {"coordinate": key in dataset.coords, "attributes": _plain(variable.attrs, name)}
         values = variable.values.astype(str) if about["dtype"] == TEXT else variable.values
-        if set(rows) & set(variable.dims):
+        if not dataset.sizes or set(rows) & set(variable.dims):
             others = [dim for dim in variable.dims if dim not in rows]
             names = _names(dataset, name, others, columns)
             parts = _spread(xarray.Variable(variable.dims, values), rows, dataset.sizes, others)
@@ -76,11 +76,12 @@ def unflatten(flat: Flat) -> xarray.Dataset:
 
 def _rows(dataset: xarray.Dataset) -> list[Any]:
     """The dimensions along which the rows run."""
-    if not dataset.sizes:
-        raise ValueError("a dataset without dimensions makes no table: save it as .nc or .zarr")
+    if not dataset.variables:
+        raise ValueError("an empty dataset makes no table: save it as .nc or .zarr")
     if "time" not in dataset.variables:
         return list(dataset.sizes)[:1]
-    return [dim for dim in dataset.sizes if dim == "path" or dim in dataset["time"].dims]
+    lanes = [dim for dim in dataset.sizes if dim == "path" or str(dim).startswith("lane")]
+    return [dim for dim in dataset.sizes if dim in lanes or dim in dataset["time"].dims]
 
 
 def _spread(

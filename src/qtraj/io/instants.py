@@ -6,8 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray
 
-from qtraj._version import __version__
-from qtraj.io.provenance import made_with
+from qtraj.foundation.provenance import made_with
 
 LABELS = {"body": ["x", "y", "z"], "component": ["w", "x", "y", "z"]}
 
@@ -45,5 +44,5 @@ def instants_dataset(
     used = {column.axis for column in columns.values()}
     coordinates: dict[str, Any] = {axis: labels for axis, labels in LABELS.items() if axis in used}
     coordinates["time"] = ("time", times, {"units": "s", "long_name": "time from the start of the program"})
-    notes = {"source": f"qtraj {__version__}", **CONVENTIONS, **made_with(np.asarray(times).dtype)}
+    notes = {**CONVENTIONS, **made_with(np.asarray(times).dtype)}
     return xarray.Dataset(variables, coordinates, notes | dict(attributes or {}))

@@ -4,12 +4,15 @@ import abc
 import os
 
 import equinox as eqx
+import numpy as np
 
 from qtraj.foundation import document
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import AbstractResult, extent, in_lanes, vector_text
 from qtraj.foundation.types import Quat, Scalar, ScalarLike, Vec3
 
 
-class Attitude(eqx.Module):
+class Attitude(AbstractResult):
     """Where a body points at one instant, and how it turns.
 
     `quaternion` (4,), body to inertial, scalar first; `rate` (3,) [rad/s] and `acceleration` (3,) [rad/s²] in body
@@ -19,6 +22,18 @@ class Attitude(eqx.Module):
     quaternion: Quat
     rate: Vec3
     acceleration: Vec3
+
+    def record(self) -> Record:
+        """The fields; of many instants or bodies, as from `jax.vmap(program)(times)`, lanes in front."""
+        variables = {
+            "quaternion": Quantity(self.quaternion, "1", "attitude, scalar first, body to inertial", ("component",)),
+            "rate": Quantity(self.rate, "rad s-1", "angular rate, body axes", ("body",)),
+            "acceleration": Quantity(self.acceleration, "rad s-2", "angular acceleration, body axes", ("body",)),
+        }
+        turning, pushed = (np.linalg.norm(np.asarray(x), axis=-1) for x in (self.rate, self.acceleration))
+        shown = f"|rate| {extent(turning, 'rad/s')}, |acceleration| {extent(pushed, 'rad/s²')}"
+        first = "" if self.quaternion.ndim > 1 else f"quaternion {vector_text(self.quaternion)}, "
+        return Record(f"{in_lanes(self.quaternion.shape[:-1])}{first}{shown}", variables, attributes={"frame": "body"})
 
 
 class AbstractProgram(eqx.Module):

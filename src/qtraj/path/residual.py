@@ -5,11 +5,14 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.document import storable
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.spiral_helix import SpiralHelix
@@ -18,9 +21,24 @@ from qtraj.path.track import STANDING, Track
 OVERHANG = 1e-6
 """A track may outlast the path it is compared with by this part of the path's duration: rounding, no more."""
 
+MEANINGS = {
+    "horizontal_rms": ("m", "root mean square of the horizontal distance"),
+    "vertical_rms": ("m", "root mean square of the vertical distance"),
+    "distance_rms": ("m", "root mean square of the distance"),
+    "maximum": ("m", "largest distance"),
+    "turn": ("rad", "turn of the recorded direction of travel, left positive"),
+    "samples": ("1", "samples compared"),
+    "velocity_rms": ("m s-1", "root mean square of the difference of velocities"),
+    "direction_rms": ("rad", "root mean square of the angle between recorded velocity and tangent"),
+    "radius_min": ("m", "least radius at the samples"),
+    "radius_max": ("m", "largest radius at the samples"),
+    "converged": ("1", "whether the fit converged"),
+}
+"""Unit and meaning of every number."""
+
 
 @storable
-class Residual(eqx.Module):
+class Residual(AbstractResult):
     """A recorded track against a path, over all samples; RMS is the root of the mean square.
 
     `horizontal_rms`, `vertical_rms`, `distance_rms` and `maximum` [m]: horizontal, vertical and spatial distance
@@ -71,6 +89,15 @@ class Residual(eqx.Module):
         self.radius_max = _optional(radius_max)
         self.converged = jnp.asarray(converged, dtype=bool)
         self.message = message
+
+    def record(self) -> Record:
+        """The fields that are known."""
+        quantities = {name: Quantity(getattr(self, name), unit, text) for name, (unit, text) in MEANINGS.items()}
+        variables = {name: q for name, q in quantities.items() if q.values is not None}
+        variables["message"] = Quantity(np.broadcast_to(self.message, self.samples.shape), "", "how the fit ended")
+        rms = f"{extent(self.horizontal_rms, 'm')} horizontal, {extent(self.vertical_rms, 'm')} vertical"
+        summary = f"{in_lanes(self.samples.shape)}RMS {rms}, largest {extent(self.maximum, 'm')}"
+        return Record(f"{summary}, {extent(self.samples)} samples", variables, attributes={"frame": "world"})
 
 
 def compare(path: AbstractHodograph, track: Track, converged: bool = True, message: str = "") -> Residual:

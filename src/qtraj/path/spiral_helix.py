@@ -3,11 +3,14 @@
 from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import polynomial
 from qtraj.foundation.arrays import as_float, one_instant, real_scalar, require_finite, require_positive
 from qtraj.foundation.document import storable
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path import boundary_problem as problem
 from qtraj.path.boundary import BoundaryState
@@ -18,7 +21,7 @@ from qtraj.path.placement import Placement
 
 
 @storable
-class SpiralHelix(AbstractHodograph):
+class SpiralHelix(AbstractHodograph, AbstractResult):
     """A spiral about an axis with a height along it.
 
     `radius`, `angle` and `height` are ascending coefficients in t [s] of ρ [m], φ [rad] and h [m], of any degree;
@@ -55,6 +58,27 @@ class SpiralHelix(AbstractHodograph):
         self.mismatch = as_float(mismatch)
         self.residual = residual
         require_positive(self.duration, "the duration of a spiral-helix", "s")
+
+    def record(self) -> Record:
+        """The coefficients, over `radius_power`, `angle_power` and `height_power`: what the path is, exactly.
+
+        Its samples are those of `qtraj.evaluate(path, times).to_xarray()`.
+        """
+        variables = {"duration": Quantity(self.duration, "s", "duration of the path")}
+        for name, unit, symbol in (("radius", "m", "ρ"), ("angle", "rad", "φ"), ("height", "m", "h")):
+            meaning = f"coefficients of {symbol}(t), that of t^k in {unit} s^-k"
+            variables[name] = Quantity(getattr(self, name), unit, meaning, (f"{name}_power",))
+        if self.placement is not None:
+            variables["origin"] = Quantity(self.placement.origin, "m", "a point of the axis, world axes", ("world",))
+            orientation = Quantity(self.placement.orientation, "1", "path's axes to world, any length", ("component",))
+            variables["orientation"] = orientation
+        if isinstance(self.residual, AbstractResult):
+            variables |= {f"residual_{name}": q for name, q in self.residual.record().variables.items()}
+        first, last = (extent(radius, "m") for radius in _ends(self.radius, self.duration))
+        turn, climb = (np.diff(_ends(x, self.duration), axis=0) for x in (self.angle, self.height))
+        over = f"turn {extent(np.rad2deg(turn))}°, climb {extent(climb, 'm')} in {extent(self.duration, 's')}"
+        shape = f"radius {first} to {last}, {over}"
+        return Record(f"{in_lanes(self.duration.shape)}{shape}", variables, attributes={"frame": "world"})
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         rows = self.rotating_derivatives(t, order)
@@ -125,6 +149,13 @@ class SpiralHelix(AbstractHodograph):
         """
         axis = problem.axis_between(start, end)
         return cls.hermite(start, end, duration, turns, axis)
+
+
+def _ends(coefficients: Array, duration: Array) -> np.ndarray:
+    """The values of polynomials (*lanes, n) at 0 and at the durations (*lanes): (2, *lanes)."""
+    known, span = np.asarray(coefficients), np.asarray(duration)
+    powers = span[..., None] ** np.arange(known.shape[-1])
+    return np.stack([known[..., 0], np.sum(known * powers, axis=-1)])
 
 
 def _coefficients(values: ArrayInput, name: str) -> Float[Array, " n"]:

@@ -1,12 +1,14 @@
 """Recorded tracks: where a vehicle really was, sample by sample."""
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import as_float, concrete, warn_if_coarse
 from qtraj.foundation.document import storable
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import AbstractResult, extent
 from qtraj.foundation.types import ArrayInput, Scalar
+from qtraj.path.quantities import AXES, DESCRIPTIONS, LABELS
 
 FEWEST_SAMPLES = 4
 """A window with fewer samples says nothing about a curve."""
@@ -18,9 +20,11 @@ noise, and short enough to follow eight whole turns."""
 STANDING = 0.05
 """Below this part of the fastest sample's speed a vehicle has no direction of travel."""
 
+RECORDED_ATTITUDE = "recorded quaternion, scalar first, Hamilton, body to world, of any length"
+
 
 @storable
-class Track(eqx.Module):
+class Track(AbstractResult):
     """A recording: `times` (n,) [s], `positions` (n, 3) [m] and, where recorded, `velocities` (n, 3) [m/s], world
     axes, and `attitudes` (n, 4), quaternions body to world, scalar first, of any length but zero.
 
@@ -48,6 +52,17 @@ class Track(eqx.Module):
         if self.attitudes is not None:
             _require_some_length(self.attitudes)
         warn_if_coarse(self.positions, "a recorded track")
+
+    def record(self) -> Record:
+        """The samples over `time`, on the recording's own clock; `qtraj.read_track` reads them as CSV."""
+        columns = {"position": self.positions, "velocity": self.velocities, "quaternion": self.attitudes}
+        given = {name: x for name, x in columns.items() if x is not None}
+        variables = {name: Quantity(x, *DESCRIPTIONS[name], ("time", *AXES[name])) for name, x in given.items()}
+        if "quaternion" in variables:
+            variables["quaternion"] = variables["quaternion"]._replace(meaning=RECORDED_ATTITUDE)
+        time = Quantity(self.times, "s", "time on the recording's own clock", ("time",))
+        summary = f"{self.times.shape[-1]} samples, {extent(self.times, 's')}: {', '.join(variables)}"
+        return Record(summary, variables, {"time": time}, {"frame": "world"}, LABELS)
 
     @property
     def start_time(self) -> Scalar:

@@ -10,27 +10,32 @@ import abc
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import rotation
 from qtraj.algebra.vector import norm, unit
 from qtraj.foundation.arrays import as_float, concrete, one_instant, real_vector
 from qtraj.foundation.document import storable
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Flag, Mat3, Quat, Scalar, ScalarLike, Vec3
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.invariants import existence, invariants
+from qtraj.path.quantities import AXES, DESCRIPTIONS, LABELS, framed
 
 DEFINED_TOLERANCE = 4096
 """In machine epsilons: a path that bends by less than this over its own length is straight, and a speed below this
 part of its own changes is zero. At the tolerance itself the direction of n still has three good digits."""
 
 
-class Trihedral(eqx.Module):
+class Trihedral(AbstractResult):
     """A right-handed trihedral on a path at one instant.
 
     `tangent`, `normal`, `binormal`: unit vectors (3,), world axes; body axes x, y, z of the trihedral. `speed` [m/s],
     `curvature` and `torsion` [1/m] of the path. `rate` [rad/s] and `acceleration` [rad/s²]: angular, (3,), in the
     trihedral's own axes. `defined` is false where the trihedral does not exist; the numbers there are finite fillers.
+    `frame` is the name of the rule that hung it there.
     """
 
     tangent: Vec3
@@ -42,6 +47,7 @@ class Trihedral(eqx.Module):
     rate: Vec3
     acceleration: Vec3
     defined: Flag
+    frame: str = eqx.field(static=True, default="natural")
 
     def dcm(self) -> Mat3:
         """Direction cosines α: rows τ, n, b; maps world components to trihedral components (paper S)."""
@@ -54,6 +60,25 @@ class Trihedral(eqx.Module):
     def gibbs(self) -> Vec3:
         """The Gibbs vector G = e·tan(Φ/2), singular where Φ = π."""
         return rotation.to_gibbs(self.quaternion())
+
+    def record(self) -> Record:
+        """The fields, with the vectors as `dcm`, by the names of `qtraj.evaluate`; of many, lanes in front."""
+        dcm = jnp.stack([self.tangent, self.normal, self.binormal], axis=-2)
+        values = {
+            "dcm": dcm,
+            "quaternion": jnp.vectorize(rotation.from_dcm, signature="(i,j)->(q)")(dcm),
+            "speed": self.speed,
+            "curvature": self.curvature,
+            "torsion": self.torsion,
+            "rate": self.rate,
+            "angular_acceleration": self.acceleration,
+            "defined": self.defined,
+        }
+        variables = {name: Quantity(x, *DESCRIPTIONS[name], AXES[name]) for name, x in values.items()}
+        exists = "" if np.all(self.defined) else ", not defined" if not np.any(self.defined) else ", partly defined"
+        shown = f"speed {extent(self.speed, 'm/s')}, curvature {extent(self.curvature, '1/m')}"
+        summary = f"{in_lanes(self.speed.shape)}{shown}, torsion {extent(self.torsion, '1/m')}{exists}"
+        return Record(summary, variables, attributes=framed(self.frame), labels=LABELS)
 
 
 class AbstractFrame(eqx.Module):
@@ -139,6 +164,7 @@ class Upright(AbstractFrame):
             rate=jnp.where(exists, rate, nothing),
             acceleration=jnp.where(exists, acceleration, nothing),
             defined=exists,
+            frame="upright",
         )
 
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, NullLocator, ScalarFormatter
 from numpy.typing import ArrayLike
 
-from qtraj.viz.style import MARKERS, RC, head, series
+from qtraj.viz.style import MARKERS, RC, above, head, series
 
 SIZE = (6.4, 4.6)  # [inch]
 FEW = 8  # works that are named on the axis
@@ -32,7 +32,7 @@ def precision_figure(
         raise ValueError("a figure of work against precision needs at least one method")
     with mpl.rc_context(RC):
         figure = Figure(figsize=SIZE)
-        axes = figure.add_axes((0.125, 0.115, 0.855, 0.8 if title else 0.86))
+        axes = figure.add_axes((0.125, 0.115, 0.855, 0.755 if title else 0.815))
         works = set()
         for k, (name, (x, y)) in enumerate(series_by_name.items()):
             x, y = np.asarray(x, float), np.asarray(y, float)
@@ -54,6 +54,6 @@ def precision_figure(
         axes.set_xlabel(work)
         axes.set_ylabel(error)
         axes.grid(alpha=0.25, lw=0.5)
-        axes.legend(fontsize=8)
+        above(axes, 3)
         head(figure, title)
     return figure

@@ -8,10 +8,11 @@ from rich.console import Console
 from rich.text import Text
 
 from qtraj._version import __version__
-from qtraj.batch.table import DESCRIPTIONS, Table
+from qtraj.batch.table import Table
 from qtraj.cli.content import finite
 from qtraj.cli.layout import MOST_ROWS, heading, numbers_table, print_files, print_scenario
 from qtraj.cli.tuning.report import print_fit
+from qtraj.path.quantities import DESCRIPTIONS
 from qtraj.path.spiral_helix import SpiralHelix
 
 OUTPUTS = ("position", "velocity", "acceleration", "speed", "curvature", "torsion", "quaternion", "rate", "defined")

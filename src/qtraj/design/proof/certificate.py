@@ -9,9 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from qtraj.design.magnitudes import quantity
-from qtraj.foundation.arrays import as_float, concrete
+from qtraj.design.magnitudes import netcdf_unit, quantity
+from qtraj.foundation.arrays import as_float, concrete, require_lane
 from qtraj.foundation.document import storable
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import AbstractResult, counted, in_lanes
 from qtraj.foundation.types import ArrayInput
 
 STATUSES = ("proved", "sampled", "broken", "undecided", "undefined")
@@ -28,7 +30,7 @@ BINDING = 1e-6
 
 
 @storable
-class Certificate(eqx.Module):
+class Certificate(AbstractResult):
     """The findings on each given limit, of one path or of many (`*lanes` in front).
 
     `names`, and arrays over them: `codes` of `STATUSES`; `times` [s] and `values` of the largest values found, or the
@@ -88,6 +90,12 @@ class Certificate(eqx.Module):
             name for name, (_, value, limit) in worst.items() if name not in unmet and limit - value <= BINDING * limit
         ]
 
+    @property
+    def summary(self) -> str:
+        """The finding on each limit in a line, of many paths how often each."""
+        found = (f"{name} {counted(status)}" for name, status in self.status.items())
+        return "; ".join(found) or "no limits"
+
     def describe(self, name: str) -> str:
         """The largest value of one quantity against its limit, in words."""
         time, value, limit = self.worst[name]
@@ -95,7 +103,32 @@ class Certificate(eqx.Module):
             return f"it does not exist at t = {time:.4g} s, where the path stops or straightens"
         return f"{value:.6g} of {quantity(name, limit)} at t = {time:.4g} s"
 
+    def record(self) -> Record:
+        """The findings over `limit`, whose coordinate `limit_unit` holds the unit of each."""
+        along = ("limit",)
+        statuses = np.asarray(STATUSES)[self._known(self.codes)]
+        variables = {
+            "status": Quantity(statuses, "", f"one of {', '.join(STATUSES)}", along),
+            "bound": Quantity(self.limits, "", "the limit, in limit_unit", along),
+            "worst_value": Quantity(self.values, "", "largest value found, in limit_unit; NaN for none", along),
+            "worst_time": Quantity(self.times, "s", "when it is attained, or where it does not exist", along),
+        }
+        coordinates = {
+            "limit": Quantity(np.array(self.names, dtype=str), "", "what is limited", along),
+            "limit_unit": Quantity(np.array([netcdf_unit(x) for x in self.names], dtype=str), "", "its unit", along),
+        }
+        summary = f"{in_lanes(self.codes.shape[:-1], 'paths')}{self.summary}"
+        return Record(summary, variables, coordinates, {"frame": "natural"})
+
+    def __len__(self) -> int:
+        if self.codes.ndim == 1:
+            raise TypeError("these are the findings on one path: only those on many have a length")
+        return self.codes.shape[0]
+
     def __getitem__(self, lane: Any) -> "Certificate":
+        if self.codes.ndim == 1:
+            raise TypeError("these are the findings on one path: only those on many have lanes")
+        require_lane(lane, len(self), "paths")
         return Certificate(self.names, self.codes[lane], self.times[lane], self.values[lane], self.limits[lane])
 
     def __str__(self) -> str:

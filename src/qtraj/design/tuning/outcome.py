@@ -12,8 +12,10 @@ from jaxtyping import Array, Float, Int
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.tuning import verdict
 from qtraj.foundation import document
-from qtraj.foundation.arrays import as_float, concrete
+from qtraj.foundation.arrays import as_float, concrete, require_lane
 from qtraj.foundation.document import storable
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import AbstractResult, counted, extent, in_lanes
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.spiral_helix import SpiralHelix
@@ -25,7 +27,7 @@ CONVERGED, INFEASIBLE, NOT_CONVERGED = range(len(STATUSES))
 
 
 @storable
-class Tuned(eqx.Module):
+class Tuned(AbstractResult):
     """The outcome of `tune`, of one problem or of many (`*lanes` in front of every array).
 
     `path`, with its boundary states `start` and `end` (world axes); `objective`, the attained value in its own units;
@@ -79,11 +81,28 @@ class Tuned(eqx.Module):
         parts = [say[int(self.code)](self.certificate, int(self.iterations)), self.advice, verdict.remark(self.path)]
         return " ".join(part for part in parts if part)
 
+    def record(self) -> Record:
+        """Path, boundary states and findings, with the objective and how the search ended."""
+        findings, status = self.certificate.record(), np.asarray(self.status)
+        variables = {
+            "objective": Quantity(self.objective, "", "attained value of the objective, in its own units"),
+            "outcome": Quantity(status, "", f"one of {', '.join(STATUSES)}"),
+            "iterations": Quantity(self.iterations, "1", "steps of the search that won"),
+            **findings.variables,
+            **self.path.record().variables,
+        }
+        for side, state in (("start", self.start), ("end", self.end)):
+            for name, unit in (("position", "m"), ("velocity", "m s-1")):
+                values, text = getattr(state, name), f"{name} at the {side}, world axes"
+                variables[f"{side}_{name}"] = Quantity(values, unit, text, ("world",))
+        search = f"objective {extent(self.objective)}, {extent(self.iterations)} steps"
+        summary = f"{in_lanes(self.code.shape, 'problems')}{counted(status)}, {search}; {self.certificate.summary}"
+        return Record(summary, variables, findings.coordinates, findings.attributes)
+
     def __getitem__(self, lane: Any) -> "Tuned":
         if self.code.ndim == 0:
             raise TypeError("this is the outcome of one problem: only that of many has lanes")
-        if isinstance(lane, int) and not -len(self) <= lane < len(self):
-            raise IndexError(f"there are {len(self)} problems, and none at {lane}")
+        require_lane(lane, len(self), "problems")
         return Tuned(
             jax.tree.map(lambda x: x[lane], self.path),
             jax.tree.map(lambda x: x[lane], self.start),

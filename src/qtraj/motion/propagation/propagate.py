@@ -8,11 +8,15 @@ the choice is made at run time within a fixed number of slots, `max_steps`, each
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.lax import stop_gradient
 from jaxtyping import Array, Float, Int
 
 from qtraj.foundation.arrays import concrete
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import AbstractResult, extent, in_lanes, over
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.motion.propagation import plan
 from qtraj.motion.propagation.increment import AbstractIncrement
@@ -31,7 +35,7 @@ class PropagationResult(eqx.Enumeration):
     not_finite = "propagation met a rate that is NaN or infinite"
 
 
-class Propagation(eqx.Module):
+class Propagation(AbstractResult):
     """Attitudes at the output times, and how good they are.
 
     `quaternion` (n, 4) at `times` (n,) [s]; `estimate` [rad] of the error of the last attitude and of ln|λ|², with
@@ -43,6 +47,26 @@ class Propagation(eqx.Module):
     estimate: Scalar
     steps: Int[Array, ""]
     result: PropagationResult
+
+    def record(self) -> Record:
+        """The attitudes over `time`, or over `sample` in lanes that have times of their own, and how good they are."""
+        along = "time" if self.times.ndim == 1 else "sample"
+        code = np.asarray(jax.tree.leaves(self.result)[0])
+        lanes = [jax.tree.map(lambda x, k=k: x.reshape(-1)[k], self.result) for k in range(code.size)]
+        texts = np.array([PropagationResult[lane] for lane in lanes]).reshape(code.shape)
+        variables = {
+            "quaternion": Quantity(
+                self.quaternion, "1", "attitude, scalar first, body to inertial", (along, "component")
+            ),
+            "estimate": Quantity(self.estimate, "rad", "estimated error of the last attitude and of ln|λ|²"),
+            "steps": Quantity(self.steps, "1", "steps taken"),
+            "result": Quantity(texts, "", "how it ended"),
+        }
+        reached = texts == PropagationResult[PropagationResult.successful]
+        ended = f"{np.sum(reached)} of {code.size} reached the tolerance" if code.ndim else str(texts)
+        quality = f"estimated error {extent(self.estimate, 'rad')} in {extent(self.steps)} steps"
+        summary = f"{in_lanes(code.shape)}{over(self.times)}: {quality}; {ended}"
+        return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": "body"})
 
 
 def propagate(

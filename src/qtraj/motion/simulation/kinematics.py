@@ -77,4 +77,4 @@ def _integrate(acceleration: Acceleration, task: Task, axes: str) -> Solution:
     grid, outputs = task.grid()
     start = scale.pack(task.quaternion, task.rate)
     states, _, code = ode.march(field, ode.keep, start, None, grid, task.tolerances, task.method)
-    return Solution(task.times, *scale.unpack(states[outputs]), code)
+    return Solution(task.times, *scale.unpack(states[outputs]), code, axes=axes)

@@ -77,7 +77,8 @@ def _simulate(loop: Loop, task: Task, renewals: Float[Array, " m"] | None) -> So
     errors = jax.vmap(loop.law.deviation)(references, states.quaternion)
     angles = jax.vmap(error_angle)(references, states.quaternion)
     code = _judged(loop.law, code, references, states.quaternion)
-    return Solution(task.times, states.quaternion, states.rate, code, states.command, errors, angles)
+    commands = "rate" if isinstance(loop.law, RateLaw) else "acceleration"
+    return Solution(task.times, states.quaternion, states.rate, code, states.command, errors, angles, "body", commands)
 
 
 def _judged(

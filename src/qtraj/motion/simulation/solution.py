@@ -1,6 +1,7 @@
 """What an integration or a simulation gives back: the motion, and in words how it ended and what to do."""
 
 import os
+import re
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,6 +11,8 @@ from jaxtyping import Array, Bool, Float, Int
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.document import storable
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import AbstractResult, extent, in_lanes, over
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.simulation import ode
 
@@ -38,13 +41,14 @@ _ENDINGS = {
 
 
 @storable
-class Solution(eqx.Module):
+class Solution(AbstractResult):
     """Attitude and rate at the instants `times` (n,) [s].
 
     `quaternion` (n, 4): λ, of any length; `rate` (n, 4) [rad/s], ω0 = d/dt ln|λ|² first. Of a closed loop also
     `command` (n, 4), in body axes, as the actuator gave it: [rad/s²], of a rate law [rad/s]; `error` (n, 4), the law's
     error quaternion; `angle` (n,) [rad], between body and program, 0 … π. Instants that were not reached are NaN.
-    `code` is the outcome as a number and `result` in words. Under `vmap` everything has the lanes in front.
+    `code` is the outcome as a number and `result` in words. Under `vmap` everything has the lanes in front. `axes`,
+    "body" or "inertial", are those of the rate; `commands` is "acceleration" or, of a rate law, "rate".
     """
 
     times: Float[Array, "*lanes n"]
@@ -54,6 +58,8 @@ class Solution(eqx.Module):
     command: Float[Array, "*lanes n 4"] | None
     error: Float[Array, "*lanes n 4"] | None
     angle: Float[Array, "*lanes n"] | None
+    axes: str = eqx.field(static=True)
+    commands: str = eqx.field(static=True)
 
     def __init__(
         self,
@@ -64,12 +70,15 @@ class Solution(eqx.Module):
         command: ArrayInput | None = None,
         error: ArrayInput | None = None,
         angle: ArrayInput | None = None,
+        axes: str = "body",
+        commands: str = "acceleration",
     ):
         self.times, self.quaternion, self.rate = as_float(times), as_float(quaternion), as_float(rate)
         self.code = jnp.asarray(code)
         self.command = None if command is None else as_float(command)
         self.error = None if error is None else as_float(error)
         self.angle = None if angle is None else as_float(angle)
+        self.axes, self.commands = axes, commands
 
     @property
     def successful(self) -> Bool[Array, "*lanes"]:
@@ -89,6 +98,28 @@ class Solution(eqx.Module):
         times = np.broadcast_to(np.asarray(self.times), reached.shape)
         texts = [_text(int(c), t, r) for c, t, r in zip(code.ravel(), _rows(times), _rows(reached), strict=True)]
         return texts if code.ndim else texts[0]
+
+    def record(self) -> Record:
+        """The motion over `time`, or over `sample` where each lane has times of its own, and how it ended."""
+        along = "time" if self.times.ndim == 1 else "sample"
+        per = "rad s-1" if self.commands == "rate" else "rad s-2"
+        axes, commanded = (along, "component"), f"{self.commands} commanded, body axes; first the virtual one"
+        turning = f"angular rate, {self.axes} axes; first the virtual rate d/dt ln|λ|² [s-1]"
+        columns = {
+            "quaternion": Quantity(self.quaternion, "1", "attitude, body to inertial, of any length", axes),
+            "rate": Quantity(self.rate, "rad s-1", turning, axes),
+            "command": Quantity(self.command, per, commanded, axes),
+            "error": Quantity(self.error, "1", "error quaternion of the law", axes),
+            "angle": Quantity(self.angle, "rad", "angle between body and program", (along,)),
+            "result": Quantity(np.asarray(self.result).reshape(self.code.shape), "", "how it ended"),
+            "code": Quantity(self.code, "1", "how it ended, as a number"),
+        }
+        variables = {name: q for name, q in columns.items() if q.values is not None}
+        reached = f"{np.sum(self.successful)} of {self.code.size} reached every instant"
+        ended = reached if self.code.ndim else _brief(str(self.result))
+        error = "" if self.angle is None else f", angle to the program {extent(self.angle, 'rad')}"
+        summary = f"{in_lanes(self.code.shape)}{over(self.times)}: {ended}{error}"
+        return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": self.axes})
 
     def check(self) -> None:
         """Raise a RuntimeError with the result's text where an instant was not reached."""
@@ -143,6 +174,11 @@ def _text(code: int, times: np.ndarray, reached: np.ndarray) -> str:
     if not reached.any():
         return f"{text} No instant was reached."
     return f"{text} Last instant reached: t = {times[reached][-1]:.9g} s."
+
+
+def _brief(text: str) -> str:
+    """What stands before the first colon, comma or full stop of a result."""
+    return re.split("[:,.]", text, maxsplit=1)[0]
 
 
 def _rows(x: np.ndarray) -> np.ndarray:

@@ -1,0 +1,173 @@
+# ---
+# jupyter:
+#   jupytext:
+#     formats: ipynb,py:percent
+#   kernelspec:
+#     name: python3
+#     display_name: Python 3
+# ---
+
+# %% [markdown]
+# # Batches, graphics processors and several devices
+#
+# Core functions take one path and one instant. `jax.vmap` makes batches of them, and `qtraj.evaluate` is the batch that
+# everybody needs: many paths at many instants, block by block, over all devices there are. This notebook runs on
+# whatever JAX finds: a GPU where there is one, else the CPU, which is asked to be two devices, for the sake of the
+# example.
+
+# %%
+# %matplotlib inline
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.figure import Figure
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_num_cpu_devices", 2)  # before JAX is first used; it is no matter to a GPU
+
+import qtraj as qt
+from qtraj.viz.figures import loops_figure
+from qtraj.viz.style import frame, series
+
+DEVICES = jax.devices()
+print(f"{len(DEVICES)} × {DEVICES[0].device_kind}, by the backend {jax.default_backend()!r}")
+
+# %% [markdown]
+# ## A thousand paths
+#
+# A batch of paths is one path whose arrays have the lanes in front, which is what `vmap` makes of a constructor. All
+# of qtraj takes it: here helices that widen and climb, at 401 instants each.
+
+# %%
+PATHS, INSTANTS = 1000, 401
+RANDOM = np.random.default_rng(70)
+radii, pitches = jnp.asarray(RANDOM.uniform(5.0, 20.0, PATHS)), jnp.asarray(RANDOM.uniform(-1.0, 1.0, PATHS))
+DURATION = 6.0
+
+
+@jax.vmap
+def helices(radius, climb):
+    return qt.SpiralHelix(jnp.stack([radius, 0.2]), [0.0, 0.5], jnp.stack([0.0, climb]), DURATION)
+
+
+paths = helices(radii, pitches)
+instants = jnp.linspace(0.0, DURATION, INSTANTS)
+table = qt.evaluate(paths, instants)
+print(repr(paths))
+table
+
+# %% [markdown]
+# Any function of one path and one instant may be vmapped as well, and must say the same: here the trihedral of the
+# last path at the last instant.
+
+# %%
+last = qt.trihedral(jax.tree.map(lambda x: x[-1], paths), DURATION)
+assert np.allclose(table.rate[-1, -1], last.rate, rtol=0, atol=1e-12)
+assert np.allclose(table.curvature[-1, -1], last.curvature, rtol=0, atol=1e-12)
+last
+
+# %% [markdown]
+# ## Peaks without samples
+#
+# A million samples are soon more than what is wanted of them. With `reduce` each block is reduced while it is still in
+# the cache, and no sample is stored: peaks with the times at which they are attained, integrals, means.
+
+# %%
+peaks = qt.evaluate(paths, instants, ("speed", "curvature"), reduce="max")
+travelled = qt.evaluate(paths, instants, ("speed",), reduce="integral")["speed"]
+lengths = jax.vmap(lambda path: path.length())(paths)
+print(repr(peaks))
+gap = float(jnp.abs(travelled - lengths).max())
+print(f"trapezoidal rule over {INSTANTS} instants against quadrature: {gap:.1e} m")
+assert np.allclose(peaks["curvature"], table.curvature.max(axis=1), rtol=1e-12)
+assert gap < 1e-4
+peaks.to_xarray()
+
+# %% [markdown]
+# ## Throughput
+#
+# Time for each instant over their number, compiled, for the default seven outputs. Small calls pay for being called,
+# large ones for memory, unless only the peaks are wanted.
+
+# %%
+COUNTS = (1, 10, 100, 1000)
+
+
+def seconds(call, rounds=5):
+    """The median time of a call that has been compiled."""
+    jax.block_until_ready(call())
+    times = []
+    for _ in range(rounds):
+        begun = time.perf_counter()
+        jax.block_until_ready(call())
+        times.append(time.perf_counter() - begun)
+    return float(np.median(times))
+
+
+batches = [jax.tree.map(lambda x, n=n: x[:n], paths) for n in COUNTS]
+whole = [seconds(lambda some=some: qt.evaluate(some, instants)) for some in batches]
+reduced = [seconds(lambda some=some: qt.evaluate(some, instants, reduce="max")) for some in batches]
+samples = np.array(COUNTS) * INSTANTS
+for count, a, b in zip(COUNTS, 1e9 * np.array(whole) / samples, 1e9 * np.array(reduced) / samples, strict=True):
+    print(f"{count:5d} paths: {a:8.0f} ns an instant, {b:8.0f} ns of peaks only")
+figure = Figure(figsize=(7.5, 3.4), layout="constrained")
+axes = figure.subplots()
+for k, (name, taken) in enumerate({"all samples stored": whole, "peaks only": reduced}.items()):
+    axes.loglog(samples, 1e9 * np.array(taken) / samples, **series(k), marker="o", ms=4, label=name)
+axes.set(xlabel="instants in all", ylabel="time for each [ns]", title=f"evaluate on {DEVICES[0].device_kind}")
+frame(axes)
+axes.legend(frameon=False)
+assert whole[-1] / samples[-1] < whole[0] / samples[0]  # an instant of many is cheaper than one of few
+figure
+
+# %% [markdown]
+# ## Several devices
+#
+# Work that is large enough is divided over all local devices, the paths where their number can be divided evenly, else
+# the instants. `devices` chooses them. The result lies where it was computed, in parts, and is one array to whoever
+# uses it. (Two devices of one CPU share its cores, so they gain nothing; two GPUs do.)
+
+# %%
+spread = qt.evaluate(paths, instants, devices=DEVICES)
+alone = qt.evaluate(paths, instants, devices=DEVICES[:1])
+for name in ("position", "quaternion", "rate"):
+    assert np.allclose(getattr(spread, name), getattr(alone, name), rtol=0, atol=1e-12), name
+for shard in spread.position.addressable_shards:
+    print(f"{shard.device}: paths {shard.index[0].start or 0} to {(shard.index[0].stop or PATHS) - 1}")
+assert len(spread.position.sharding.device_set) == len(DEVICES)
+
+# %% [markdown]
+# ## Closed loops, many at once
+#
+# Adaptive integration vmaps too: each lane has steps of its own. 64 bodies with the attitude error of one, and gains
+# from soft to stiff; what is returned has the lanes in front. Under the law of paper C the error is known in closed
+# form, whatever the program does.
+
+# %%
+slew = qt.EulerTurn([1.0, 0, 0, 0], qt.quaternion.exp(jnp.array([0.5, 0.3, -0.2])), qt.Quintic(duration=6.0))
+begin = qt.quaternion.exp(jnp.array([0.3, -0.2, 0.1]))
+times = jnp.linspace(0.0, 16.0, 161)
+stiffness = jnp.linspace(0.5, 3.0, 64)
+
+
+@jax.jit
+@jax.vmap
+def loops(k):
+    """From rest, with critically damped gains."""
+    return qt.simulate(slew, qt.AccelerationLaw(2 * k, k**2), begin, jnp.zeros(4), times)
+
+
+found = loops(stiffness)
+settled = found.settling_time(np.radians(1.0))
+print(repr(found))
+soft, stiff = float(settled[0]), float(settled[-1])
+print(f"settled to 1° after {soft:.2f} s with the softest gains, {stiff:.2f} s with the stiffest")
+mu, slope = found.error[0, 0], qt.control.error_rate(slew(0.0), begin, jnp.zeros(4))
+closed = jax.vmap(lambda k: qt.error_response(qt.AccelerationLaw(2 * k, k**2), mu, slope, times))(stiffness)
+assert float(jnp.abs(found.error - closed).max()) < 1e-8
+assert bool(found.successful.all())
+assert np.all(np.diff(settled) < 0)
+shown = {f"k = {float(stiffness[k]):.1f} 1/s": jax.tree.map(lambda x, k=k: x[k], found) for k in (0, 20, 63)}
+loops_figure(shown, settled=np.radians(1.0), title="Three of 64 loops")

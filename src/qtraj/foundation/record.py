@@ -1,0 +1,97 @@
+"""A result as labelled arrays with units: the one form between every result and xarray, HTML and its summary."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import numpy as np
+from jax.core import Tracer
+
+from qtraj.foundation.extras import needed
+from qtraj.foundation.provenance import made_with
+
+if TYPE_CHECKING:
+    import xarray
+
+LABELS: dict[str, Sequence[str]] = {"world": "xyz", "body": "xyz", "component": "wxyz"}
+"""The names along the axes of components, unless a record has others."""
+
+CONVENTIONS = {
+    "quaternion_convention": "scalar first, Hamilton product, body to world",
+    "frame_convention": "right-handed; world axes x, y, z with z up; rates and accelerations of attitudes in body axes",
+}
+"""Attributes of every dataset, unless its record says more."""
+
+
+class Quantity(NamedTuple):
+    """Values, their unit as netCDF writes it ("m s-2"), their meaning, and the axes that stand behind the lanes.
+
+    A number without unit has "1"; a text, or a number in units told by its meaning, has "".
+    """
+
+    values: Any
+    unit: str
+    meaning: str
+    axes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Record:
+    """What a result consists of.
+
+    `summary`, a line for people; `variables` and `coordinates`; `attributes` of the whole; `labels` along axes of
+    components. A quantity with more dimensions than axes has lanes in front, of which all have the same.
+    """
+
+    summary: str
+    variables: Mapping[str, Quantity]
+    coordinates: Mapping[str, Quantity] = field(default_factory=dict)
+    attributes: Mapping[str, Any] = field(default_factory=dict)
+    labels: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+    def everything(self) -> dict[str, Quantity]:
+        """Coordinates and variables."""
+        return {**self.coordinates, **self.variables}
+
+    def dims(self, quantity: Quantity) -> tuple[str, ...]:
+        """The names of all its dimensions: `lane`, or `lane_1`, `lane_2` … where there are several, and its axes."""
+        most = max(_lanes(each) for each in self.everything().values())
+        names = ("lane",) if most == 1 else tuple(f"lane_{k + 1}" for k in range(most))
+        return (*names[most - _lanes(quantity) :], *quantity.axes)
+
+
+def to_dataset(record: Record, attributes: Mapping[str, Any] | None = None) -> "xarray.Dataset":
+    """The record as an `xarray.Dataset`, with conventions and provenance, and more `attributes`, in its attributes.
+
+    **Raises:** ModuleNotFoundError, naming the extra `io`, without xarray.
+    """
+    needed("xarray", "a labelled dataset")
+    import xarray
+
+    known = {name: q._replace(values=np.asarray(q.values)) for name, q in record.everything().items()}
+    variables, coordinates = (
+        {name: (record.dims(q), known[name].values, _notes(q)) for name, q in part.items()}
+        for part in (record.variables, record.coordinates)
+    )
+    used = {dim for dims, *_ in variables.values() for dim in dims}
+    labels = {axis: list(names) for axis, names in {**LABELS, **record.labels}.items() if axis in used}
+    dtypes = [q.values.dtype for q in known.values() if q.values.dtype.kind == "f"]
+    made = made_with(np.result_type(*dtypes) if dtypes else np.dtype(float))
+    notes = CONVENTIONS | made | dict(record.attributes) | dict(attributes or {})
+    return xarray.Dataset(variables, {**coordinates, **labels}, notes)
+
+
+def require_known(values: Any) -> None:
+    """Raise a ValueError where any array in a tree is traced."""
+    if any(isinstance(x, Tracer) for x in jax.tree.leaves(values)):
+        raise ValueError("a dataset needs known values, and inside jit, grad or vmap they are not: return them first")
+
+
+def _lanes(quantity: Quantity) -> int:
+    return np.ndim(quantity.values) - len(quantity.axes)
+
+
+def _notes(quantity: Quantity) -> dict[str, str]:
+    unit = {"units": quantity.unit} if quantity.unit else {}
+    return {**unit, "long_name": quantity.meaning}

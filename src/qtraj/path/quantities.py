@@ -1,0 +1,50 @@
+"""What can be said of a path and its trihedral at an instant: names, components, units and meanings."""
+
+AXES: dict[str, tuple[str, ...]] = {
+    "position": ("world",),
+    "velocity": ("world",),
+    "acceleration": ("world",),
+    "jerk": ("world",),
+    "dcm": ("body", "world"),
+    "quaternion": ("quaternion_component",),
+    "gibbs": ("body",),
+    "speed": (),
+    "curvature": (),
+    "torsion": (),
+    "rate": ("body",),
+    "angular_acceleration": ("body",),
+    "defined": (),
+}
+"""The component axes of every output, by the labels of their coordinates."""
+
+LABELS = {
+    "world": ["x", "y", "z"],
+    "body": ["tangent", "normal", "binormal"],
+    "quaternion_component": ["w", "x", "y", "z"],
+}
+
+DESCRIPTIONS: dict[str, tuple[str, str]] = {
+    "position": ("m", "position, world axes"),
+    "velocity": ("m s-1", "velocity, world axes"),
+    "acceleration": ("m s-2", "acceleration, world axes"),
+    "jerk": ("m s-3", "jerk, world axes"),
+    "dcm": ("1", "direction cosines: rows are the body axes in world components; maps world to body"),
+    "quaternion": ("1", "unit quaternion, scalar first, Hamilton, body to world"),
+    "gibbs": ("1", "Gibbs vector e tan(angle/2)"),
+    "speed": ("m s-1", "speed"),
+    "curvature": ("m-1", "curvature of the path"),
+    "torsion": ("m-1", "torsion of the path"),
+    "rate": ("rad s-1", "angular rate of the frame, body axes"),
+    "angular_acceleration": ("rad s-2", "angular acceleration of the frame, body axes"),
+    "defined": ("1", "whether the frame exists; where it does not, its numbers are finite fillers"),
+}
+"""Unit and meaning of every output."""
+
+
+def framed(frame: str) -> dict[str, str]:
+    """The attributes of a dataset whose rates and attitudes are those of a `frame` along a path."""
+    return {
+        "frame": frame,
+        "frame_convention": "right-handed; body axes x = tangent (forward), y = normal, z = binormal",
+        "quaternion_convention": "scalar first, Hamilton product, body to world, unit norm",
+    }

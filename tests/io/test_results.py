@@ -1,0 +1,317 @@
+"""Every result is labelled data, a line of text and HTML: of one problem and of many."""
+
+import re
+from html.parser import HTMLParser
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas
+import pyarrow.parquet as pq
+import pytest
+import xarray
+
+import qtraj as qt
+from qtraj.foundation import record
+from qtraj.foundation.result import AbstractResult, counted, extent
+from qtraj.motion.propagation.propagate import PropagationResult
+from qtraj.path.residual import compare
+
+EXACTLY = {} if tuple(map(int, pandas.__version__.split(".")[:2])) >= (3, 1) else {"float_precision": "round_trip"}
+"""How pandas is told to read every digit; from 3.1 on it does so by itself."""
+SUFFIXES = [".nc", ".zarr", ".parquet", ".csv"]
+INSTANTS = np.array([0.0, 0.1, 1 / 3])
+LANES = 3
+REACHED = PropagationResult.successful
+HOSTILE = "<script>alert(1)</script>&\"'"
+LONGEST = 240
+"""Characters of a summary that still is one."""
+
+
+def repeated(result, lanes=LANES):
+    """Many of one result."""
+    return jax.tree.map(lambda x: jnp.stack([x] * lanes), result)
+
+
+def uneven(result, lanes=LANES):
+    """Many of one result, each a little different."""
+    shift = np.arange(lanes) / 3
+    return jax.tree.map(lambda x: jnp.asarray((np.asarray(x) + shift.reshape(-1, *[1] * x.ndim)), x.dtype), result)
+
+
+def single():
+    """One of every result, built from its parts: here it matters how they are labelled, not how they are found."""
+    ends = [qt.BoundaryState([10.0, 0, 0], [1.0, 4.0, 1 / 3]), qt.BoundaryState([0, 10.0, 1], [-4.0, 0, 0.5])]
+    path = qt.SpiralHelix([10.0, 0.1], [0.2, 0.4], [1.0, 1 / 3], 2.0, qt.Placement([1 / 7, 2, 3]))
+    certificate = qt.Certificate(["curvature", "slope"], [0, 4], [0.1, 0.2], [1 / 3, np.nan], [0.5, 0.7])
+    track = qt.Track(np.arange(5.0) / 3 + 7, np.arange(15.0).reshape(5, 3) / 3, attitudes=np.ones((5, 4)) / 3)
+    n = len(INSTANTS)
+    quaternion, rate = np.arange(4.0 * n).reshape(n, 4) / 3, np.ones((n, 4)) / 7
+    vectors = jnp.eye(3)
+    return {
+        "path": path,
+        "fitted": qt.SpiralHelix([10.0], [0.0, 0.4], [0.0], 2.0, residual=compare(path, track)),
+        "certificate": certificate,
+        "tuned": qt.Tuned(path, *ends, 1 / 3, certificate, 0, 7, "try less"),
+        "table": qt.Table(jnp.asarray(INSTANTS), quaternion=jnp.asarray(quaternion), speed=jnp.asarray(INSTANTS)),
+        "trihedral": qt.Trihedral(*vectors, *vectors[0] / 3, *vectors[:2] / 7, jnp.asarray(True)),
+        "attitude": qt.Attitude(jnp.ones(4) / 2, jnp.ones(3) / 3, jnp.ones(3) / 7),
+        "closed": qt.Solution(INSTANTS, quaternion, rate, 0, rate / 3, quaternion / 5, INSTANTS / 3),
+        "open": qt.Solution(INSTANTS, quaternion, rate, 1, axes="inertial"),
+        "propagation": qt.Propagation(*map(jnp.asarray, (INSTANTS, quaternion, 1e-13, 7)), REACHED),
+        "track": track,
+        "residual": compare(path, track),
+    }
+
+
+def many():
+    one = single()
+    tuned = repeated(one["tuned"])
+    different = {name: uneven(one[name]) for name in ("path", "attitude", "closed")}
+    positions = jnp.arange(18.0).reshape(2, 3, 3) / 7  # paths, instants, components
+    each = jnp.asarray(np.stack([INSTANTS, INSTANTS / 2]))
+    return {
+        **{f"{name}s": result for name, result in different.items()},
+        "propagations": repeated(one["propagation"]),
+        "tuneds": tuned,
+        "certificates": tuned.certificate,
+        "certificates of two lanes": repeated(tuned.certificate, 2),
+        "trihedrals": repeated(one["trihedral"]),
+        "tables": qt.Table(each, positions, batched=True),
+        "tables, components first": qt.Table(
+            jnp.asarray(INSTANTS), jnp.moveaxis(positions, 2, 0), batched=True, components="first"
+        ),
+        "reduced": qt.evaluate(tuned.path, INSTANTS, ("speed", "position"), reduce="max", components="first"),
+    }
+
+
+@pytest.fixture(scope="module")
+def results():
+    return single() | many()
+
+
+def datasets(results):
+    return {name: result.to_xarray({"scenario_sha256": "bc9c"}) for name, result in results.items()}
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_every_result_comes_back_from_its_file_bit_by_bit(results, suffix, tmp_path):
+    for name, dataset in datasets(results).items():
+        file = tmp_path / f"{name}{suffix}"
+        qt.save_dataset(dataset, file)
+        again = qt.load_dataset(file)
+        xarray.testing.assert_identical(again, dataset)
+        for key, variable in dataset.variables.items():
+            if variable.dtype.kind in "fiub":
+                assert again[key].dtype == variable.dtype
+                assert again[key].values.tobytes() == variable.values.tobytes(), (name, key)
+
+
+def test_every_dataset_says_what_it_holds_and_where_it_is_from(results):
+    for name, dataset in datasets(results).items():
+        assert dataset.attrs["quaternion_convention"].startswith("scalar first, Hamilton"), name
+        assert dataset.attrs["frame_convention"].startswith("right-handed")
+        assert dataset.attrs["frame"]
+        assert dataset.attrs["versions"].startswith(f"qtraj {qt.__version__}, jax {jax.__version__}, numpy ")
+        assert dataset.attrs["dtype"] == "float64"
+        assert dataset.attrs["type"] == type(results[name]).__name__
+        assert dataset.attrs["scenario_sha256"] == "bc9c"
+        for key, variable in dataset.data_vars.items():
+            assert variable.attrs["long_name"], (name, key)
+            worded = variable.dtype.kind in "UO" or key in ("objective", "bound", "worst_value")
+            assert worded or variable.attrs["units"], (name, key)
+
+
+def test_single_precision_is_told():
+    attitude = jax.tree.map(lambda x: x.astype(jnp.float32), single()["attitude"])
+    dataset = attitude.to_xarray()
+    assert dataset.attrs["dtype"] == "float32"
+    assert dataset["rate"].dtype == np.float32
+
+
+def test_numbers_stand_where_their_labels_say(results):
+    data = datasets(results)
+    tuned, one = data["tuneds"], results["tuned"]
+    assert tuned["worst_value"].sel(limit="curvature").values.tolist() == [1 / 3] * LANES
+    assert tuned["limit_unit"].sel(limit="curvature").item() == "m-1"
+    assert tuned["start_velocity"].sel(lane=1, world="z").item() == 1 / 3
+    assert tuned["outcome"].values.tolist() == ["converged"] * LANES
+    assert tuned["radius"].sel(radius_power=1).values.tolist() == [0.1] * LANES
+    assert data["tuned"]["objective"].item() == float(one.objective)
+    assert data["tuned"]["status"].values.tolist() == ["proved", "undefined"]
+    assert data["certificates of two lanes"]["status"].dims == ("lane_1", "lane_2", "limit")
+    closed = data["closeds"]
+    assert closed["quaternion"].dims == ("lane", "sample", "component")
+    assert closed["time"].dims == ("lane", "sample")
+    assert closed["command"].attrs["units"] == "rad s-2"
+    assert data["open"].attrs["frame"] == "inertial"
+    assert data["open"]["result"].item() == results["open"].result
+    assert data["closed"]["error"].sel(time=0.1, component="y").item() == 6 / 3 / 5
+    assert data["tables, components first"]["position"].dims == ("world", "path", "time")
+    assert data["reduced"]["position"].dims == ("world", "path")
+    assert data["reduced"]["speed_time"].attrs["units"] == "s"
+    assert data["trihedral"]["dcm"].sel(body="normal", world="y").item() == 1.0
+    assert data["track"]["time"].values[0] == 7.0
+    assert "residual_horizontal_rms" in data["fitted"]
+    assert data["propagations"]["result"].shape == (LANES,)
+
+
+def test_a_rate_law_commands_rates():
+    one = single()["closed"]
+    law = qt.Solution(one.times, one.quaternion, one.rate, 0, one.command, commands="rate")
+    assert law.to_xarray()["command"].attrs["units"] == "rad s-1"
+
+
+def test_an_integral_has_the_unit_of_one():
+    path = single()["path"]
+    whole = qt.evaluate(path, INSTANTS, ("speed", "quaternion"), reduce="integral").to_xarray()
+    assert (whole["speed"].attrs["units"], whole["quaternion"].attrs["units"]) == ("m s-1 s", "s")
+
+
+def test_pandas_and_pyarrow_read_one_row_for_each_problem_and_instant(results, tmp_path):
+    for name in ("tuneds", "closeds", "residual"):
+        qt.save_dataset(results[name], tmp_path / f"{name}.parquet")
+        qt.save_dataset(results[name], tmp_path / f"{name}.csv")
+    tuned = pandas.read_parquet(tmp_path / "tuneds.parquet")
+    assert tuned["status_slope"].tolist() == ["undefined"] * LANES
+    assert tuned["end_position_y"].tolist() == [10.0] * LANES
+    closed = pandas.read_csv(tmp_path / "closeds.csv", comment="#", **EXACTLY)
+    expected = np.asarray(results["closeds"].quaternion)[..., 2].ravel()
+    assert len(closed) == LANES * len(INSTANTS)
+    assert np.array_equal(closed["quaternion_y"], expected)
+    assert pq.read_schema(tmp_path / "closeds.parquet").field("rate_x").metadata[b"units"] == b"rad s-1"
+    assert len(pandas.read_csv(tmp_path / "residual.csv", comment="#")) == 1
+
+
+def test_a_saved_track_is_read_as_a_recording(results, tmp_path):
+    track = results["track"]
+    qt.save_dataset(track, tmp_path / "track.csv")
+    again = qt.read_track(tmp_path / "track.csv")
+    assert all(np.array_equal(x, y) for x, y in zip(jax.tree.leaves(again), jax.tree.leaves(track), strict=True))
+
+
+def test_every_result_says_in_a_line_what_it_is(results):
+    for name, result in results.items():
+        text = repr(result)
+        assert text.startswith(f"{type(result).__name__}("), name
+        assert len(text) < LONGEST
+        assert "\n" not in text
+        assert not re.search(r"array|Array|\[", text), text
+    one, lots = repr(results["tuned"]), repr(results["tuneds"])
+    assert one == "Tuned(converged, objective 0.333333, 7 steps; curvature proved; slope undefined)"
+    assert lots.startswith("Tuned(3 problems, all converged, objective 0.333333")
+    assert "2 × 3 paths" in repr(results["certificates of two lanes"])
+    assert repr(results["open"]).startswith("Solution(3 instants, 0 … 0.333333 s: stopped")
+    assert "turn 45.8366°" in repr(results["path"])
+
+
+def test_a_result_that_is_not_whole_still_shows_itself(results):
+    tuned = results["tuned"]
+    shapes = jax.eval_shape(lambda x: x, tuned)
+    half = jax.tree.map(lambda x: None, tuned.certificate)
+    torn = jax.tree.map(lambda x: x[None, :0], results["certificate"])
+    seen = []
+    jax.jit(lambda x: seen.append((repr(x), x._repr_html_())))(tuned)
+    for text in (repr(shapes), repr(half), repr(torn), seen[0][0]):
+        assert re.match(r"(Tuned|Certificate)\(", text)
+    assert seen[0][1].startswith("<pre>Tuned(")
+
+
+class Tags(HTMLParser):
+    """The tags of a page, which must all be closed."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.seen, self.text = [], set(), ""
+
+    def handle_starttag(self, tag, attrs):
+        self.open.append(tag)
+        self.seen.add(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def test_every_result_is_a_small_table_in_a_notebook(results):
+    for name, result in results.items():
+        page = Tags()
+        page.feed(result._repr_html_())
+        page.close()
+        assert page.open == [], name
+        assert page.seen == {"div", "strong", "table", "thead", "tbody", "tr", "th", "td"}
+        assert page.text.startswith(f"{type(result).__name__} ")
+        assert all(variable in page.text for variable in result.to_xarray().data_vars)
+
+
+def test_texts_from_outside_are_escaped():
+    hostile = qt.Certificate([HOSTILE], [0], [0.0], [1.0], [2.0])
+    page = Tags()
+    page.feed(hostile._repr_html_())
+    assert "script" not in page.seen
+    assert page.text.count(HOSTILE) == 2  # in the summary, and as the label of the limit
+    torn = jax.tree.map(lambda x: None, hostile)._repr_html_()
+    assert torn.startswith("<pre>")
+    assert "<script>" not in torn
+
+
+def test_traced_results_and_a_missing_xarray_are_told(monkeypatch):
+    one = single()
+    for name in ("tuned", "table", "closed", "path", "certificate"):
+        with pytest.raises(ValueError, match="a dataset needs known values"):
+            jax.jit(lambda x: x.to_xarray())(one[name])
+    needed = record.needed
+    monkeypatch.setattr(record, "needed", lambda package, purpose: needed(f"missing_{package}", purpose))
+    with pytest.raises(ModuleNotFoundError, match=r"needs missing_xarray: pip install 'qtraj\[io\]'"):
+        one["attitude"].to_xarray()
+
+
+def test_what_the_calls_give_back_are_results():
+    named = {getattr(qt, name) for name in qt.__all__}
+    classes = {thing for thing in named if isinstance(thing, type) and issubclass(thing, AbstractResult)}
+    wanted = {qt.Tuned, qt.Certificate, qt.Table, qt.Solution, qt.Propagation, qt.Track, qt.Trihedral, qt.SpiralHelix}
+    assert classes == wanted | {qt.Attitude, qt.Residual}
+
+
+def test_plain_arrays_are_labelled():
+    times = np.array([0.0, 0.5, 1.0, 1.5])
+    q0 = [1.0, 0, 0, 0]
+    qs = qt.propagate(lambda t: jnp.array([0.0, 0.0, 1.0]), q0, times)
+    mu = qt.error_response(qt.RateLaw(1.0), [0.9, 0.1, 0, 0], None, times)
+    pushed = (np.ones((2, 4, 3)), "m s-2", "specific force")
+    dataset = qt.label(times, {"title": "two"}, quaternion=qs, error=mu, angle=np.zeros(4), felt=pushed)
+    assert dataset["quaternion"].dims == ("time", "component")
+    assert np.array_equal(dataset["error"].sel(component="w"), mu[:, 0])
+    assert dataset["felt"].dims == ("lane", "time", "body")
+    assert dataset["felt"].attrs == {"units": "m s-2", "long_name": "specific force"}
+    assert dataset["angle"].dims == ("time",)
+    assert dataset.attrs["title"] == "two"
+    assert dataset.attrs["quaternion_convention"].startswith("scalar first")
+    for wrong in ({"felt": np.zeros(4)}, {"rate": np.zeros((3, 3))}, {"rate": np.zeros((4, 5))}, {}):
+        with pytest.raises(ValueError, match=r"is not known|must be \(\*lanes, 4\)|at least one array"):
+            qt.label(times, **wrong)
+
+
+def test_lanes_of_findings_end():
+    lots = repeated(single()["certificate"])
+    assert [found.status["slope"] for found in lots] == ["undefined"] * LANES
+    assert len(lots) == LANES
+    assert lots[-1].worst["curvature"] == (0.1, 1 / 3, 0.5)
+    for lane in (LANES, -LANES - 1, np.int64(LANES)):
+        with pytest.raises(IndexError, match=f"there are 3 paths, and none at {lane}"):
+            lots[lane]
+    with pytest.raises(TypeError, match="only those on many have lanes"):
+        lots[0][0]
+    with pytest.raises(TypeError, match="only those on many have a length"):
+        len(lots[0])
+
+
+def test_the_words_of_a_summary():
+    assert extent(np.array([2.0, 1.0]), "m") == "1 … 2 m"
+    assert extent(np.array([1.0, np.nan])) == "1 and others that are not finite"
+    assert (extent(np.array(np.nan)), extent(np.zeros(0)), extent(np.array(3))) == ("not finite", "none", "3")
+    assert counted(np.array(["a", "b", "b"])) == "2 b, 1 a"
+    assert counted(np.array(["a", "a"])) == "all a"
+    assert counted(np.array(list("aabcdefg"))) == "2 a, 1 b, 1 c, 1 d, 3 others"
