@@ -1,50 +1,117 @@
-"""qtraj: where a vehicle must be, and how it must turn. Differentiable trajectories and orientation in JAX."""
+"""qtraj: where a vehicle must be, and how it must turn. Differentiable trajectories and orientation in JAX.
+
+Each public name is imported when it is first used, so that `import qtraj` costs next to nothing.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 from qtraj._version import __version__
-from qtraj.algebra import quaternion, rotation
-from qtraj.batch.evaluate import evaluate
-from qtraj.batch.table import Table
-from qtraj.design.fitting.fit import fit
-from qtraj.design.limits import Limits
-from qtraj.design.magnitudes import peak
-from qtraj.design.proof.certificate import Certificate
-from qtraj.design.proof.certify import certify
-from qtraj.design.tuning.outcome import Tuned
-from qtraj.design.tuning.tune import tune
-from qtraj.foundation.document import load
-from qtraj.io import exchange
-from qtraj.io.dataset_file import load_dataset, save_dataset
-from qtraj.io.label import label
-from qtraj.io.track_file import read_track
-from qtraj.motion import control, dynamics
-from qtraj.motion.attitude import AbstractProgram, Attitude
-from qtraj.motion.control.baselines import GeometricFeedback, LogarithmicFeedback, QuaternionFeedback
-from qtraj.motion.control.laws import AccelerationLaw, RateLaw
-from qtraj.motion.control.response import error_response
-from qtraj.motion.profiles.s_curve import SCurve
-from qtraj.motion.profiles.smooth_step import Cubic, Quintic, Septic
-from qtraj.motion.profiles.time_optimal import TimeOptimal
-from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
-from qtraj.motion.programs.frame_program import FrameProgram
-from qtraj.motion.programs.rotation_minimizing import RotationMinimizing
-from qtraj.motion.programs.table_program import TableProgram
-from qtraj.motion.propagation.gauss_legendre import GaussLegendre
-from qtraj.motion.propagation.magnus import Magnus
-from qtraj.motion.propagation.propagate import Propagation, propagate, propagate_with_estimate
-from qtraj.motion.propagation.strapdown import propagate_samples
-from qtraj.motion.simulation.actuator import Actuator
-from qtraj.motion.simulation.disturbance import DisturbanceAcceleration, DisturbanceTorque, Sinusoid
-from qtraj.motion.simulation.kinematics import integrate
-from qtraj.motion.simulation.sensor import Gyros, Sensor
-from qtraj.motion.simulation.simulate import simulate
-from qtraj.motion.simulation.solution import Solution
-from qtraj.path.boundary import BoundaryState
-from qtraj.path.hodograph import AbstractHodograph, Curve
-from qtraj.path.placement import Placement
-from qtraj.path.residual import Residual
-from qtraj.path.spiral_helix import SpiralHelix
-from qtraj.path.track import Track
-from qtraj.path.trihedral import Natural, Trihedral, Upright, trihedral
+
+if TYPE_CHECKING:
+    from qtraj.algebra import quaternion, rotation
+    from qtraj.batch.evaluate import evaluate
+    from qtraj.batch.table import Table
+    from qtraj.design.fitting.fit import fit
+    from qtraj.design.limits import Limits
+    from qtraj.design.magnitudes import peak
+    from qtraj.design.proof.certificate import Certificate
+    from qtraj.design.proof.certify import certify
+    from qtraj.design.tuning.outcome import Tuned
+    from qtraj.design.tuning.tune import tune
+    from qtraj.io import exchange
+    from qtraj.io.dataset_file import load_dataset, save_dataset
+    from qtraj.io.label import label
+    from qtraj.io.stored import load
+    from qtraj.io.track_file import read_track
+    from qtraj.motion import control, dynamics
+    from qtraj.motion.attitude import AbstractProgram, Attitude
+    from qtraj.motion.control.baselines import GeometricFeedback, LogarithmicFeedback, QuaternionFeedback
+    from qtraj.motion.control.laws import AccelerationLaw, RateLaw
+    from qtraj.motion.control.response import error_response
+    from qtraj.motion.profiles.s_curve import SCurve
+    from qtraj.motion.profiles.smooth_step import Cubic, Quintic, Septic
+    from qtraj.motion.profiles.time_optimal import TimeOptimal
+    from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
+    from qtraj.motion.programs.frame_program import FrameProgram
+    from qtraj.motion.programs.rotation_minimizing import RotationMinimizing
+    from qtraj.motion.programs.table_program import TableProgram
+    from qtraj.motion.propagation.gauss_legendre import GaussLegendre
+    from qtraj.motion.propagation.magnus import Magnus
+    from qtraj.motion.propagation.propagate import Propagation, propagate, propagate_with_estimate
+    from qtraj.motion.propagation.strapdown import propagate_samples
+    from qtraj.motion.simulation.actuator import Actuator
+    from qtraj.motion.simulation.disturbance import DisturbanceAcceleration, DisturbanceTorque, Sinusoid
+    from qtraj.motion.simulation.kinematics import integrate
+    from qtraj.motion.simulation.sensor import Gyros, Sensor
+    from qtraj.motion.simulation.simulate import simulate
+    from qtraj.motion.simulation.solution import Solution
+    from qtraj.path.boundary import BoundaryState
+    from qtraj.path.hodograph import AbstractHodograph, Curve
+    from qtraj.path.placement import Placement
+    from qtraj.path.residual import Residual
+    from qtraj.path.spiral_helix import SpiralHelix
+    from qtraj.path.track import Track
+    from qtraj.path.trihedral import Natural, Trihedral, Upright, trihedral
+
+_HOMES = {
+    "qtraj.batch.evaluate": ("evaluate",),
+    "qtraj.batch.table": ("Table",),
+    "qtraj.design.fitting.fit": ("fit",),
+    "qtraj.design.limits": ("Limits",),
+    "qtraj.design.magnitudes": ("peak",),
+    "qtraj.design.proof.certificate": ("Certificate",),
+    "qtraj.design.proof.certify": ("certify",),
+    "qtraj.design.tuning.outcome": ("Tuned",),
+    "qtraj.design.tuning.tune": ("tune",),
+    "qtraj.io.dataset_file": ("load_dataset", "save_dataset"),
+    "qtraj.io.label": ("label",),
+    "qtraj.io.stored": ("load",),
+    "qtraj.io.track_file": ("read_track",),
+    "qtraj.motion.attitude": ("AbstractProgram", "Attitude"),
+    "qtraj.motion.control.baselines": ("GeometricFeedback", "LogarithmicFeedback", "QuaternionFeedback"),
+    "qtraj.motion.control.laws": ("AccelerationLaw", "RateLaw"),
+    "qtraj.motion.control.response": ("error_response",),
+    "qtraj.motion.profiles.s_curve": ("SCurve",),
+    "qtraj.motion.profiles.smooth_step": ("Cubic", "Quintic", "Septic"),
+    "qtraj.motion.profiles.time_optimal": ("TimeOptimal",),
+    "qtraj.motion.programs.euler_turn": ("EulerTurn", "TurnChain"),
+    "qtraj.motion.programs.frame_program": ("FrameProgram",),
+    "qtraj.motion.programs.rotation_minimizing": ("RotationMinimizing",),
+    "qtraj.motion.programs.table_program": ("TableProgram",),
+    "qtraj.motion.propagation.gauss_legendre": ("GaussLegendre",),
+    "qtraj.motion.propagation.magnus": ("Magnus",),
+    "qtraj.motion.propagation.propagate": ("Propagation", "propagate", "propagate_with_estimate"),
+    "qtraj.motion.propagation.strapdown": ("propagate_samples",),
+    "qtraj.motion.simulation.actuator": ("Actuator",),
+    "qtraj.motion.simulation.disturbance": ("DisturbanceAcceleration", "DisturbanceTorque", "Sinusoid"),
+    "qtraj.motion.simulation.kinematics": ("integrate",),
+    "qtraj.motion.simulation.sensor": ("Gyros", "Sensor"),
+    "qtraj.motion.simulation.simulate": ("simulate",),
+    "qtraj.motion.simulation.solution": ("Solution",),
+    "qtraj.path.boundary": ("BoundaryState",),
+    "qtraj.path.hodograph": ("AbstractHodograph", "Curve"),
+    "qtraj.path.placement": ("Placement",),
+    "qtraj.path.residual": ("Residual",),
+    "qtraj.path.spiral_helix": ("SpiralHelix",),
+    "qtraj.path.track": ("Track",),
+    "qtraj.path.trihedral": ("Natural", "Trihedral", "Upright", "trihedral"),
+}
+"""Where each public name lives: the same as the imports above, for the running program."""
+
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+_ROOMS = ("algebra", "batch", "design", "foundation", "io", "motion", "path", "viz")
+
+_MODULES = {
+    "control": "qtraj.motion.control",
+    "dynamics": "qtraj.motion.dynamics",
+    "exchange": "qtraj.io.exchange",
+    "quaternion": "qtraj.algebra.quaternion",
+    "rotation": "qtraj.algebra.rotation",
+    **{room: f"qtraj.{room}" for room in _ROOMS},
+}
+"""Names that are modules themselves; the rooms are reached by attribute too: `qtraj.path.invariants`."""
 
 __all__ = [
     "AbstractHodograph",
@@ -112,3 +179,18 @@ __all__ = [
     "trihedral",
     "tune",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME_OF:
+        value = getattr(importlib.import_module(_HOME_OF[name]), name)
+    elif name in _MODULES:
+        value = importlib.import_module(_MODULES[name])
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value  # asked for once
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, *_ROOMS})

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import qtraj as qt
-from qtraj.batch import program
+from qtraj.batch import long_rows, program
 
 EXACT = 1e-12
 NAMES = ("position", "quaternion", "curvature", "torsion", "rate", "angular_acceleration")
@@ -142,6 +142,35 @@ def test_reductions_are_those_of_the_samples(stack, small_blocks):
     assert mean.times is None
 
 
+@pytest.fixture
+def short_lanes(monkeypatch):
+    """Four lanes, fetched three samples at a time, so that a few instants make a long row with something left over."""
+    monkeypatch.setattr(program, "_reduction", program._reduction.__wrapped__)
+    monkeypatch.setattr(program, "_long", lambda: 20)
+    monkeypatch.setattr(long_rows, "LANES", 4)
+    monkeypatch.setattr(long_rows, "WINDOW", 3)
+
+
+@pytest.mark.parametrize("count", [24, 29])
+def test_long_rows_are_reduced_as_their_samples_are(stack, short_lanes, count):
+    shared = np.linspace(0.0, 4.0, count) ** 1.1
+    for times in (shared, np.stack([shared, 0.5 * shared, 4.0 - shared])):
+        table = qt.evaluate(stack, times, ["speed", "rate"])
+        speed, rate = np.asarray(table.speed), np.asarray(table.rate)
+        along = np.broadcast_to(times, speed.shape)
+        for reduce, over, which in (("max", np.max, np.argmax), ("min", np.min, np.argmin)):
+            peak = qt.evaluate(stack, times, ["speed", "rate"], reduce=reduce)
+            close(peak["speed"], over(speed, axis=1))
+            close(peak["rate"], over(rate, axis=1))
+            at = which(speed, axis=1)
+            np.testing.assert_array_equal(peak.times["speed"], along[np.arange(3), at])
+            np.testing.assert_array_equal(peak.times["rate"][:, 1], along.min(axis=1))  # zero everywhere
+        integral = qt.evaluate(stack, times, ["rate"], reduce="integral")["rate"]
+        close(integral, np.trapezoid(rate, np.broadcast_to(times, speed.shape)[..., None], axis=1))
+    mean = qt.evaluate(helix(), shared, ["rate"], reduce="mean")["rate"]
+    close(mean, qt.evaluate(stack, shared, ["rate"], reduce="mean")["rate"][0])
+
+
 def test_a_table_is_written_over():
     times = np.linspace(0.0, 4.0, 50)
     first = qt.evaluate(helix(), times, NAMES)
@@ -203,3 +232,21 @@ print("agreed")
 def test_two_devices_share_the_work():
     ran = subprocess.run([sys.executable, "-c", SHARDED], capture_output=True, text=True, env=os.environ, check=False)
     assert ran.stdout.strip() == "agreed", ran.stderr[-2000:]
+
+
+BYTES_OF_TIMES = 64
+"""Of an instant in the reverse pass: its time, its weight and copies of both, none of the forty values behind it."""
+
+
+def test_the_memory_of_a_reverse_pass_is_that_of_blocks():
+    def temporary(instants):
+        times = jnp.linspace(0.0, 4.0, instants)
+
+        def loss(radius):
+            path = qt.SpiralHelix(radius, [0.2, 1.9], [1.0, 0.4, 0.05], 4.0)
+            return jnp.sum(qt.evaluate(path, times, ["rate", "quaternion"], reduce="mean")["rate"])
+
+        return jax.jit(jax.grad(loss)).lower(jnp.asarray([20.0, 1.0])).compile().memory_analysis().temp_size_in_bytes
+
+    few, many = 2**16, 2**18
+    assert (temporary(many) - temporary(few)) / (many - few) < BYTES_OF_TIMES

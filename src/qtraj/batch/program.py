@@ -15,6 +15,7 @@ from jaxtyping import Array
 from qtraj.batch.blocks import SAMPLES, filled, mapped, reduced
 from qtraj.batch.channels import channels
 from qtraj.batch.devices import AXIS, Spread, spread
+from qtraj.batch.long_rows import LONG, by_path, long_row
 from qtraj.batch.reduction import block_reducer, joiner, weights
 from qtraj.batch.task import Task, inner_shape
 
@@ -38,13 +39,35 @@ def _traced(task: Task, request: Any, times: Array) -> Any:
     """Inside a trace: by sweeps that can be differentiated."""
     paths, frame = _stacked(task, request)
     shape = (paths.duration.shape[0], times.shape[1])
+    one = jax.lax.stop_gradient(jnp.sign(paths.duration[0]).astype(times.dtype))
+    if task.reduce in ("max", "min"):
+        return _finished(task, _followed(task, paths, frame, times, one))
     if task.reduce is not None:
-        return _finished(task, _reduced(task, paths, frame, times, 1.0))
-    arrays, work = _worker(paths, frame, task.names, 1.0)
+        return _finished(task, _reduced(task, paths, frame, times, one))
+    arrays, work = _worker(paths, frame, task.names, one)
     values = mapped(work, arrays, (times,), shape, _samples())
     flat = {name: jnp.stack(values[name]) for name in task.names}
     lead = shape if task.batched else shape[1:]
     return _results(task, {name: x.reshape(*inner_shape(name), *lead) for name, x in flat.items()})
+
+
+def _followed(task: Task, paths: Any, frame: Any, times: Array, one: Any) -> Any:
+    """Peaks whose derivatives in the path are those at the instants where they are attained (envelope theorem).
+
+    The search itself is not differentiated, which spares the reverse pass over all samples.
+    """
+    found = _reduced(task, jax.lax.stop_gradient(paths), frame, times, one)
+    instants = jnp.stack([when for name in task.names for _, when in found[name]], axis=1)
+    arrays, work = _worker(paths, frame, task.names, one)
+    there = work(arrays, (instants.astype(times.dtype),))
+    column = iter(range(instants.shape[1]))
+    return {
+        name: tuple(
+            (x[:, next(column)].astype(value.dtype), when)
+            for x, (value, when) in zip(there[name], found[name], strict=True)
+        )
+        for name in task.names
+    }
 
 
 @functools.lru_cache(maxsize=128)
@@ -86,12 +109,12 @@ def _reduction(task: Task, over: Spread | None) -> Any:
     def call(static: Any, dynamic: Any, times: Array, one: Array) -> Any:
         paths, frame = _stacked(task, eqx.combine(dynamic, static))
         if over is None:
-            return _finished(task, _reduced(task, paths, frame, times, one))
+            return _finished(task, _reduced(task, paths, frame, times, one, long=True))
         heavy = weights(times, task.reduce) if task.reduce in ("integral", "mean") else times
         by_time = over.over == "instants"
 
         def local(paths: Any, times: Array, heavy: Array, one: Array) -> Any:
-            parts = _reduced(task, paths, frame, times, one, heavy)
+            parts = _reduced(task, paths, frame, times, one, heavy, long=True)
             return jax.tree.map(lambda x: x[None] if by_time else x, parts)
 
         columns = over.columns(times.shape[0])
@@ -109,19 +132,24 @@ def _reduction(task: Task, over: Spread | None) -> Any:
     return jax.jit(call, static_argnums=0)
 
 
-def _reduced(task: Task, paths: Any, frame: Any, times: Array, one: Any, heavy: Array | None = None) -> Any:
-    """For each name and component the parts of the reduction, (paths,)."""
+def _reduced(
+    task: Task, paths: Any, frame: Any, times: Array, one: Any, heavy: Array | None = None, long: bool = False
+) -> Any:
+    """For each name and component the parts of the reduction, (paths,); `long` rows have no derivatives."""
     if heavy is None:
         heavy = weights(times, task.reduce) if task.reduce in ("integral", "mean") else times
-    part = block_reducer(str(task.reduce))
-
     arrays, evaluated = _worker(paths, frame, task.names, one)
+    shape, reduction = (paths.duration.shape[0], times.shape[1]), str(task.reduce)
+    part = block_reducer(reduction)
+
+    def samples(path: Any, cut: Any) -> Any:
+        return jax.tree.map(lambda x: x.astype(cut[1].dtype), evaluated(path, cut))
 
     def work(path: Any, cut: Any) -> Any:
-        values = evaluated(path, cut)
-        return {name: tuple(part(x.astype(cut[1].dtype), *cut) for x in values[name]) for name in task.names}
+        return jax.tree.map(lambda x: part(x, *cut), samples(path, cut))
 
-    shape = (paths.duration.shape[0], times.shape[1])
+    if long and shape[1] >= _long():
+        return by_path(lambda path, cut: long_row(samples, reduction, path, cut), arrays, (times, heavy), shape[0])
     return reduced(work, lambda parts: _joined(task, parts), arrays, (times, heavy), shape, _samples())
 
 
@@ -163,6 +191,11 @@ def _continuous(q: Array) -> Array:
     flips = jnp.cumsum(turned.astype(jnp.int32), axis=-1)
     flips = jnp.concatenate([jnp.zeros_like(flips, shape=(*flips.shape[:-1], 1)), flips], axis=-1)
     return q * jax.lax.stop_gradient(jnp.where(flips % 2 == 0, 1.0, -1.0).astype(q.dtype))[None]
+
+
+def _long() -> float:
+    """Instants from which on rows are reduced lane by lane; other devices than CPUs reduce a block as fast."""
+    return float(LONG) if jax.default_backend() == "cpu" else float("inf")
 
 
 def _samples() -> int:

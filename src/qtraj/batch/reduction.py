@@ -76,7 +76,7 @@ def block_reducer(reduction: str) -> Callable[[Any, Array, Array], Any]:
 
     def peak(x: Array, t: Array, w: Array) -> tuple[Array, Array]:
         value = sign * _largest(sign * x, 1)
-        return value, jnp.min(jnp.where(_attained(x, value[:, None]), t, jnp.inf), axis=1)
+        return value, jnp.min(jnp.where(attained(x, value[:, None]), t, jnp.inf), axis=1)
 
     return peak
 
@@ -89,7 +89,7 @@ def joiner(reduction: str) -> Callable[[Any], Any]:
 
     def peak(part: tuple[Array, Array]) -> tuple[Array, Array]:
         value = sign * _largest(sign * part[0], 0)
-        return value, jnp.min(jnp.where(_attained(part[0], value[None]), part[1], jnp.inf), axis=0)
+        return value, jnp.min(jnp.where(attained(part[0], value[None]), part[1], jnp.inf), axis=0)
 
     return peak
 
@@ -103,11 +103,11 @@ def _largest(x: Array, axis: int) -> Array:
 @_largest.defjvp
 def _largest_derivative(axis: int, primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
     value = _largest(primals[0], axis)
-    here = _attained(primals[0], jnp.expand_dims(value, axis)).astype(value.dtype)
+    here = attained(primals[0], jnp.expand_dims(value, axis)).astype(value.dtype)
     count = jnp.maximum(jnp.sum(here, axis=axis), 1)
     return value, jnp.sum(here * tangents[0], axis=axis) / count
 
 
-def _attained(x: Array, peak: Array) -> Array:
+def attained(x: Array, peak: Array) -> Array:
     """Whether `x` is the peak to rounding: a compiler that works `x` out twice may round it twice."""
     return jnp.abs(x - peak) <= ROUNDING * jnp.finfo(x.dtype).eps * jnp.abs(peak)

@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 
 from qtraj.path.components import Triple, chosen, cross, dot, jet, scaled
 from qtraj.path.invariants import invariants, largest, rotating_components
+from qtraj.path.natural_rates import natural_acceleration, natural_rate
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.trigonometry import cos_sin
 from qtraj.path.trihedral import DEFINED_TOLERANCE
@@ -44,9 +45,10 @@ def natural_components(paths: SpiralHelix, t: Instants, one: Any) -> dict[str, t
     c = cross(r[1], r[2])
     tangent, normal, binormal = _axes(turned, r[1], scaled(c, narrowness), bending)
     quaternion = turned.world_quaternion(_quaternion(tangent, normal, binormal, one))
-    speed, area = of.S * slowness, of.N * narrowness
     torsion = of.T * narrowness**2
-    nothing = jnp.zeros_like(speed)
+    nothing = jnp.zeros_like(torsion)
+    along, across = natural_rate(r, c, slowness, narrowness, torsion)
+    along_rate, across_rate = natural_acceleration(r, c, slowness, narrowness, torsion)
     return {
         "position": turned.world_position(r[0]),
         "velocity": turned.world(r[1]),
@@ -58,22 +60,10 @@ def natural_components(paths: SpiralHelix, t: Instants, one: Any) -> dict[str, t
         "speed": (_root(of.S),),
         "curvature": (_root(of.N) * slowness**3,),
         "torsion": (torsion,),
-        "rate": (speed * torsion, nothing, area * slowness**2),
-        "angular_acceleration": _acceleration(r, c, slowness, narrowness, torsion),
+        "rate": (along, nothing, across),
+        "angular_acceleration": (along_rate, nothing, across_rate),
         "defined": (bending,),
     }
-
-
-def _acceleration(
-    r: list[Triple], c: Triple, slowness: Array, narrowness: Array, torsion: Array
-) -> tuple[Array, Array, Array]:
-    """ε⁰ in the trihedral's own axes, the derivative of ω⁰ = (vχ, 0, |c|/v²)."""
-    slope, growth = dot(r[1], r[2]), dot(c, cross(r[1], r[3]))
-    thin, slow = narrowness**2, slowness**2
-    torsion_rate = dot(c, r[4]) * thin - 2 * dot(c, r[3]) * growth * thin**2
-    speed, area = dot(r[1], r[1]) * slowness, dot(c, c) * narrowness
-    first = slope * slowness * torsion + speed * torsion_rate
-    return first, jnp.zeros_like(first), growth * narrowness * slow - 2 * area * slope * slow**2
 
 
 class _Turned(eqx.Module):

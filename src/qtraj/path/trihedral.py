@@ -22,6 +22,7 @@ from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Flag, Mat3, Quat, Scalar, ScalarLike, Vec3
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.invariants import existence, invariants
+from qtraj.path.natural_rates import natural_acceleration, natural_rate
 from qtraj.path.quantities import AXES, DESCRIPTIONS, LABELS, framed
 
 DEFINED_TOLERANCE = 4096
@@ -206,19 +207,13 @@ def _shape(r: Float[Array, "5 3"], duration: Scalar) -> _Shape:
 
 
 def _natural_rates(r: Float[Array, "5 3"], shape: _Shape) -> tuple[Vec3, Vec3]:
-    """ω⁰ and ε⁰ of the natural trihedral in its own axes, zero where it does not exist; c' = r' × r'''."""
-    v, area, torsion, c = shape.safe_speed, shape.safe_area, shape.torsion, shape.c
-    slope = r[1] @ r[2]
-    c_rate = jnp.cross(r[1], r[3])
-    growth = c @ c_rate
-    torsion_rate = (c @ r[4]) / area**2 - 2 * (c @ r[3]) * growth / area**4
-    zero = jnp.zeros_like(v)
-    rate = jnp.stack([v * torsion, zero, area / v**2])
-    acceleration = jnp.stack(
-        [slope / v * torsion + v * torsion_rate, zero, growth / (area * v**2) - 2 * area * slope / v**4]
-    )
-    exists = shape.bending
-    return jnp.where(exists, rate, 0.0), jnp.where(exists, acceleration, 0.0)
+    """ω⁰ and ε⁰ of the natural trihedral in its own axes, zero where it does not exist."""
+    known = (r, shape.c, 1 / shape.safe_speed, 1 / shape.safe_area, shape.torsion)
+    along, across = natural_rate(*known)
+    along_rate, across_rate = natural_acceleration(*known)
+    zero = jnp.zeros_like(along)
+    rate, acceleration = jnp.stack([along, zero, across]), jnp.stack([along_rate, zero, across_rate])
+    return jnp.where(shape.bending, rate, 0.0), jnp.where(shape.bending, acceleration, 0.0)
 
 
 def _upright_rate(up: Vec3, r1: Vec3, r2: Vec3) -> Vec3:

@@ -7,9 +7,9 @@ import xarray
 
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.outcome import Tuned
-from qtraj.foundation.document import load
 from qtraj.io.dataset import path_dataset
 from qtraj.io.dataset_file import SUFFIXES, load_dataset
+from qtraj.io.stored import load
 from qtraj.path.hodograph import AbstractHodograph
 
 DATASETS = ("paths.nc", "table.nc")

@@ -11,11 +11,11 @@ from jaxtyping import Array, Bool, Float
 
 from qtraj.cli.tuning.job import is_saved, lay, saved_path
 from qtraj.cli.turning.job import SMOOTH, turn_program
-from qtraj.foundation.document import load
 from qtraj.io.attitude_part import radians
 from qtraj.io.scenario import ScenarioFile, read_scenario
 from qtraj.io.scenario_model import Scenario
 from qtraj.io.scenario_part import given as given_keys
+from qtraj.io.stored import load
 from qtraj.io.tracking_model import ProgramPart, TrackingScenario
 from qtraj.io.turn_model import LIMITS, NEEDED, TurnPart
 from qtraj.motion.attitude import AbstractProgram

@@ -8,9 +8,9 @@ from qtraj.design.fitting.fit import fit
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.given import given_path
 from qtraj.design.tuning.outcome import Tuned
-from qtraj.foundation.document import load
 from qtraj.io.scenario import ScenarioFile
 from qtraj.io.scenario_model import Scenario
+from qtraj.io.stored import load
 from qtraj.io.track_file import read_track
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.placement import Placement

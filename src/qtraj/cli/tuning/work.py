@@ -8,6 +8,7 @@ from qtraj.cli.output import Writer, check_folder, write_all
 from qtraj.cli.terminal import Watch, watching
 from qtraj.cli.tuning.content import tune_content
 from qtraj.cli.tuning.job import Choice, Job, is_saved, lay
+from qtraj.cli.tuning.search import search
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.proof.certify import certify
 from qtraj.design.tuning.outcome import Tuned
@@ -15,7 +16,6 @@ from qtraj.design.tuning.tune import tune
 from qtraj.io.dataset import path_dataset, write_netcdf
 from qtraj.io.scenario import DEFAULT, ScenarioFile, read_scenario
 from qtraj.io.scenario_model import Scenario
-from qtraj.viz.figures import save, tuning_figure
 
 
 def run(file: Path | None, out: Path, choice: Choice) -> tuple[dict[str, Any], bool]:
@@ -47,10 +47,13 @@ def solve(given: ScenarioFile[Scenario], choice: Choice, watch: Watch) -> tuple[
         raise ValueError(f"{given.file}: the table [limits] is missing or empty: there is nothing to tune for")
     watch.say("fitting the recording" if given.scenario.track else "laying the path")
     job = lay(given, choice)
-    watch.say("judging the path")
-    before = certify(job.path, job.limits)
     watch.say("tuning")
     try:
+        if found := search(job):
+            return job, *found
+        watch.say("judging the path")
+        before = certify(job.path, job.limits)
+        watch.say("tuning")
         best = tune(**job.tuning(), progress=watch.tuning)
     except ValueError as error:
         raise ValueError(f"{given.file}: {error}") from error
@@ -67,11 +70,16 @@ def _writers(given: ScenarioFile[Scenario], job: Job, best: Tuned) -> dict[str, 
     }
     paths = {"before": job.path, "after": best.path}
     dataset = path_dataset(paths, job.limits, job.track, attributes=attributes)
-    figure = tuning_figure(dataset)
+
+    def draw(file: Path) -> None:
+        from qtraj.viz.figures import save, tuning_figure  # here, so that matplotlib is loaded when all else is done
+
+        save(tuning_figure(dataset), file)
+
     return {
         "paths.nc": lambda file: write_netcdf(dataset, file),
         "path.toml": best.path.save,
         "tuning.toml": best.save,
-        "tuning.png": lambda file: save(figure, file),
-        "tuning.svg": lambda file: save(figure, file),
+        "tuning.png": draw,
+        "tuning.svg": draw,
     }

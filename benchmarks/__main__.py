@@ -1,0 +1,110 @@
+"""Run the races, print their tables, save them as JSON with the machine and the versions, and draw the figures.
+
+    python -m benchmarks                        all races: some minutes, on a machine that does nothing else
+    python -m benchmarks evaluation bandwidth   these only; the others are kept as the file has them
+    python -m benchmarks --quick                small sizes and few rounds: does it run?
+    python -m benchmarks --write                and put tables and figures into docs/performance.md
+
+The file is benchmarks/results/<name>.json, with --quick a temporary one, written after each race; the name is the kind
+of device unless given.
+"""
+
+import argparse
+import importlib.metadata
+import json
+import os
+import shlex
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import jax
+import pytest
+
+from .races import RACES
+from .report import printed, write
+
+RESULTS = Path(__file__).with_name("results")
+VERSIONS = ("jax", "jaxlib", "numpy", "scipy", "equinox", "diffrax", "jaxlie")
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("races", nargs="*", metavar="RACE", help=f"of {', '.join(RACES)}; all unless given")
+    parser.add_argument("--quick", action="store_true", help="small sizes and few rounds")
+    parser.add_argument("--name", default=jax.default_backend(), help="of the file of results")
+    parser.add_argument("--folder", type=Path, help="of that file; with --quick a temporary one")
+    parser.add_argument("--write", action="store_true", help="tables and figures of these results into the docs")
+    given = parser.parse_args()
+    if unknown := [name for name in given.races if name not in RACES]:
+        parser.error(f"unknown race {unknown[0]!r}; known are {', '.join(RACES)}")
+    folder = given.folder or (Path(tempfile.gettempdir()) if given.quick else RESULTS)
+    file, failed = folder / f"{given.name}.json", 0
+    results = {"races": {}}
+    for name in given.races or RACES:
+        with tempfile.TemporaryDirectory() as scratch:
+            found, code = measured([name], given.quick, Path(scratch) / "raw.json")
+        failed = failed or code
+        print(printed(found), flush=True)
+        if file.exists():
+            results = json.loads(file.read_text(encoding="utf-8"))
+        races = results["races"] | found["races"]
+        results = {"races": {name: races[name] for name in RACES if name in races}}
+        file.write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    print(f"\nwritten: {file}")
+    if given.write:
+        write(results)
+    return failed
+
+
+def measured(names, quick, raw):
+    """The races by pytest-benchmark, gathered with what they were measured on, and pytest's exit code."""
+    if quick:
+        os.environ["QTRAJ_BENCHMARKS_QUICK"] = "1"
+    chosen = [f"benchmarks/test_races.py::test_race[{name}]" for name in names]
+    options = ["-n", "0", "-W", "default", "-q", "--benchmark-json", str(raw), "--benchmark-quiet"]
+    os.chdir(Path(__file__).parents[1])
+    failed = pytest.main([*chosen, *options])
+    return gathered(json.loads(raw.read_text(encoding="utf-8")), names), int(failed)
+
+
+def gathered(raw, names):
+    """Results in the form that is kept, from pytest-benchmark's report."""
+    machine, cpu = raw["machine_info"], raw["machine_info"].get("cpu", {})
+    command = shlex.join(["python", "-m", "benchmarks", *sys.argv[1:]])
+    made = {"command": command, "date": raw["datetime"][:10], "device": device(), "machine": system(machine, cpu)}
+    races = {}
+    for entry in raw["benchmarks"]:
+        info = entry["extra_info"]
+        table = {key: info[key] for key in ("title", "rows", "settings")}
+        races[info["race"]] = table | {"seconds": round(entry["stats"]["mean"], 1), "made": made}
+    return {"races": {name: races[name] for name in names if name in races}}
+
+
+def device():
+    """What JAX computes on."""
+    found = jax.devices()
+    return f"{len(found)} × {found[0].device_kind} ({found[0].platform})"
+
+
+def system(machine, cpu):
+    """The processor, the load when the races had ended, Python and the packages."""
+    versions = {name: importlib.metadata.version(name) for name in VERSIONS}
+    return {
+        "processor": cpu.get("brand_raw", machine["machine"]),
+        "cores": os.cpu_count(),
+        "load": [round(x, 1) for x in os.getloadavg()] if hasattr(os, "getloadavg") else None,
+        "python": machine["python_version"],
+        "system": machine["system"],
+        "versions": versions,
+    }
+
+
+if __name__ == "__main__":
+    begun = time.perf_counter()
+    code = main()
+    print(f"{time.perf_counter() - begun:.0f} s in all")
+    sys.exit(code)

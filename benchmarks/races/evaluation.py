@@ -1,0 +1,88 @@
+"""`evaluate` of one path against a kernel in C, NumPy with SciPy, and the bare writing of the same bytes.
+
+Position, velocity, acceleration, quaternion, curvature, torsion and rate: 17 channels (18 for qtraj, which also writes
+the component of the rate that is zero). All are warm, take turns, and are compared before they are timed.
+"""
+
+import inspect
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import qtraj as qt
+
+from ..evaluation.reference import ANGLE, CHANNELS, DURATION, HEIGHT, RADIUS, Kernel, numpy_and_scipy
+from ..race import race
+from . import Found
+
+INSTANTS = 4_000_000
+AGREE = {"float64": 1e-11, "float32": 2e-3}
+SLOW = ("NumPy + SciPy", "NumPy + SciPy, assume_valid")
+
+
+def helix(kind):
+    return qt.SpiralHelix(*[np.asarray(c, kind) for c in (RADIUS, ANGLE, HEIGHT)], np.asarray(DURATION, kind))
+
+
+def runners(kind, instants):
+    """Name → call, for one kind of float."""
+    times, path = np.linspace(0.0, DURATION, instants).astype(kind), helix(kind)
+    given, table, out = jnp.asarray(times), {}, np.zeros((CHANNELS, instants), kind)
+
+    def again():
+        table["old"] = qt.evaluate(path, given, reuse=table.get("old"))
+        return table["old"]
+
+    calls = {
+        "qtraj": lambda: qt.evaluate(path, given),
+        "qtraj, reuse": again,
+        "qtraj, maxima": lambda: qt.evaluate(path, given, reduce="max"),
+        "NumPy + SciPy": lambda: numpy_and_scipy(times),
+    }
+    if "assume_valid" in inspect.signature(Rotation.from_matrix).parameters:
+        calls[SLOW[1]] = lambda: numpy_and_scipy(times, assume_valid=True)
+    if Kernel.available():
+        plain, vectorised = Kernel(kind, True), Kernel(kind, False)
+        check(qt.evaluate(path, given), plain.evaluate(times, out), kind)
+        calls |= {
+            "C": lambda: plain.evaluate(times, out),
+            "C, fresh memory": lambda: plain.evaluate(times, np.empty_like(out)),
+            "C, vectorised sincos": lambda: vectorised.evaluate(times, out),
+            "C, maxima": lambda: plain.peaks(times),
+            "C, maxima, vectorised sincos": lambda: vectorised.peaks(times),
+            "writing alone": lambda: vectorised.fill(out),
+            "writing alone, fresh memory": lambda: vectorised.fill(np.empty_like(out)),
+        }
+    return calls
+
+
+def check(table, channels, kind):
+    """Refuse to race what does not agree."""
+    parts = [np.asarray(x).T for x in (table.position, table.velocity, table.acceleration, table.quaternion)]
+    rest = [np.asarray(table.curvature)[None], np.asarray(table.torsion)[None], np.asarray(table.rate).T[[0, 2]]]
+    scale = np.abs(channels).max(axis=1, keepdims=True)
+    worst = float(np.max(np.abs(np.concatenate([*parts, *rest]) - channels) / scale))
+    if not worst < AGREE[kind]:
+        raise ValueError(f"the results disagree by {worst:.3g} in {kind}")
+
+
+def measure(quick):
+    instants, rounds = (400_000, 3) if quick else (INSTANTS, 7)
+    found = {}
+    for kind in ("float64", "float32"):
+        found[kind] = race(runners(kind, instants), rounds, few=SLOW)
+    rows = []
+    for name in found["float32"]:
+        base, row = ("qtraj, maxima" if "maxima" in name else "qtraj"), {"": name}
+        for kind, spent in found.items():
+            known = name in spent
+            median = float(np.median(spent[name])) if known else None
+            best = min(spent[name]) if known else None
+            row[f"{kind} [ns]"] = 1e9 * median / instants if known else "—"
+            row[f"best {kind} [ns]"] = 1e9 * best / instants if known else "—"
+            row[f"qtraj over it, {kind}"] = float(np.median(spent[base])) / median if known else "—"
+        rows.append(row)
+    title = "Per instant: r, v, a, quaternion, curvature, torsion, rate of one path; medians and bests"
+    return Found(title, rows, {"instants": instants, "rounds": rounds, "device": str(jax.devices()[0])})

@@ -1,0 +1,61 @@
+"""Reverse mode: value and gradient of a scalar loss against its value, and the temporary memory of both."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import qtraj as qt
+
+from ..evaluation.reference import ANGLE, DURATION, HEIGHT, RADIUS
+from ..race import race
+from . import Found
+
+NAMES = ("position", "velocity", "acceleration", "quaternion", "curvature", "torsion", "rate")
+
+
+def stored(path, times):
+    table = qt.evaluate(path, times)
+    return sum(jnp.sum(getattr(table, name) ** 2) for name in NAMES)
+
+
+def reduced(path, times, how):
+    return sum(jnp.sum(x**2) for x in qt.evaluate(path, times, reduce=how).values.values())
+
+
+LOSSES = {
+    "squares of all outputs, stored": stored,
+    "their means": lambda path, times: reduced(path, times, "mean"),
+    "the mean of one rate": lambda path, times: qt.evaluate(path, times, ["rate"], reduce="mean")["rate"][2],
+    "their maxima": lambda path, times: reduced(path, times, "max"),
+}
+
+
+def compiled(name, instants):
+    """The value, and value and gradient, compiled, of numbers that make a path."""
+
+    def loss(numbers, times):
+        return LOSSES[name](qt.SpiralHelix(*numbers, DURATION), times)
+
+    numbers = tuple(jnp.asarray(x, float) for x in (RADIUS, ANGLE, HEIGHT))
+    given = (numbers, jnp.linspace(0.0, DURATION, instants))
+    return given, [jax.jit(f).lower(*given).compile() for f in (loss, jax.value_and_grad(loss))]
+
+
+def measure(quick):
+    instants, rows = (10**5 if quick else 10**6), []
+    for name in LOSSES:
+        given, (value, both) = compiled(name, instants)
+        spent = race({"value": lambda: value(*given), "both": lambda: both(*given)}, 3 if quick else 9)  # noqa: B023
+        medians = {key: float(np.median(times)) for key, times in spent.items()}
+        temporary = [x.memory_analysis().temp_size_in_bytes * 1e-6 for x in (value, both)]
+        rows.append(
+            {
+                "loss": name,
+                "value [ms]": 1e3 * medians["value"],
+                "value and gradient [ms]": 1e3 * medians["both"],
+                "ratio": medians["both"] / medians["value"],
+                "temporary memory [MB]": round(temporary[1], 1),
+                "of the value [MB]": round(temporary[0], 1),
+            }
+        )
+    return Found("Reverse mode, float64, both compiled", rows, {"instants": instants})

@@ -1,0 +1,58 @@
+"""Peak memory against what is predicted, each case in a process of its own.
+
+The largest resident set after the large call, less that after a small one of the same form: 18 numbers of results and
+one time for an instant; with `reduce`, the times and one copy of them in the order of the lanes.
+"""
+
+import resource
+import subprocess
+import sys
+
+from . import Found
+
+SMALL = 300_000
+CASES = (("stored", 10**7), ("max", 10**7), ("max", 10**8))
+NUMBERS = {"stored": 19, "max": 2}
+"""Numbers of 8 bytes for each instant."""
+
+
+def peak_mb(how, instants):
+    """In this process: how much a call adds to the largest resident set [MB]."""
+    import jax
+    import jax.numpy as jnp
+
+    jax.config.update("jax_enable_x64", True)
+    import qtraj as qt
+
+    from ..evaluation.reference import DURATION
+    from .evaluation import helix
+
+    def call(count):
+        times = jnp.linspace(0.0, DURATION, count)
+        jax.block_until_ready(qt.evaluate(helix("float64"), times, reduce=None if how == "stored" else how))
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 * 1.048576
+
+    before = call(SMALL)
+    return call(instants) - before
+
+
+def measure(quick):
+    rows = []
+    for how, instants in CASES[:1] if quick else CASES:
+        command = [sys.executable, "-m", "benchmarks.races.memory", how, str(instants)]
+        run = subprocess.run(command, capture_output=True, text=True, check=True)
+        measured, predicted = float(run.stdout), NUMBERS[how] * 8e-6 * (instants - SMALL)
+        rows.append(
+            {
+                "": "stored" if how == "stored" else f'reduce="{how}"',
+                "instants": f"10^{len(str(instants)) - 1}",
+                "predicted [MB]": round(predicted),
+                "measured [MB]": round(measured),
+                "measured / predicted": measured / predicted,
+            }
+        )
+    return Found("Growth of the largest resident set", rows, {"above": f"{SMALL} instants"})
+
+
+if __name__ == "__main__":
+    print(peak_mb(sys.argv[1], int(sys.argv[2])))

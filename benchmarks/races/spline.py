@@ -1,0 +1,18 @@
+"""A spline through 60 attitudes against SciPy's RotationSpline: attitude, rate and acceleration at many instants."""
+
+import functools
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..race import race
+from ..test_table_program import INSTANTS, KNOTS, PROGRAM, WHEN, ours, with_scipy
+from . import Found
+
+
+def measure(quick):
+    calls = {"TableProgram": functools.partial(ours, PROGRAM, jnp.asarray(WHEN)), "SciPy RotationSpline": with_scipy}
+    spent = race(calls, 3 if quick else 15)
+    ms = {name: 1e3 * float(np.median(times)) for name, times in spent.items()}
+    rows = [{"": name, "time [ms]": x, "over TableProgram": x / ms["TableProgram"]} for name, x in ms.items()]
+    return Found(f"A spline through {KNOTS} attitudes at {INSTANTS} instants", rows, {"instants": INSTANTS})

@@ -1,0 +1,65 @@
+"""Whole processes: imports, and `qtraj tune` against a bare process that computes one thing with the same libraries.
+
+User and system time of the process and of what it waited for: where other work shares the machine it says more than
+wall time. Commands take turns.
+"""
+
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+
+import numpy as np
+
+from . import Found
+
+BARE = (
+    "import jax; jax.config.update('jax_enable_x64', True); import diffrax, optax; import jax.numpy as jnp; "
+    "print(jax.jit(lambda x: jnp.sum(jnp.sin(x)))(jnp.arange(9.0)))"
+)
+ALL = "import qtraj as qt; [getattr(qt, name) for name in qt.__all__]"
+TUNE = "import sys; sys.argv[1:] = {arguments}; from qtraj.cli.main import main; main()"
+PLAIN = (
+    "from qtraj.cli.session import prepare; prepare(); from qtraj.cli.tuning import work; write = work._writers; "
+    "work._writers = lambda *all: {k: w for k, w in write(*all).items() if k not in ('tuning.png', 'tuning.svg')}; "
+)
+"""The command line without the figure, in its two formats."""
+
+
+def spent(code, folder):
+    """Seconds of processor and of wall time of one process."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("XLA_", "JAX_"))}
+    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    command = [sys.executable, "-c", code]
+    subprocess.run(command, env=environment | {"XDG_CACHE_HOME": folder}, check=True, stdout=subprocess.DEVNULL)
+    after, wall = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter() - start
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall
+
+
+def measure(quick):
+    with tempfile.TemporaryDirectory() as folder:
+        tune = TUNE.format(arguments=["tune", "--out", os.path.join(folder, "out")])
+        first = spent(tune, folder)
+        codes = {
+            "import equinox": "import equinox",
+            "import qtraj": "import qtraj",
+            "import qtraj, and every public name": ALL,
+            "bare: jax, diffrax, optax, one compiled function": BARE,
+            "qtraj tune, warm": tune,
+            "qtraj tune, warm, without its figure": PLAIN + tune,
+        }
+        times = {name: [] for name in codes}
+        for _ in range(2 if quick else 6):
+            for name, code in codes.items():
+                times[name].append(spent(code, folder))
+    times["qtraj tune, the first run"] = [first]
+    rows, bases = [], ("import equinox", "bare: jax, diffrax, optax, one compiled function")
+    for name, runs in times.items():
+        processor, wall = np.median(np.asarray(runs), axis=0)
+        base = bases[1] if "tune" in name or "bare" in name else bases[0]
+        own = float(np.median(np.asarray(times[base])[:, 0]))
+        row = {"process": name, "processor [s]": float(processor), "least [s]": min(run[0] for run in runs)}
+        rows.append(row | {"wall [s]": float(wall), "over": base.partition(":")[0], "ratio": float(processor) / own})
+    return Found("Start-up: whole processes", rows, {"runs": len(times["import qtraj"])})

@@ -1,0 +1,16 @@
+"""`tune` against SciPy's SLSQP and IPOPT: the table that `python -m benchmarks.tuning` prints, on fewer problems."""
+
+import subprocess
+import sys
+
+from . import Found
+
+
+def measure(quick):
+    problems = 3 if quick else 20
+    command = [sys.executable, "-m", "benchmarks.tuning", "--problems", str(problems)]
+    run = subprocess.run(command, capture_output=True, text=True, check=True)
+    lines = [line.strip("| ") for line in run.stdout.splitlines() if line.startswith("|")]
+    header, _, *body = ([cell.strip() for cell in line.split("|")] for line in lines)
+    rows = [dict(zip(header, cells, strict=True)) for cells in body]
+    return Found("Boundary velocities within a curvature limit, random problems", rows, {"problems": problems})

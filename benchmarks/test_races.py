@@ -1,0 +1,22 @@
+"""The races of `python -m benchmarks`, each a benchmark of its own whose extra information is its table.
+
+The fixture times the whole race; what counts are the ratios inside, because there the runners take turns.
+"""
+
+import importlib
+import os
+
+import pytest
+
+from .races import RACES
+
+QUICK = bool(os.environ.get("QTRAJ_BENCHMARKS_QUICK"))
+
+
+@pytest.mark.parametrize("name", RACES)
+def test_race(benchmark, name):
+    race = importlib.import_module(f"benchmarks.races.{name}")
+    found = benchmark.pedantic(race.measure, args=(QUICK,), rounds=1, iterations=1)
+    benchmark.extra_info |= {"race": name, **found._asdict()}
+    assert found.rows
+    assert all(row.keys() == found.rows[0].keys() for row in found.rows)

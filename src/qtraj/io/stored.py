@@ -1,0 +1,40 @@
+"""Stored documents of any class of the library: `load` where it is not known beforehand what a file holds.
+
+`foundation.document` reads the classes that have been imported; importing this module imports all that can be stored.
+"""
+
+import importlib
+
+from qtraj.foundation.document import load
+
+__all__ = ["load"]
+
+HOMES = (
+    "qtraj.design.limits",
+    "qtraj.design.proof.certificate",
+    "qtraj.design.tuning.outcome",
+    "qtraj.motion.control.baselines",
+    "qtraj.motion.control.laws",
+    "qtraj.motion.profiles.profile",
+    "qtraj.motion.profiles.s_curve",
+    "qtraj.motion.profiles.smooth_step",
+    "qtraj.motion.profiles.time_optimal",
+    "qtraj.motion.programs.euler_turn",
+    "qtraj.motion.programs.frame_program",
+    "qtraj.motion.programs.rotation_minimizing",
+    "qtraj.motion.programs.table_program",
+    "qtraj.motion.simulation.actuator",
+    "qtraj.motion.simulation.disturbance",
+    "qtraj.motion.simulation.sensor",
+    "qtraj.motion.simulation.solution",
+    "qtraj.path.boundary",
+    "qtraj.path.placement",
+    "qtraj.path.residual",
+    "qtraj.path.spiral_helix",
+    "qtraj.path.track",
+    "qtraj.path.trihedral",
+)
+"""The modules with classes that can be stored."""
+
+for _home in HOMES:
+    importlib.import_module(_home)
