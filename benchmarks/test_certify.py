@@ -1,7 +1,7 @@
 """Proofs on 1000 turns against checking 10⁴ samples of each, compiled and blocking, in one run.
 
-`pytest benchmarks/test_certify.py -n 0 -s -k ratios` prints the race; `-k random` judges 10 000 random turns and checks
-every answer in 50 digits.
+`pytest benchmarks/test_certify.py -n 0 -s -k ratios` prints the race; `-k random` judges 10 000 random turns and
+`-k tuned` 1000 tuned ones, and checks every answer in 50 digits.
 """
 
 import jax
@@ -17,6 +17,7 @@ from qtraj.design.proof.certificate import STATUSES
 from qtraj.design.proof.inequalities import FORMS, parts, slack
 
 from .race import race, report
+from .tuning.problems import problems
 from .turns import exact_square, lane, random_turns
 
 COUNT, SAMPLES, ROUNDS = 1000, 10_000, 7
@@ -78,6 +79,18 @@ def test_no_random_proof_is_contradicted(motion):
         assert counts["undecided"] * 1000 < count
         for k in range(count):
             contradicted(lane(paths, k), name, bounds[k], found, k)
+
+
+def test_no_proof_of_a_tuned_path_is_contradicted():
+    """1000 paths whose curvature touches its limit, as tuned paths do."""
+    given = problems(COUNT, seed=7)
+    limits = jax.vmap(lambda k: qt.Limits(curvature=k))(jnp.asarray(given.limits))
+    best = qt.tune(given.starts, given.ends, limits)
+    found = best.certificate
+    print(best)
+    assert int(jnp.sum(best.converged)) == COUNT
+    for k in range(COUNT):
+        contradicted(lane(best.path, k), "curvature", given.limits[k], found, k)
 
 
 def contradicted(path, name, bound, found, k):

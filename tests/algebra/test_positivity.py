@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from qtraj.algebra.bernstein import Bernstein, from_ascending
-from qtraj.algebra.positivity import NEGATIVE, OPEN, POSITIVE, minimum, positive
+from qtraj.algebra.cells import minimum
+from qtraj.algebra.extrema import greatest, least
+from qtraj.algebra.positivity import NEGATIVE, OPEN, POSITIVE, positive
 
 ROUNDING = 1e-13
 """Of values near one: what lies so near to zero may be left open."""
@@ -22,7 +24,7 @@ def judged(p):
     return positive(lambda p, low, high: p.on(low, high), p)
 
 
-def least(p):
+def exact_least(p):
     """The minimum on [0, 1] in 50 digits: the stationary points of float64, refined."""
     n = len(p) - 1
     with mpmath.workdps(50):
@@ -64,11 +66,11 @@ def test_no_answer_contradicts_the_exact_minimum(degree):
     rng = np.random.default_rng(degree)
     shifts = rng.choice([0.0, 1e-6, -1e-6, 0.3, -0.3], size=12)
     coefficients = rng.normal(size=(12, degree + 1))
-    floors = [float(least(c)) for c in coefficients]
+    floors = [float(exact_least(c)) for c in coefficients]
     lifted = coefficients - np.array(floors)[:, None] + shifts[:, None]
     answers = jax.vmap(lambda c: judged(Bernstein(c, jnp.asarray(0.0))))(jnp.asarray(lifted))
     for c, low, high, code, at in zip(lifted, answers.low, answers.high, answers.code, answers.at, strict=True):
-        truth = least(c)
+        truth = exact_least(c)
         assert float(low) <= truth
         assert truth <= float(high)
         assert code == (POSITIVE if truth > ROUNDING else NEGATIVE if truth < -ROUNDING else code)
@@ -112,3 +114,31 @@ def test_single_precision_knows_less():
     assert judged(loose).code == OPEN
     lifted = jax.tree.map(lambda x: x.astype(jnp.float32), touching(1e-3))
     assert judged(lifted).code == POSITIVE
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 5, 9, 18])
+def test_extrema_are_enclosed_to_rounding(degree):
+    rng = np.random.default_rng(degree)
+    coefficients = rng.normal(size=(6, degree + 1)) * 10.0 ** rng.integers(-8, 8, (6, 1))
+    both = jax.jit(
+        jax.vmap(lambda c: (least(Bernstein(c, jnp.asarray(0.0))), greatest(Bernstein(c, jnp.asarray(0.0)))))
+    )
+    low, high = both(jnp.asarray(coefficients))
+    for k, c in enumerate(coefficients):
+        size = np.max(np.abs(c))
+        smallest, largest = exact_least(c), -exact_least(-c)
+        assert float(low.low[k]) <= smallest <= float(low.high[k])
+        assert float(high.low[k]) <= largest <= float(high.high[k])
+        assert float(low.high[k] - low.low[k]) < ROUNDING * size
+        assert float(high.high[k] - high.low[k]) < ROUNDING * size
+        value = float(Bernstein(jnp.asarray(c), jnp.asarray(0.0)).at(low.at[k])[0])
+        assert value == pytest.approx(float(smallest), abs=ROUNDING * size)
+
+
+def test_a_least_value_taken_everywhere_and_one_that_is_not_finite():
+    flat = jax.jit(least)(Bernstein(jnp.full(7, 3.0), jnp.asarray(0.0)))
+    assert flat.low <= 3.0 <= flat.high
+    assert flat.high - flat.low < 1e-12
+    unknown = jax.jit(least)(Bernstein(jnp.full(4, jnp.nan), jnp.asarray(0.0)))
+    assert unknown.low == -jnp.inf
+    assert unknown.high == jnp.inf

@@ -106,9 +106,12 @@ def step(task: Task, s: State) -> State:
     still = (taken & (jnp.max(jnp.abs(move.d)) < SMALL_STEP)) | flat
     trust = _trust(s, move, taken, gained >= 0.7 * move.promise - rounding)
     penalty, hopeless = _penalty(task, s, ended, move, taken, still)
+    # What the program last said holds at a flat end as well, where the step itself may be refused.
+    here = _hand_over(move.multipliers, model.rows.time, s.peaks)
+    multipliers = jnp.where(flat & ~taken, here, ended.multipliers)
     # Where limits cannot be met yet, all the pull is that of the penalty, and grows with it.
     elastic = (ended.excess > FEASIBLE) & (jnp.sum(move.multipliers) > ELASTIC * s.penalty)
-    multipliers = ended.multipliers * jnp.where(elastic, penalty / s.penalty, 1.0)
+    multipliers = multipliers * jnp.where(elastic, penalty / s.penalty, 1.0)
     settled = still & ((ended.excess <= FEASIBLE) | hopeless)
     done = settled | (trust < LEAST_TRUST)
     return ended._replace(
