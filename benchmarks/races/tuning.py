@@ -8,7 +8,7 @@ from . import Found
 
 def measure(quick):
     problems = 3 if quick else 20
-    command = [sys.executable, "-m", "benchmarks.tuning", "--problems", str(problems)]
+    command = [sys.executable, "-m", "benchmarks.tuning", "--problems", str(problems), "--batch", "0"]
     run = subprocess.run(command, capture_output=True, text=True, check=True)
     lines = [line.strip("| ") for line in run.stdout.splitlines() if line.startswith("|")]
     header, _, *body = ([cell.strip() for cell in line.split("|")] for line in lines)

@@ -18,6 +18,8 @@ from qtraj.design.tuning.campaign import starting_points  # noqa: E402
 SEED = 7
 FEASIBLE = 1 + 1e-10
 WORSE = 1e-6  # of the best cost, or of a thousandth of V_ref² where that is more
+REPEATS = 3
+SOLVED_BY_SLSQP = 200  # of the race in speed
 NONE = np.zeros(slsqp.ADDED)
 
 
@@ -27,7 +29,10 @@ def main() -> None:
     parser.add_argument("--slsqp-starts", type=int, default=16)
     parser.add_argument("--ipopt-starts", type=int, default=4)
     parser.add_argument("--own-starts", type=int, default=8, help="of qtraj")
+    parser.add_argument("--batch", type=int, default=1000, help="problems of the race in speed (0: none)")
     chosen = parser.parse_args()
+    if chosen.batch:
+        race(chosen.batch)
     given = problems(chosen.problems, SEED)
     ours, seconds = own(given, chosen.own_starts)
     single = own(given, 1)[1]
@@ -38,13 +43,33 @@ def main() -> None:
     report(chosen, given, ours, seconds, single, rivals)
 
 
+def race(count: int) -> None:
+    """One batch of problems by qtraj, and a part of them one by one by SLSQP, each from the given states alone."""
+    given = problems(count, SEED)
+    seconds = []
+    for k in range(min(count, SOLVED_BY_SLSQP)):
+        problem, limit = slsqp.take(given.posed, k), float(given.limits[k])
+        begun = time.perf_counter()
+        slsqp.solve(problem, limit, np.zeros(problem.size), NONE)
+        seconds.append(time.perf_counter() - begun)
+    rival = float(np.mean(seconds[1:]))  # the first one compiles
+    print(f"SLSQP: {1e3 * rival:.2f} ms a problem in the mean, {1e3 * float(np.median(seconds[1:])):.2f} in the median")
+    for starts in (1, 8):
+        best, spent = own(given, starts)
+        each = spent / count
+        print(f"qtraj, {starts} start(s): {1e3 * each:.2f} ms a problem, {rival / each:.1f} times as fast; {best}\n")
+
+
 def own(given: Problems, starts: int) -> tuple[qt.Tuned, float]:
     """The outcome of one batch, and the seconds it took once compiled."""
     limits = jax.vmap(lambda k: qt.Limits(curvature=k))(jnp.asarray(given.limits))
     best = jax.block_until_ready(qt.tune(given.starts, given.ends, limits, starts=starts))
-    begun = time.perf_counter()
-    best = jax.block_until_ready(qt.tune(given.starts, given.ends, limits, starts=starts))
-    return best, time.perf_counter() - begun
+    seconds = []
+    for _ in range(REPEATS):
+        begun = time.perf_counter()
+        jax.block_until_ready(qt.tune(given.starts, given.ends, limits, starts=starts))
+        seconds.append(time.perf_counter() - begun)
+    return best, float(np.median(seconds))
 
 
 def best_of(given: Problems, starts: int, solve) -> tuple[np.ndarray, float]:
