@@ -37,7 +37,7 @@ velocity = [-4.5, 0.0, 0.2]
 [placement]
 origin = [0.0, 0.0, 0.0]
 [limits]
-curvature = 0.01
+curvature = 0.001
 lateral_acceleration = 1.8
 """
 

@@ -17,7 +17,7 @@ TEXT = "\n".join(page.read_text(encoding="utf-8") for page in sorted((DOCS / "re
 DOCUMENTED = re.findall(r"(?m)^::: (\S+)$", TEXT)
 
 MODULES = {"qtraj": qtraj, "qtraj.viz.figures": figures}
-MODULES |= {f"qtraj.{n}": vars(qtraj)[n] for n in qtraj.__all__ if isinstance(vars(qtraj)[n], types.ModuleType)}
+MODULES |= {f"qtraj.{n}": getattr(qtraj, n) for n in qtraj.__all__ if isinstance(getattr(qtraj, n), types.ModuleType)}
 """Modules whose public names are the library's, by the names that users know."""
 
 
@@ -25,7 +25,8 @@ def public(module):
     """Public names of a module: those of `__all__`, or else what it defines. Modules and texts are no such names."""
     own = [name for name, thing in vars(module).items() if getattr(thing, "__module__", None) == module.__name__]
     names = getattr(module, "__all__", None) or [name for name in own if not name.startswith("_")]
-    return {name: vars(module)[name] for name in names if not isinstance(vars(module)[name], types.ModuleType | str)}
+    things = {name: getattr(module, name) for name in names}
+    return {name: thing for name, thing in things.items() if not isinstance(thing, types.ModuleType | str)}
 
 
 def resolve(identifier):
