@@ -25,7 +25,7 @@ BLOCKS = (8, 64)
 FEW = 16
 """So few lanes for each core make a small search."""
 
-STAGES = (6, 9, 14, 24, 40, 80)
+STAGES = (5, 8, 12, 18, 28, 48, 80)
 """Steps after which the unfinished lanes are gathered."""
 
 CORES = os.cpu_count() or 1

@@ -10,29 +10,16 @@ from qtraj.design.tuning import quadratic
 from qtraj.design.tuning.problem import Variables
 from qtraj.design.tuning.rows import Rows, values_nearby
 from qtraj.design.tuning.task import Task
-from qtraj.foundation.types import Scalar
+from qtraj.foundation.types import Flag, Scalar
 
 FAR = 1e3  # in units of the trust: a row this far away is not reached
-CORRECTIONS = 2  # programs solved for one step: about the point, and about where the first one leads
 
 ACTIVE = 1e-7  # a multiplier above this takes its row for active
 AT_BOUND = 1e-7  # a variable this near to a bound stands on it
 ELASTIC = 0.9  # of the penalty: multipliers with this sum are those of limits that cannot be met yet
 OF_EXCESS = 1e-4  # a little curvature of t keeps the program strictly convex
 CONVEX = 1e-5  # least pivot of a Hessian that is used as it is
-LADDER = (
-    (0.0, 0.0),
-    (1.0, 0.0),
-    (30.0, 0.0),
-    (1e3, 0.0),
-    (1e2, 0.01),
-    (30.0, 0.03),
-    (10.0, 0.1),
-    (1.0, 0.3),
-    (0.0, 1.0),
-    (0.0, 3.0),
-    (0.0, 10.0),
-)
+LADDER = ((0.0, 0.0), (1.0, 0.0), (30.0, 0.0), (1e3, 0.0), (1e2, 0.01), (10.0, 0.1), (1.0, 1.0), (0.0, 10.0))
 """What is added to a Hessian, in turn: so much of the squares of active rows, so much of the identity."""
 
 
@@ -73,18 +60,20 @@ def best_move(
     """
     bends = _of_rows(model.hessians, model.rows)
 
-    def correct(at: _Trial, _: None) -> tuple[_Trial, tuple[Array, ...]]:
+    def correct(at: _Trial, last: Flag) -> tuple[_Trial, tuple[Array, ...]]:
         near = _foretold(model, bends, at)
         program = _program(task, near, at.pulls, penalty)
         e, allowed, found = _solve(program, at.values, _box(task, z, at.d, trust), trust)
         d = at.d + e
         excess = jnp.maximum(jnp.max(at.values + near.rows.slope @ e), 0.0)
-        there = values_nearby(task.problem, task.limits, z + d, model.rows)
+        there = jax.lax.cond(
+            last, lambda: at.values, lambda: values_nearby(task.problem, task.limits, z + d, model.rows)
+        )
         pulls = found.reshape(multipliers.shape[0], -1)[:, : multipliers.shape[1]]
         return _Trial(d, there, pulls), (d, found, allowed, excess, near.rows.slope)
 
     start = _Trial(jnp.zeros_like(z), model.rows.value, multipliers)
-    _, solved = jax.lax.scan(correct, start, None, length=CORRECTIONS)
+    _, solved = jax.lax.scan(correct, start, jnp.asarray([False, True]))
     d, found, allowed, excess, slopes = (x[-1] for x in solved)
     gained = penalty * (jnp.maximum(jnp.max(model.rows.value), 0.0) - excess)
     cost = task.weight * (model.slope @ d + 0.5 * d @ model.curvature @ d)
