@@ -32,9 +32,6 @@ CORES = os.cpu_count() or 1
 
 Told = Callable[[int, int], None]
 
-_COMPILED: set[Any] = set()
-"""Kinds of blocks that have been run."""
-
 
 def search(tasks: Task, z: ArrayLike, most_steps: int, tell: Told | None = None) -> State:
     """The searches of stacked tasks, each from its own `z`. `tell(done, lanes)` is called after every block."""
@@ -45,32 +42,32 @@ def search(tasks: Task, z: ArrayLike, most_steps: int, tell: Told | None = None)
     z = np.asarray(z)
     lanes = z.shape[0]
     left = np.arange(lanes)
+    known: set[tuple[int, bool]] = set()  # kinds of blocks that are compiled by now
     with ThreadPoolExecutor(CORES) as pool:
         for steps in (0, *(s for s in STAGES if s < most_steps), most_steps):
             size = BLOCKS[0] if left.size <= FEW * CORES else BLOCKS[1]
             blocks = [left[k : k + size] for k in range(0, left.size, size)]
             source = z if steps == 0 else states
             calls = [(_take(given, b, size), rest, _take(source, b, size), steps, x64) for b in blocks]
-            for block, found in zip(blocks, _all(pool, calls), strict=True):
+            kind = (size, steps == 0)
+            for block, found in zip(blocks, _all(pool, calls, 0 if kind in known else 1), strict=True):
                 if states is None:
                     states = jax.tree.map(lambda x: np.zeros((lanes, *x.shape[1:]), x.dtype), found)
                 _put(states, block, found)
                 if tell is not None:
                     tell(int(np.sum(states.done)), lanes)
+            known.add(kind)
             left = left[~np.asarray(states.done)[left]]
             if left.size == 0:
                 break
     return jax.tree.map(jnp.asarray, states)
 
 
-def _all(pool: ThreadPoolExecutor, calls: list[tuple[Any, ...]]) -> Iterator[State]:
-    """What the calls give, in their order; the first of a kind alone, so that no two threads compile the same."""
-    given, rest, source, steps, x64 = calls[0]
-    kind = (jax.tree.structure(rest), steps == 0, x64, *((x.shape, x.dtype) for x in jax.tree.leaves((given, source))))
-    alone = 0 if kind in _COMPILED else 1
+def _all(pool: ThreadPoolExecutor, calls: list[tuple[Any, ...]], alone: int) -> Iterator[State]:
+    """What the calls give, in their order; the first `alone` of them alone, so that no two threads compile the same."""
     yield from (_run(*call) for call in calls[:alone])
-    _COMPILED.add(kind)
-    yield from [job.result() for job in [pool.submit(_run, *call) for call in calls[alone:]]]
+    jobs = [pool.submit(_run, *call) for call in calls[alone:]]
+    yield from (job.result() for job in jobs)
 
 
 def _run(given: Task, rest: Task, source: Any, steps: int, x64: bool) -> State:

@@ -2,7 +2,7 @@
 
 It starts from the solution with the excess t held at its least and nothing else bounded, and makes the most broken
 bound active, one after the other, letting go those whose multiplier would turn negative on the way. So it ends after a
-few steps at the exact solution, however large the penalty and however small the box.
+few steps at the solution, to rounding, however large the penalty and however small the box; and it says so.
 """
 
 from typing import NamedTuple
@@ -15,7 +15,8 @@ from qtraj.foundation.types import Flag, Scalar, ScalarLike
 
 MOST_STEPS = 60
 TOLERANCE = 1e-12  # to which bounds are kept, in programs scaled to numbers near one
-DEPENDENT = 1e-13  # a bound whose normal the active ones leave less of than this depends on them
+UNBALANCED = 1e-7  # of the sizes of slope and penalty: what is worse is no solution
+DEPENDENT = 1e-13  # a bound that gives way less than this, for the softest Hessian, depends on the active ones
 
 Index = Int[Array, ""]
 Vector = Float[Array, " n"]
@@ -70,6 +71,7 @@ class _Active(NamedTuple):
     entering: Index  # the bound that is being made active, or −1
     pull: Scalar  # its multiplier so far
     done: Flag
+    stuck: Flag  # no bound can be made active, and none let go: the numbers are too far apart
 
 
 class _Way(NamedTuple):
@@ -81,19 +83,32 @@ class _Way(NamedTuple):
     give: Scalar  # how fast the bound is met
 
 
-def minimise(program: Program) -> tuple[Vector, Scalar, Float[Array, " m"]]:
-    """The solution d and t, and the multipliers of the rows."""
+def minimise(program: Program) -> tuple[Vector, Scalar, Float[Array, " m"], Flag]:
+    """The solution d and t, the multipliers of the rows, and whether the program was solved."""
+    first = _start(program)
+    softness = jnp.maximum(jnp.max(jnp.diagonal(first.inverse)), 1 / program.stiffness)
 
     def step(state: tuple[_Active, Index]) -> tuple[_Active, Index]:
         at, count = state
-        after = _advance(program, at)
-        kept = jax.tree.map(lambda new, old: jnp.where(after.done, old, new), after, at)
-        return kept._replace(done=after.done), count + 1
+        after = _advance(program, softness, at)
+        over = after.done | after.stuck
+        kept = jax.tree.map(lambda new, old: jnp.where(over, old, new), after, at)
+        return kept._replace(done=over, stuck=after.stuck), count + 1
 
-    start = (_start(program), jnp.asarray(0))
+    start = (first, jnp.asarray(0))
     end, _ = jax.lax.while_loop(lambda s: ~s[0].done & (s[1] < MOST_STEPS), step, start)
     of_rows = (end.bound[None] == jnp.arange(program.bounds.shape[0])[:, None]) & end.used[None]
-    return end.x[:-1], end.x[-1], jnp.sum(jnp.where(of_rows, end.multiplier[None], 0.0), axis=1)
+    multipliers = jnp.sum(jnp.where(of_rows, end.multiplier[None], 0.0), axis=1)
+    return end.x[:-1], end.x[-1], multipliers, end.done & ~end.stuck & _balanced(program, end)
+
+
+def _balanced(program: Program, at: _Active) -> Flag:
+    """Whether the active bounds are met and their multipliers hold the slope: rounding may have spoilt the updates."""
+    held = jnp.where(at.used, at.multiplier, 0.0) @ jax.vmap(program.normal)(at.bound)
+    slope = jnp.append(program.hessian @ at.x[:-1] + program.slope, program.stiffness * at.x[-1] + program.penalty)
+    left = jnp.where(at.used, (program.room - program.reached(at.x))[at.bound], 0.0)
+    size = 1 + program.penalty + jnp.max(jnp.abs(program.slope))
+    return jnp.maximum(jnp.max(jnp.abs(slope + held)), jnp.max(jnp.abs(left))) < UNBALANCED * size  # false for NaN
 
 
 def _start(program: Program) -> _Active:
@@ -111,16 +126,18 @@ def _start(program: Program) -> _Active:
         entering=jnp.asarray(-1),
         pull=jnp.zeros_like(program.penalty),
         done=jnp.asarray(False),
+        stuck=jnp.asarray(False),
     )
 
 
-def _advance(program: Program, at: _Active) -> _Active:
+def _advance(program: Program, softness: Scalar, at: _Active) -> _Active:
     """One bound made active, or one let go that stands in its way; `done` where none is broken."""
     room = program.room
     left = room - program.reached(at.x)
-    p = jnp.where(at.entering < 0, jnp.argmin(left), at.entering)
-    done = (at.entering < 0) & (left[p] >= -TOLERANCE * (1 + jnp.abs(room[p])))
-    way = _way(program, at, p)
+    relative = left / (1 + jnp.abs(room))
+    p = jnp.where(at.entering < 0, jnp.argmin(relative), at.entering)
+    done = (at.entering < 0) & (relative[p] >= -TOLERANCE)
+    way = _way(program, softness, at, p)
     # As far as the bound is met, or until the multiplier of another one vanishes.
     whole = jnp.where(way.give > 0, jnp.maximum(-left[p], 0.0) / jnp.where(way.give > 0, way.give, 1.0), jnp.inf)
     shrinks = at.used & (way.force > 0)
@@ -133,18 +150,19 @@ def _advance(program: Program, at: _Active) -> _Active:
         multiplier=jnp.maximum(at.multiplier - far * way.force, 0.0),
         pull=at.pull + far,
         done=done,
+        stuck=~done & ~jnp.isfinite(jnp.minimum(whole, nearest)),
     )
     adds = whole <= nearest
     slot = jnp.where(adds, jnp.argmin(at.used), jnp.argmin(ratios))
     return _changed(program, moved, way, adds, slot)
 
 
-def _way(program: Program, at: _Active, p: Index) -> _Way:
+def _way(program: Program, softness: Scalar, at: _Active, p: Index) -> _Way:
     a = program.normal(p)
     direction = at.inverse @ a
     give = a @ direction
-    softest = jnp.minimum(jnp.min(jnp.diagonal(program.hessian)), program.stiffness)
-    return _Way(p, direction, at.pulls @ a, jnp.where(give * softest > DEPENDENT * (a @ a), give, 0.0))
+    free = (give > DEPENDENT * softness * (a @ a)) & ~jnp.all(at.used)
+    return _Way(p, direction, at.pulls @ a, jnp.where(free, give, 0.0))
 
 
 def _changed(program: Program, at: _Active, way: _Way, adds: Flag, slot: Index) -> _Active:

@@ -22,6 +22,8 @@ from qtraj.design.tuning.task import Task
 from qtraj.foundation.types import Flag, Scalar
 
 FIRST_TRUST, LARGEST_TRUST, LEAST_TRUST = 0.5, 2.0, 1e-11
+WIDER, NARROWER = 2.5, 0.3  # the next trust, in sizes of the step taken or refused
+ENOUGH, GOOD = 0.1, 0.7  # parts of what a step promised: with less it is refused, with more the trust may grow
 FIRST_PENALTY, PENALTY_GROWTH, HIGHEST_PENALTY = 2.0, 5.0, 1e5
 SPARE_PENALTY = 3.0  # times the sum of the multipliers: enough once the limits are met
 
@@ -45,6 +47,8 @@ class State(NamedTuple):
     multipliers: Float[Array, "limits k"]
     trust: Scalar
     penalty: Scalar
+    eased: Flag  # the penalty has been lowered
+    held: Flag  # and raised again, so that it stays
     steps: Int[Array, ""]
     done: Flag
     settled: Flag  # done at a stationary point
@@ -73,6 +77,8 @@ def begin(task: Task, z: Variables) -> State:
         multipliers=jnp.zeros_like(peaks.time),
         trust=jnp.full_like(cost, FIRST_TRUST),
         penalty=_first_penalty(task),
+        eased=jnp.asarray(False),
+        held=jnp.asarray(False),
         steps=jnp.asarray(0),
         done=jnp.asarray(False),
         settled=jnp.asarray(False),
@@ -88,35 +94,52 @@ def step(task: Task, s: State) -> State:
     """One step, taken or refused."""
     model = _model(task, s)
     move = best_move(task, s.z, model, s.multipliers, s.penalty, s.trust)
-    trial = s.z + move.d
-    peaks = find_peaks(task.problem, task.limits, trial)
-    there = s._replace(
-        z=trial,
-        cost=task.problem.cost(trial),
+    there = _arrived(task, s, model, move)
+    trial = _judged(task, s, there, move)
+    ended: State = jax.tree.map(lambda new, old: jnp.where(trial.taken, new, old), there, s)
+    # At a flat end, where the step itself may be refused, what the program last said holds for the place as it is.
+    flat = trial.flat & ~trial.taken
+    ended = ended._replace(
+        multipliers=jnp.where(flat, _hand_over(move.multipliers, model.rows.time, s.peaks), ended.multipliers)
+    )
+    still = (trial.taken & (jnp.max(jnp.abs(move.d)) < SMALL_STEP)) | trial.flat
+    ended = _punished(task, ended, move, trial.taken, still)
+    hopeless = (task.weight == 0) | (s.penalty >= HIGHEST_PENALTY)
+    settled = still & ((ended.excess <= FEASIBLE) | hopeless)
+    trust = _trust(s, move, trial)
+    return ended._replace(trust=trust, steps=s.steps + 1, done=settled | (trust < LEAST_TRUST), settled=settled)
+
+
+class _Trial(NamedTuple):
+    """What a step brought: whether it is taken, whether as good as promised, whether there was nothing to win."""
+
+    taken: Flag
+    good: Flag
+    flat: Flag
+
+
+def _arrived(task: Task, s: State, model: Model, move: Move) -> State:
+    """The state after the step, if it is taken."""
+    z = s.z + move.d
+    peaks = find_peaks(task.problem, task.limits, z)
+    return s._replace(
+        z=z,
+        cost=task.problem.cost(z),
         peaks=peaks,
-        values=values_at(task.problem, task.limits, trial, peaks),
+        values=values_at(task.problem, task.limits, z, peaks),
         multipliers=_hand_over(move.multipliers, model.rows.time, peaks),
     )
+
+
+def _judged(task: Task, s: State, there: State, move: Move) -> _Trial:
     before = task.weight * s.cost + s.penalty * s.excess
     gained = before - task.weight * there.cost - s.penalty * there.excess
-    rounding = 10 * jnp.finfo(trial.dtype).eps * (jnp.abs(before) + s.penalty)
-    flat = (move.promise <= rounding) & (move.residual < STATIONARY)
-    taken = (gained >= 0.1 * move.promise - rounding) & ((move.promise > rounding) | flat)
-    ended: State = jax.tree.map(lambda new, old: jnp.where(taken, new, old), there, s)
-    still = (taken & (jnp.max(jnp.abs(move.d)) < SMALL_STEP)) | flat
-    trust = _trust(s, move, taken, gained >= 0.7 * move.promise - rounding)
-    penalty, hopeless = _penalty(task, s, ended, move, taken, still)
-    # What the program last said holds at a flat end as well, where the step itself may be refused.
-    here = _hand_over(move.multipliers, model.rows.time, s.peaks)
-    multipliers = jnp.where(flat & ~taken, here, ended.multipliers)
-    # Where limits cannot be met yet, all the pull is that of the penalty, and grows with it.
-    elastic = (ended.excess > FEASIBLE) & (jnp.sum(move.multipliers) > ELASTIC * s.penalty)
-    multipliers = multipliers * jnp.where(elastic, penalty / s.penalty, 1.0)
-    settled = still & ((ended.excess <= FEASIBLE) | hopeless)
-    done = settled | (trust < LEAST_TRUST)
-    return ended._replace(
-        multipliers=multipliers, trust=trust, penalty=penalty, steps=s.steps + 1, done=done, settled=settled
-    )
+    rounding = 10 * jnp.finfo(before.dtype).eps * (jnp.abs(before) + s.penalty)
+    flat = move.solved & (move.promise <= rounding) & (move.residual < STATIONARY)
+    enough, good = (gained >= part * move.promise - rounding for part in (ENOUGH, GOOD))
+    # A program solved badly may still lead downhill, but only one solved well can tell that this is the end.
+    taken = enough & ((move.promise > rounding) | flat)
+    return _Trial(taken, good, flat)
 
 
 def _model(task: Task, s: State) -> Model:
@@ -125,27 +148,36 @@ def _model(task: Task, s: State) -> Model:
     return Model(s.cost, jax.jacfwd(cost)(s.z), jax.jacfwd(jax.jacfwd(cost))(s.z), rows, hessians)
 
 
-def _trust(s: State, move: Move, taken: Flag, good: Flag) -> Scalar:
+def _trust(s: State, move: Move, trial: _Trial) -> Scalar:
     """The next trust: wider after a step as good as promised, narrower than one refused."""
     size = jnp.max(jnp.abs(move.d))
-    wide = jnp.maximum(s.trust, jnp.minimum(2.5 * size, LARGEST_TRUST))
-    return jnp.where(taken, jnp.where(good, wide, s.trust), 0.3 * jnp.clip(size, 0.1 * s.trust, s.trust))
+    wide = jnp.maximum(s.trust, jnp.minimum(WIDER * size, LARGEST_TRUST))
+    narrow = NARROWER * jnp.clip(size, 0.1 * s.trust, s.trust)
+    return jnp.where(trial.taken, jnp.where(trial.good, wide, s.trust), narrow)
 
 
-def _penalty(task: Task, s: State, ended: State, move: Move, taken: Flag, still: Flag) -> tuple[Scalar, Flag]:
-    """The next penalty, and whether it is past hope.
+def _punished(task: Task, s: State, move: Move, taken: Flag, still: Flag) -> State:
+    """The state with its next penalty.
 
-    Larger where it holds the step back from the limits; where they are met, no larger than the multipliers need, or
-    steps along a curved limit would have to be short.
+    Larger where it holds the step back from the limits. Where they are met, no larger than the multipliers need, or
+    steps along a curved limit would have to be short; but one that had to be raised again is not lowered any more.
     """
     pull = jnp.sum(move.multipliers)
     inside = jnp.max(jnp.abs(move.d)) < 0.5 * s.trust  # or the trust, and not the penalty, holds it back
     pressed = taken & inside & (move.allowed > 0.1 * FEASIBLE) & (pull > 0.5 * s.penalty)
-    met = ended.excess <= FEASIBLE
+    met = s.excess <= FEASIBLE
     raised = (pressed | (still & ~met)) & (task.weight > 0)
     penalty = jnp.where(raised, jnp.minimum(PENALTY_GROWTH * s.penalty, HIGHEST_PENALTY), s.penalty)
     lowered = jnp.minimum(jnp.maximum(SPARE_PENALTY * pull, _first_penalty(task)), penalty)
-    return jnp.where(taken & met, lowered, penalty), (task.weight == 0) | (s.penalty >= HIGHEST_PENALTY)
+    penalty = jnp.where(taken & met & ~s.held, lowered, penalty)
+    # Where limits cannot be met yet, all the pull is that of the penalty, and grows with it.
+    growth = jnp.where(~met & (pull > ELASTIC * s.penalty), penalty / s.penalty, 1.0)
+    return s._replace(
+        penalty=penalty,
+        multipliers=s.multipliers * growth,
+        eased=s.eased | (penalty < s.penalty),
+        held=s.held | (s.eased & (penalty > s.penalty)),
+    )
 
 
 def _first_penalty(task: Task) -> Scalar:

@@ -18,7 +18,7 @@ ACTIVE = 1e-7  # a multiplier above this takes its row for active
 AT_BOUND = 1e-7  # a variable this near to a bound stands on it
 ELASTIC = 0.9  # of the penalty: multipliers with this sum are those of limits that cannot be met yet
 OF_EXCESS = 1e-4  # a little curvature of t keeps the program strictly convex
-CONVEX = 1e-5  # least pivot of a Hessian that is used as it is
+CONVEX = 1e-7  # least pivot, of the largest entry, of a Hessian that is used as it is
 LADDER = ((0.0, 0.0), (1.0, 0.0), (30.0, 0.0), (1e3, 0.0), (1e2, 0.01), (10.0, 0.1), (1.0, 1.0), (0.0, 10.0))
 """What is added to a Hessian, in turn: so much of the squares of active rows, so much of the identity."""
 
@@ -40,6 +40,7 @@ class Move(NamedTuple):
     multipliers: Float[Array, " m"]
     allowed: Scalar
     promise: Scalar
+    solved: Flag
     residual: Scalar  # of the stationarity that the multipliers leave, over the penalty
 
 
@@ -63,24 +64,25 @@ def best_move(
     def correct(at: _Trial, last: Flag) -> tuple[_Trial, tuple[Array, ...]]:
         near = _foretold(model, bends, at)
         program = _program(task, near, at.pulls, penalty)
-        e, allowed, found = _solve(program, at.values, _box(task, z, at.d, trust), trust)
+        e, allowed, found, solved = _solve(program, at.values, _box(task, z, at.d, trust), trust)
         d = at.d + e
         excess = jnp.maximum(jnp.max(at.values + near.rows.slope @ e), 0.0)
         there = jax.lax.cond(
             last, lambda: at.values, lambda: values_nearby(task.problem, task.limits, z + d, model.rows)
         )
         pulls = found.reshape(multipliers.shape[0], -1)[:, : multipliers.shape[1]]
-        return _Trial(d, there, pulls), (d, found, allowed, excess, near.rows.slope)
+        return _Trial(d, there, pulls), (d, found, allowed, excess, solved, near.rows.slope)
 
     start = _Trial(jnp.zeros_like(z), model.rows.value, multipliers)
-    _, solved = jax.lax.scan(correct, start, jnp.asarray([False, True]))
-    d, found, allowed, excess, slopes = (x[-1] for x in solved)
+    _, found = jax.lax.scan(correct, start, jnp.asarray([False, True]))
+    solved = jnp.all(found[4])
+    d, found, allowed, excess, _, slopes = (x[-1] for x in found)
     gained = penalty * (jnp.maximum(jnp.max(model.rows.value), 0.0) - excess)
     cost = task.weight * (model.slope @ d + 0.5 * d @ model.curvature @ d)
     balance = task.weight * (model.slope + model.curvature @ d) + found @ slopes
     inside = (z > task.low + AT_BOUND) & (z < task.high - AT_BOUND)
     residual = jnp.max(jnp.abs(jnp.where(inside, balance, 0.0))) / jnp.maximum(penalty, 1.0)
-    return Move(d, found, allowed, gained - cost, residual)
+    return Move(d, found, allowed, gained - cost, solved, residual)
 
 
 def _of_rows(x: Float[Array, "limits k *rest"], rows: Rows) -> Float[Array, "m *rest"]:
@@ -132,8 +134,8 @@ def _centred(x: Array, active: Float[Array, " m"], elastic: Scalar) -> Array:
 
 def _solve(
     program: _Program, values: Float[Array, " m"], box: tuple[Variables, Variables], trust: Scalar
-) -> tuple[Variables, Scalar, Float[Array, " m"]]:
-    """The step, the excess it allows, and the multipliers of the rows."""
+) -> tuple[Variables, Scalar, Float[Array, " m"], Flag]:
+    """The step, the excess it allows, the multipliers of the rows, and whether the program was solved."""
     # Against the present excess, in units of the trust, and of the penalty where that is large: numbers near one.
     present = jnp.maximum(jnp.max(values), 0.0)
     below = values - present
@@ -143,7 +145,7 @@ def _solve(
     offset = _centred(below, program.active, program.elastic)
     slope = program.slope + program.squared * (offset @ slopes)
     hessian = program.hessian * (length / force)
-    d, t, multipliers = quadratic.minimise(
+    d, t, multipliers, solved = quadratic.minimise(
         quadratic.Program(
             hessian=hessian,
             slope=slope / force,
@@ -160,7 +162,7 @@ def _solve(
     found = jnp.maximum(multipliers * force + program.squared * (offset + slopes @ d), 0.0)
     # No more than the penalty is ever needed: a program solved badly must not leave more behind.
     found = found * jnp.minimum(1.0, program.penalty / jnp.maximum(jnp.sum(found), program.penalty))
-    return d, present + t * length, found
+    return d, present + t * length, found, solved
 
 
 def _convex(lagrangian: Float[Array, "n n"], rows: Float[Array, "m n"]) -> tuple[Float[Array, "n n"], Scalar]:
@@ -174,6 +176,6 @@ def _convex(lagrangian: Float[Array, "n n"], rows: Float[Array, "m n"]) -> tuple
     def rung(a: Scalar, b: Scalar) -> Float[Array, "n n"]:
         return lagrangian + scale * (a * of_rows + b * unit)
 
-    chosen = jnp.argmax(jax.vmap(lambda a, b: quadratic.least_pivot(rung(a, b)))(squares, identities) > CONVEX)
+    chosen = jnp.argmax(jax.vmap(lambda a, b: quadratic.least_pivot(rung(a, b)))(squares, identities) > CONVEX * scale)
     convex = rung(squares[chosen], identities[chosen])
     return convex, scale * squares[chosen]
