@@ -182,6 +182,7 @@ def test_a_limit_far_out_of_reach_is_infeasible_not_a_runaway(limit):
     assert best.status == "infeasible", best.result
     assert np.all(np.isfinite(best.path.radius))
     assert "curvature" in best.result
+    assert ("as far as the search goes" in best.result) == (limit == 1e-3)
 
 
 def test_a_known_turn_is_kept_against_the_sense_of_the_start():

@@ -1,6 +1,6 @@
 """Which variables are free, held or bounded, and how much each change weighs: by name."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +11,9 @@ from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.types import ArrayInput, Scalar
 
 LARGEST_CHANGE, LARGEST_LOGARITHM = 10.0, 3.0
-"""How far a velocity may move, in reference speeds, and the logarithm of the duration, unless bounds say otherwise."""
+"""How far a velocity may move, in reference speeds, and the logarithm of the duration, where bounds do not say."""
+
+AT_WALL = 1e-6
 
 Bounds = Mapping[str, tuple[ArrayInput | None, ArrayInput | None]]
 
@@ -60,6 +62,16 @@ def box(problem: Problem, fixed: Sequence[str], bounds: Bounds) -> tuple[Variabl
         low.append(below if below is not None else jnp.minimum(-farthest, (0.0 if above is None else above) - farthest))
         high.append(above if above is not None else jnp.maximum(farthest, (0.0 if below is None else below) + farthest))
     return _stacked(low, problem), _stacked(high, problem)
+
+
+def at_the_wall(names: Sequence[str], z: Variables, named: Collection[str]) -> str:
+    """What to say where a variable that no bound names stands as far away as it may; nothing where none does."""
+    walls = [LARGEST_LOGARITHM if name == DURATION else LARGEST_CHANGE for name in names]
+    far = np.abs(np.asarray(z)) > np.asarray(walls) - AT_WALL
+    there = [name for name, at in zip(names, far, strict=True) if at and name not in named]
+    if not there:
+        return ""
+    return f"Mind: {', '.join(there)} went as far as the search goes: name it in bounds to allow more, or less."
 
 
 def _stacked(values: list[Scalar], problem: Problem) -> Variables:

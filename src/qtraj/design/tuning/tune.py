@@ -15,7 +15,7 @@ from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import SAMPLED
 from qtraj.design.proof.certify import certify
 from qtraj.design.tuning import augmented, campaign, relief
-from qtraj.design.tuning.box import Bounds, box, require_names, weights_of
+from qtraj.design.tuning.box import Bounds, at_the_wall, box, require_names, weights_of
 from qtraj.design.tuning.campaign import Found, Tell, take
 from qtraj.design.tuning.checks import require_choices, require_sound
 from qtraj.design.tuning.outcome import CONVERGED, INFEASIBLE, NOT_CONVERGED, Tuned
@@ -109,9 +109,10 @@ def tune(
     if lanes:
         return _outcome(tasks, limits, found, start, end)
     outcome = _outcome(tasks, limits, take(found, 0), start, end)
-    if int(outcome.code) != INFEASIBLE:
-        return outcome
-    return dataclasses.replace(outcome, advice=relief.advice(stacked, found, max_steps, progress))
+    advice = at_the_wall(tasks.problem.names, found.z[0], bounds)
+    if int(outcome.code) == INFEASIBLE:
+        advice = " ".join(filter(None, [relief.advice(stacked, found, max_steps, progress), advice]))
+    return dataclasses.replace(outcome, advice=advice)
 
 
 def _posed(
