@@ -5,8 +5,8 @@
     python -m benchmarks --quick                small sizes and few rounds: does it run?
     python -m benchmarks --write                and put tables and figures into docs/performance.md
 
-The file is benchmarks/results/<name>.json, with --quick a temporary one, written after each race; the name is the kind
-of device unless given.
+The file is benchmarks/results/<name>.json, with --quick one in a fresh temporary folder, written after each race; the
+name is the kind of device unless given. The documents are made of benchmarks/results/cpu.json alone.
 """
 
 import argparse
@@ -23,9 +23,8 @@ import jax
 import pytest
 
 from .races import RACES
-from .report import printed, write
+from .report import RESULTS, printed, write
 
-RESULTS = Path(__file__).with_name("results")
 VERSIONS = ("jax", "jaxlib", "numpy", "scipy", "equinox", "diffrax", "jaxlie")
 
 
@@ -36,27 +35,34 @@ def main():
     parser.add_argument("races", nargs="*", metavar="RACE", help=f"of {', '.join(RACES)}; all unless given")
     parser.add_argument("--quick", action="store_true", help="small sizes and few rounds")
     parser.add_argument("--name", default=jax.default_backend(), help="of the file of results")
-    parser.add_argument("--folder", type=Path, help="of that file; with --quick a temporary one")
+    parser.add_argument("--folder", type=Path, help="of that file; with --quick a fresh temporary one")
     parser.add_argument("--write", action="store_true", help="tables and figures of these results into the docs")
     given = parser.parse_args()
     if unknown := [name for name in given.races if name not in RACES]:
         parser.error(f"unknown race {unknown[0]!r}; known are {', '.join(RACES)}")
-    folder = given.folder or (Path(tempfile.gettempdir()) if given.quick else RESULTS)
-    file, failed = folder / f"{given.name}.json", 0
+    if given.write and (given.quick or given.name != RESULTS.stem or given.folder):
+        parser.error(f"the documents are made of {RESULTS.name}: --write takes no --quick, other --name or --folder")
+    folder = given.folder or (Path(tempfile.mkdtemp(prefix="qtraj-benchmarks-")) if given.quick else RESULTS.parent)
+    file, failed = folder.resolve() / f"{given.name}.json", 0
     results = {"races": {}}
     for name in given.races or RACES:
         with tempfile.TemporaryDirectory() as scratch:
             found, code = measured([name], given.quick, Path(scratch) / "raw.json")
         failed = failed or code
+        if name not in found["races"]:
+            print(f"\n{name}: failed, and nothing was recorded", file=sys.stderr, flush=True)
+            failed = failed or 1
+            continue
         print(printed(found), flush=True)
         if file.exists():
             results = json.loads(file.read_text(encoding="utf-8"))
         races = results["races"] | found["races"]
         results = {"races": {name: races[name] for name in RACES if name in races}}
         file.write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    print(f"\nwritten: {file}")
-    if given.write:
-        write(results)
+    if results["races"]:
+        print(f"\nwritten: {file}")
+        if given.write:
+            write(results)
     return failed
 
 
@@ -67,18 +73,22 @@ def measured(names, quick, raw):
     chosen = [f"benchmarks/test_races.py::test_race[{name}]" for name in names]
     options = ["-n", "0", "-W", "default", "-q", "--benchmark-json", str(raw), "--benchmark-quiet"]
     os.chdir(Path(__file__).parents[1])
-    failed = pytest.main([*chosen, *options])
-    return gathered(json.loads(raw.read_text(encoding="utf-8")), names), int(failed)
+    load = round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None
+    failed = int(pytest.main([*chosen, *options]))
+    report = raw.read_text(encoding="utf-8") if raw.exists() else ""
+    return (gathered(json.loads(report), names, load) if report else {"races": {}}), failed
 
 
-def gathered(raw, names):
-    """Results in the form that is kept, from pytest-benchmark's report."""
+def gathered(raw, names, load):
+    """Results in the form that is kept, from pytest-benchmark's report and the load before it."""
     machine, cpu = raw["machine_info"], raw["machine_info"].get("cpu", {})
     command = shlex.join(["python", "-m", "benchmarks", *sys.argv[1:]])
-    made = {"command": command, "date": raw["datetime"][:10], "device": device(), "machine": system(machine, cpu)}
+    made = {"command": command, "date": raw["datetime"][:10], "device": device(), "machine": system(machine, cpu, load)}
     races = {}
     for entry in raw["benchmarks"]:
         info = entry["extra_info"]
+        if "race" not in info:
+            continue
         table = {key: info[key] for key in ("title", "rows", "settings")}
         races[info["race"]] = table | {"seconds": round(entry["stats"]["mean"], 1), "made": made}
     return {"races": {name: races[name] for name in names if name in races}}
@@ -90,13 +100,13 @@ def device():
     return f"{len(found)} × {found[0].device_kind} ({found[0].platform})"
 
 
-def system(machine, cpu):
-    """The processor, the load when the races had ended, Python and the packages."""
+def system(machine, cpu, load):
+    """The processor, the load of the minute before the race, Python and the packages."""
     versions = {name: importlib.metadata.version(name) for name in VERSIONS}
     return {
         "processor": cpu.get("brand_raw", machine["machine"]),
         "cores": os.cpu_count(),
-        "load": [round(x, 1) for x in os.getloadavg()] if hasattr(os, "getloadavg") else None,
+        "load_before": load,
         "python": machine["python_version"],
         "system": machine["system"],
         "versions": versions,

@@ -11,11 +11,15 @@ import numpy as np
 
 def loosest(call, settings, error, target):
     """The first of `settings`, from loose to tight, with which error(call(setting)) ≤ target, and that error."""
-    for setting in settings:
-        found = error(jax.block_until_ready(call(setting)))
-        if found <= target:
-            return setting, found
-    raise ValueError(f"none of the settings reaches {target:g}; the last, {setting!r}, leaves {found:.3g}")
+    found = first_within((error(jax.block_until_ready(call(setting))) for setting in settings), target)
+    if found is None:
+        raise ValueError(f"none of the settings reaches {target:g}, not even the last, {settings[-1]!r}")
+    return settings[found[0]], found[1]
+
+
+def first_within(errors, target):
+    """The place of the first error ≤ target and that error; None where there is none."""
+    return next(((k, error) for k, error in enumerate(errors) if error <= target), None)
 
 
 def decades(first, last, each=4):

@@ -19,7 +19,8 @@ def body(race):
     rows = race["rows"]
     made, machine = race["made"], race["made"]["machine"]
     settings = ", ".join(f"{key}: {text(value)}" for key, value in race["settings"].items() if key != "curves")
-    load = "" if machine["load"] is None else f", load {machine['load'][0]:g} to {machine['load'][1]:g}"
+    before = machine.get("load_before")
+    load = "" if before is None else f", load before it {before:g}"
     title = f"{race['title']} ({settings})" if settings else race["title"]
     remark = (
         f"{title}. `{made['command']}`, {made['date']}: {made['device']}, {machine['processor']}, "

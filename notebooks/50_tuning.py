@@ -124,9 +124,9 @@ assert set(status[np.abs(offsets) > 1e-10]) == {"proved", "broken"}
 assert np.any((status == "broken") & (offsets > -missed))  # every sample keeps this limit, and the path breaks it
 
 # %% [markdown]
-# Nothing wrong was proved, and what is undecided lies within rounding of the limit: `tune` therefore aims at
-# $1-10^{-8}$ of it. Here the samples are off by little, for the curve is smooth. They fail in earnest where it has a
-# needle narrower than their distance; a proof does not know of samples.
+# Nothing wrong was proved, and what is undecided lies within rounding of the limit: `tune` therefore aims
+# at a value just below it. Here the samples are off by little, for the curve is smooth. They fail in earnest where it
+# has a needle narrower than their distance; a proof does not know of samples.
 
 # %% [markdown]
 # ## Random turns, and those that ask for more

@@ -6,11 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..race import race
-from ..test_table_program import INSTANTS, KNOTS, PROGRAM, WHEN, ours, with_scipy
+from ..test_table_program import INSTANTS, KNOTS, PROGRAM, WHEN, ours, test_the_results_are_the_same, with_scipy
 from . import Found
 
 
 def measure(quick):
+    test_the_results_are_the_same()
     calls = {"TableProgram": functools.partial(ours, PROGRAM, jnp.asarray(WHEN)), "SciPy RotationSpline": with_scipy}
     spent = race(calls, 3 if quick else 15)
     ms = {name: 1e3 * float(np.median(times)) for name, times in spent.items()}

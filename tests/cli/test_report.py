@@ -135,13 +135,3 @@ def test_a_missing_plotly_is_told(qtraj, results, tmp_path, monkeypatch):
     assert result.exit_code == 2
     assert "pip install 'qtraj[viz]'" in result.stderr
     assert list(tmp_path.iterdir()) == []
-
-
-def test_help_has_an_example_within_80_columns(qtraj, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setenv("NO_COLOR", "1")
-    result = qtraj("report", "--help")
-    assert result.exit_code == 0
-    for fragment in ("--out", "--json", "Example", "RESULT"):
-        assert fragment in result.stdout
-    assert max(map(len, result.stdout.splitlines())) <= 80

@@ -2,8 +2,10 @@
 
 import json
 import re
+from pathlib import Path
 
 import pytest
+from benchmarks import __main__ as command
 from benchmarks.races import RACES
 from benchmarks.report import DOCS, DOCUMENT, RESULTS, body, text, written
 
@@ -31,7 +33,8 @@ def test_every_race_says_how_it_was_made():
     for race in KNOWN["races"].values():
         made = race["made"]
         assert made["command"].startswith("python -m benchmarks")
-        assert {"processor", "cores", "python", "versions", "load"} <= made["machine"].keys()
+        assert "--quick" not in made["command"]  # small sizes and few rounds say whether it runs, and no more
+        assert {"processor", "cores", "python", "versions", "load_before"} <= made["machine"].keys()
         assert made["device"] in body(race)
 
 
@@ -39,6 +42,30 @@ def test_a_changed_number_is_seen():
     changed = json.loads(json.dumps(KNOWN))
     changed["races"]["sizes"]["rows"][0]["stored [ms]"] = 123.0
     assert written(TEXT, changed) != TEXT
+
+
+@pytest.mark.parametrize("arguments", [["--quick"], ["--name", "mine"], ["--folder", "."]])
+def test_documents_are_of_full_results_alone(arguments, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["benchmarks", "--write", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        command.main()
+    assert ended.value.code == 2
+    assert "--write takes no --quick" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("written", [None, ""])
+def test_a_race_that_records_nothing_is_reported(written, tmp_path, monkeypatch, capsys):
+    def nothing(options):
+        if written is not None:
+            Path(options[options.index("--benchmark-json") + 1]).write_text(written)
+        return 1
+
+    monkeypatch.chdir(tmp_path)  # and back again, whatever the command does
+    monkeypatch.setattr(command.pytest, "main", nothing)
+    monkeypatch.setattr("sys.argv", ["benchmarks", "sizes", "--folder", "."])
+    assert command.main() == 1
+    assert "sizes: failed, and nothing was recorded" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,11 @@ from qtraj.foundation.provenance import made_with
 if TYPE_CHECKING:
     import xarray
 
-LABELS: dict[str, Sequence[str]] = {"world": "xyz", "body": "xyz", "component": "wxyz"}
+LABELS: dict[str, list[str]] = {
+    "world": ["x", "y", "z"],
+    "body": ["x", "y", "z"],
+    "component": ["w", "x", "y", "z"],
+}
 """The names along the axes of components, unless a record has others."""
 
 CONVENTIONS = {
@@ -71,15 +75,20 @@ def to_dataset(record: Record, attributes: Mapping[str, Any] | None = None) -> "
 
     known = {name: q._replace(values=np.asarray(q.values)) for name, q in record.everything().items()}
     variables, coordinates = (
-        {name: (record.dims(q), known[name].values, _notes(q)) for name, q in part.items()}
+        {name: (record.dims(q), known[name].values, notes(q.unit, q.meaning)) for name, q in part.items()}
         for part in (record.variables, record.coordinates)
     )
     used = {dim for dims, *_ in variables.values() for dim in dims}
     labels = {axis: list(names) for axis, names in {**LABELS, **record.labels}.items() if axis in used}
     dtypes = [q.values.dtype for q in known.values() if q.values.dtype.kind == "f"]
     made = made_with(np.result_type(*dtypes) if dtypes else np.dtype(float))
-    notes = CONVENTIONS | made | dict(record.attributes) | dict(attributes or {})
-    return xarray.Dataset(variables, {**coordinates, **labels}, notes)
+    whole = CONVENTIONS | made | dict(record.attributes) | dict(attributes or {})
+    return xarray.Dataset(variables, {**coordinates, **labels}, whole)
+
+
+def notes(unit: str, meaning: str) -> dict[str, Any]:
+    """The attributes of a variable; a unit of "" is none."""
+    return {**({"units": unit} if unit else {}), "long_name": meaning}
 
 
 def require_known(values: Any) -> None:
@@ -90,8 +99,3 @@ def require_known(values: Any) -> None:
 
 def _lanes(quantity: Quantity) -> int:
     return np.ndim(quantity.values) - len(quantity.axes)
-
-
-def _notes(quantity: Quantity) -> dict[str, str]:
-    unit = {"units": quantity.unit} if quantity.unit else {}
-    return {**unit, "long_name": quantity.meaning}

@@ -21,8 +21,9 @@ from qtraj.batch.evaluate import evaluate
 from qtraj.design.limits import Limits
 from qtraj.design.magnitudes import magnitude, netcdf_unit
 from qtraj.foundation.provenance import made_with
+from qtraj.foundation.record import notes
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.quantities import AXES, DESCRIPTIONS, LABELS
+from qtraj.path.quantities import AXES, DESCRIPTIONS, LABELS, framed
 from qtraj.path.track import Track, known
 
 SAMPLES = 513
@@ -51,9 +52,11 @@ MEANINGS = {
     "angular_acceleration": "magnitude of the trihedral's angular acceleration",
 }
 
+FRAMED = framed("natural")
+
 CONVENTIONS = {
-    "quaternion_convention": "scalar first, Hamilton product, body to world, unit norm, sign continuous in time",
-    "frame_convention": "natural trihedral, right-handed; body axes x = tangent (forward), y = normal, z = binormal",
+    "quaternion_convention": f"{FRAMED['quaternion_convention']}, sign continuous in time",
+    "frame_convention": f"natural trihedral, {FRAMED['frame_convention']}",
     "rate_convention": "rate and angular_acceleration are those of the trihedral, in body axes",
     "layout": "time(path, sample) is each path's own time; progress(sample) = time / duration, from 0 to 1",
 }
@@ -79,9 +82,9 @@ def path_dataset(
     progress = np.linspace(0.0, 1.0, samples)
     columns = [_columns(path, progress) for path in paths.values()]
     variables: dict[str, Any] = {}
-    for name, (dims, _, notes) in columns[0].items():
+    for name, (dims, _, about) in columns[0].items():
         stacked = np.stack([column[name][1] for column in columns])
-        variables[name] = (("path", *dims), stacked, notes)
+        variables[name] = (("path", *dims), stacked, about)
     for name, limit in ({} if limits is None else limits.given()).items():
         variables[MAGNITUDES[name]][2]["limit"] = float(limit)
     coordinates: dict[str, Any] = {
@@ -91,12 +94,12 @@ def path_dataset(
         **{axis: (axis, labels) for axis, labels in LABELS.items()},
     }
     if track is not None:
-        coordinates["recorded_time"] = ("record", known(track.elapsed), _notes("s", "time from the first record"))
+        coordinates["recorded_time"] = ("record", known(track.elapsed), notes("s", "time from the first record"))
         dims = ("record", "world")
-        variables["recorded_position"] = (dims, known(track.positions), _notes("m", "recorded position, world axes"))
+        variables["recorded_position"] = (dims, known(track.positions), notes("m", "recorded position, world axes"))
     made = made_with(np.asarray(next(iter(paths.values())).duration).dtype)
-    notes = {**CONVENTIONS, **made, **(attributes or {})}
-    return xarray.Dataset(variables, coordinates, notes)
+    whole = {**CONVENTIONS, **made, **(attributes or {})}
+    return xarray.Dataset(variables, coordinates, whole)
 
 
 def write_netcdf(dataset: xarray.Dataset, file: str | os.PathLike[str]) -> None:
@@ -110,21 +113,17 @@ def _columns(path: AbstractHodograph, progress: np.ndarray) -> dict[str, tuple[t
     times = path.duration * jnp.asarray(progress, path.duration.dtype)
     table = evaluate(path, times, outputs=tuple(AXES), continuous=True)
     columns: dict[str, Any] = {
-        "time": (("sample",), np.asarray(times), _notes("s", "time from the start of the path")),
-        "duration": ((), np.asarray(path.duration), _notes("s", "duration of the path")),
+        "time": (("sample",), np.asarray(times), notes("s", "time from the start of the path")),
+        "duration": ((), np.asarray(path.duration), notes("s", "duration of the path")),
     }
     for name, axes in AXES.items():
-        columns[name] = (("sample", *axes), np.asarray(getattr(table, name)), _notes(*DESCRIPTIONS[name]))
+        columns[name] = (("sample", *axes), np.asarray(getattr(table, name)), notes(*DESCRIPTIONS[name]))
     for name, values in _magnitudes(path, times).items():
-        notes = _notes(netcdf_unit(name), MEANINGS.get(name, name))
-        columns.setdefault(MAGNITUDES[name], (("sample",), np.asarray(values), notes))
+        about = notes(netcdf_unit(name), MEANINGS.get(name, name))
+        columns.setdefault(MAGNITUDES[name], (("sample",), np.asarray(values), about))
     return columns
 
 
 @eqx.filter_jit
 def _magnitudes(path: AbstractHodograph, times: Float[Array, " n"]) -> dict[str, Float[Array, " n"]]:
     return {name: jax.vmap(lambda t, name=name: magnitude(path, t, name))(times) for name in MAGNITUDES}
-
-
-def _notes(unit: str, meaning: str) -> dict[str, Any]:
-    return {"units": unit, "long_name": meaning}

@@ -7,13 +7,9 @@ import numpy as np
 import xarray
 
 from qtraj.foundation.provenance import made_with
+from qtraj.foundation.record import CONVENTIONS, LABELS, notes
 
-LABELS = {"body": ["x", "y", "z"], "component": ["w", "x", "y", "z"]}
-
-CONVENTIONS = {
-    "quaternion_convention": "scalar first, Hamilton product, body to inertial",
-    "rate_convention": "body axes; a virtual rate is d/dt ln|quaternion|²",
-}
+RATES = {"rate_convention": "body axes; a virtual rate is d/dt ln|quaternion|²"}
 
 
 class Column(NamedTuple):
@@ -38,11 +34,11 @@ def instants_dataset(
     variables: dict[str, Any] = {}
     for name, column in columns.items():
         axes = () if column.axis is None else (column.axis,)
-        variables[name] = (("time", *axes), column.values, {"units": column.unit, "long_name": column.meaning})
+        variables[name] = (("time", *axes), column.values, notes(column.unit, column.meaning))
     for name, limit in (limits or {}).items():
         variables[name][2]["limit"] = limit
     used = {column.axis for column in columns.values()}
     coordinates: dict[str, Any] = {axis: labels for axis, labels in LABELS.items() if axis in used}
-    coordinates["time"] = ("time", times, {"units": "s", "long_name": "time from the start of the program"})
-    notes = {**CONVENTIONS, **made_with(np.asarray(times).dtype)}
-    return xarray.Dataset(variables, coordinates, notes | dict(attributes or {}))
+    coordinates["time"] = ("time", times, notes("s", "time from the start of the program"))
+    whole = {**CONVENTIONS, **RATES, **made_with(np.asarray(times).dtype)}
+    return xarray.Dataset(variables, coordinates, whole | dict(attributes or {}))

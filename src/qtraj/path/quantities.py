@@ -1,5 +1,7 @@
 """What can be said of a path and its trihedral at an instant: names, components, units and meanings."""
 
+from qtraj.foundation import record
+
 AXES: dict[str, tuple[str, ...]] = {
     "position": ("world",),
     "velocity": ("world",),
@@ -18,9 +20,9 @@ AXES: dict[str, tuple[str, ...]] = {
 """The component axes of every output, by the labels of their coordinates."""
 
 LABELS = {
-    "world": ["x", "y", "z"],
+    "world": record.LABELS["world"],
     "body": ["tangent", "normal", "binormal"],
-    "quaternion_component": ["w", "x", "y", "z"],
+    "quaternion_component": record.LABELS["component"],
 }
 
 DESCRIPTIONS: dict[str, tuple[str, str]] = {
@@ -46,5 +48,5 @@ def framed(frame: str) -> dict[str, str]:
     return {
         "frame": frame,
         "frame_convention": "right-handed; body axes x = tangent (forward), y = normal, z = binormal",
-        "quaternion_convention": "scalar first, Hamilton product, body to world, unit norm",
+        "quaternion_convention": f"{record.CONVENTIONS['quaternion_convention']}, unit norm",
     }
