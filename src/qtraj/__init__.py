@@ -6,53 +6,70 @@ Each public name is imported when it is first used, so that `import qtraj` costs
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from qtraj._version import __version__
+from qtraj._version import __version__ as __version__
 
-if TYPE_CHECKING:
-    from qtraj.algebra import quaternion, rotation
-    from qtraj.batch.evaluate import evaluate
-    from qtraj.batch.table import Table
-    from qtraj.design.fitting.fit import fit
-    from qtraj.design.limits import Limits
-    from qtraj.design.magnitudes import peak
-    from qtraj.design.proof.certificate import Certificate
-    from qtraj.design.proof.certify import certify
-    from qtraj.design.tuning.outcome import Tuned
-    from qtraj.design.tuning.tune import tune
-    from qtraj.io import exchange
-    from qtraj.io.dataset_file import load_dataset, save_dataset
-    from qtraj.io.label import label
-    from qtraj.io.stored import load
-    from qtraj.io.track_file import read_track
-    from qtraj.motion import control, dynamics
-    from qtraj.motion.attitude import AbstractProgram, Attitude
-    from qtraj.motion.control.baselines import GeometricFeedback, LogarithmicFeedback, QuaternionFeedback
-    from qtraj.motion.control.laws import AccelerationLaw, RateLaw
-    from qtraj.motion.control.response import error_response
-    from qtraj.motion.profiles.s_curve import SCurve
-    from qtraj.motion.profiles.smooth_step import Cubic, Quintic, Septic
-    from qtraj.motion.profiles.time_optimal import TimeOptimal
-    from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
-    from qtraj.motion.programs.frame_program import FrameProgram
-    from qtraj.motion.programs.rotation_minimizing import RotationMinimizing
-    from qtraj.motion.programs.table_program import TableProgram
-    from qtraj.motion.propagation.gauss_legendre import GaussLegendre
-    from qtraj.motion.propagation.magnus import Magnus
-    from qtraj.motion.propagation.propagate import Propagation, propagate, propagate_with_estimate
-    from qtraj.motion.propagation.strapdown import propagate_samples
-    from qtraj.motion.simulation.actuator import Actuator
-    from qtraj.motion.simulation.disturbance import DisturbanceAcceleration, DisturbanceTorque, Sinusoid
-    from qtraj.motion.simulation.kinematics import integrate
-    from qtraj.motion.simulation.sensor import Gyros, Sensor
-    from qtraj.motion.simulation.simulate import simulate
-    from qtraj.motion.simulation.solution import Solution
-    from qtraj.path.boundary import BoundaryState
-    from qtraj.path.hodograph import AbstractHodograph, Curve
-    from qtraj.path.placement import Placement
-    from qtraj.path.residual import Residual
-    from qtraj.path.spiral_helix import SpiralHelix
-    from qtraj.path.track import Track
-    from qtraj.path.trihedral import Natural, Trihedral, Upright, trihedral
+if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to them
+    from qtraj.algebra import quaternion as quaternion, rotation as rotation
+    from qtraj.batch.evaluate import evaluate as evaluate
+    from qtraj.batch.table import Table as Table
+    from qtraj.design.fitting.fit import fit as fit
+    from qtraj.design.limits import Limits as Limits
+    from qtraj.design.magnitudes import peak as peak
+    from qtraj.design.proof.certificate import Certificate as Certificate
+    from qtraj.design.proof.certify import certify as certify
+    from qtraj.design.tuning.outcome import Tuned as Tuned
+    from qtraj.design.tuning.tune import tune as tune
+    from qtraj.io import exchange as exchange
+    from qtraj.io.dataset_file import load_dataset as load_dataset, save_dataset as save_dataset
+    from qtraj.io.label import label as label
+    from qtraj.io.stored import load as load
+    from qtraj.io.track_file import read_track as read_track
+    from qtraj.motion import control as control, dynamics as dynamics
+    from qtraj.motion.attitude import AbstractProgram as AbstractProgram, Attitude as Attitude
+    from qtraj.motion.control.baselines import (
+        GeometricFeedback as GeometricFeedback,
+        LogarithmicFeedback as LogarithmicFeedback,
+        QuaternionFeedback as QuaternionFeedback,
+    )
+    from qtraj.motion.control.laws import AccelerationLaw as AccelerationLaw, RateLaw as RateLaw
+    from qtraj.motion.control.response import error_response as error_response
+    from qtraj.motion.profiles.s_curve import SCurve as SCurve
+    from qtraj.motion.profiles.smooth_step import Cubic as Cubic, Quintic as Quintic, Septic as Septic
+    from qtraj.motion.profiles.time_optimal import TimeOptimal as TimeOptimal
+    from qtraj.motion.programs.euler_turn import EulerTurn as EulerTurn, TurnChain as TurnChain
+    from qtraj.motion.programs.frame_program import FrameProgram as FrameProgram
+    from qtraj.motion.programs.rotation_minimizing import RotationMinimizing as RotationMinimizing
+    from qtraj.motion.programs.table_program import TableProgram as TableProgram
+    from qtraj.motion.propagation.gauss_legendre import GaussLegendre as GaussLegendre
+    from qtraj.motion.propagation.magnus import Magnus as Magnus
+    from qtraj.motion.propagation.propagate import (
+        Propagation as Propagation,
+        propagate as propagate,
+        propagate_with_estimate as propagate_with_estimate,
+    )
+    from qtraj.motion.propagation.strapdown import propagate_samples as propagate_samples
+    from qtraj.motion.simulation.actuator import Actuator as Actuator
+    from qtraj.motion.simulation.disturbance import (
+        DisturbanceAcceleration as DisturbanceAcceleration,
+        DisturbanceTorque as DisturbanceTorque,
+        Sinusoid as Sinusoid,
+    )
+    from qtraj.motion.simulation.kinematics import integrate as integrate
+    from qtraj.motion.simulation.sensor import Gyros as Gyros, Sensor as Sensor
+    from qtraj.motion.simulation.simulate import simulate as simulate
+    from qtraj.motion.simulation.solution import Solution as Solution
+    from qtraj.path.boundary import BoundaryState as BoundaryState
+    from qtraj.path.hodograph import AbstractHodograph as AbstractHodograph, Curve as Curve
+    from qtraj.path.placement import Placement as Placement
+    from qtraj.path.residual import Residual as Residual
+    from qtraj.path.spiral_helix import SpiralHelix as SpiralHelix
+    from qtraj.path.track import Track as Track
+    from qtraj.path.trihedral import (
+        Natural as Natural,
+        Trihedral as Trihedral,
+        Upright as Upright,
+        trihedral as trihedral,
+    )
 
 _HOMES = {
     "qtraj.batch.evaluate": ("evaluate",),
@@ -101,7 +118,7 @@ _HOMES = {
 
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
-_ROOMS = ("algebra", "batch", "design", "foundation", "io", "motion", "path", "viz")
+_ROOMS = ("algebra", "batch", "cli", "design", "foundation", "io", "motion", "path", "viz")
 
 _MODULES = {
     "control": "qtraj.motion.control",
@@ -113,72 +130,8 @@ _MODULES = {
 }
 """Names that are modules themselves; the rooms are reached by attribute too: `qtraj.path.invariants`."""
 
-__all__ = [
-    "AbstractHodograph",
-    "AbstractProgram",
-    "AccelerationLaw",
-    "Actuator",
-    "Attitude",
-    "BoundaryState",
-    "Certificate",
-    "Cubic",
-    "Curve",
-    "DisturbanceAcceleration",
-    "DisturbanceTorque",
-    "EulerTurn",
-    "FrameProgram",
-    "GaussLegendre",
-    "GeometricFeedback",
-    "Gyros",
-    "Limits",
-    "LogarithmicFeedback",
-    "Magnus",
-    "Natural",
-    "Placement",
-    "Propagation",
-    "QuaternionFeedback",
-    "Quintic",
-    "RateLaw",
-    "Residual",
-    "RotationMinimizing",
-    "SCurve",
-    "Sensor",
-    "Septic",
-    "Sinusoid",
-    "Solution",
-    "SpiralHelix",
-    "Table",
-    "TableProgram",
-    "TimeOptimal",
-    "Track",
-    "Trihedral",
-    "Tuned",
-    "TurnChain",
-    "Upright",
-    "__version__",
-    "certify",
-    "control",
-    "dynamics",
-    "error_response",
-    "evaluate",
-    "exchange",
-    "fit",
-    "integrate",
-    "label",
-    "load",
-    "load_dataset",
-    "peak",
-    "propagate",
-    "propagate_samples",
-    "propagate_with_estimate",
-    "quaternion",
-    "read_track",
-    "rotation",
-    "save_dataset",
-    "simulate",
-    "trihedral",
-    "tune",
-]
+if not TYPE_CHECKING:  # which takes the names from the imports
+    __all__ = sorted(["__version__", *_HOME_OF, *_MODULES.keys() - {*_ROOMS}])
 
 
 def __getattr__(name: str) -> Any:
@@ -193,4 +146,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__, *_ROOMS})
+    return sorted({*globals(), *_HOME_OF, *_MODULES})

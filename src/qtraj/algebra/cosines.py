@@ -3,8 +3,7 @@
 import jax.numpy as jnp
 from jax.lax import stop_gradient
 
-from qtraj.algebra.quaternion import canonical, norm_squared
-from qtraj.algebra.quaternion import unit as unit_quaternion
+from qtraj.algebra.quaternion import canonical, norm_squared, unit as unit_quaternion
 from qtraj.algebra.vector import balanced
 from qtraj.foundation.types import Mat3, Mat4, Quat
 

@@ -5,8 +5,7 @@ from jax.lax import stop_gradient
 from jaxtyping import Array, Float
 
 from qtraj.algebra.cosines import pivot_row
-from qtraj.algebra.quaternion import canonical
-from qtraj.algebra.quaternion import unit as unit_quaternion
+from qtraj.algebra.quaternion import canonical, unit as unit_quaternion
 from qtraj.algebra.vector import balanced, norm
 from qtraj.foundation.types import Mat3, Quat, Vec3
 

@@ -23,8 +23,7 @@ import math
 import jax.numpy as jnp
 
 from qtraj.algebra import matrices
-from qtraj.algebra.vector import balanced, norm
-from qtraj.algebra.vector import unit as unit_vector
+from qtraj.algebra.vector import balanced, norm, unit as unit_vector
 from qtraj.foundation.types import Flag, Mat4, Quat, Scalar, Vec3
 
 _COS = [(-1) ** k / math.factorial(2 * k) for k in range(8)]

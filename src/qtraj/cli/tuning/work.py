@@ -8,7 +8,6 @@ from qtraj.cli.output import Writer, check_folder, write_all
 from qtraj.cli.terminal import Watch, watching
 from qtraj.cli.tuning.content import tune_content
 from qtraj.cli.tuning.job import Choice, Job, is_saved, lay
-from qtraj.cli.tuning.search import search
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.proof.certify import certify
 from qtraj.design.tuning.outcome import Tuned
@@ -47,10 +46,7 @@ def solve(given: ScenarioFile[Scenario], choice: Choice, watch: Watch) -> tuple[
         raise ValueError(f"{given.file}: the table [limits] is missing or empty: there is nothing to tune for")
     watch.say("fitting the recording" if given.scenario.track else "laying the path")
     job = lay(given, choice)
-    watch.say("tuning")
     try:
-        if found := search(job):
-            return job, *found
         watch.say("judging the path")
         before = certify(job.path, job.limits)
         watch.say("tuning")
