@@ -12,6 +12,7 @@ import pytest
 
 import qtraj as qt
 from qtraj.batch import long_rows, program
+from qtraj.path.quantities import DESCRIPTIONS, INTEGRATED
 
 EXACT = 1e-12
 NAMES = ("position", "quaternion", "curvature", "torsion", "rate", "angular_acceleration")
@@ -169,6 +170,87 @@ def test_long_rows_are_reduced_as_their_samples_are(stack, short_lanes, count):
         close(integral, np.trapezoid(rate, np.broadcast_to(times, speed.shape)[..., None], axis=1))
     mean = qt.evaluate(helix(), shared, ["rate"], reduce="mean")["rate"]
     close(mean, qt.evaluate(stack, shared, ["rate"], reduce="mean")["rate"][0])
+
+
+def test_the_time_of_a_peak_does_not_rest_on_bits(stack, short_lanes, monkeypatch):
+    """Samples worked out twice may differ: with none equal to the peak, the time is that of the largest."""
+    equal = long_rows.attained
+    again = lambda x, peak: equal(x, peak) if peak.ndim else jnp.zeros_like(x, bool)  # noqa: E731
+    monkeypatch.setattr(long_rows, "attained", again)
+    times = np.linspace(0.0, 4.0, 24) ** 1.1
+    for reduce, which in (("max", np.argmax), ("min", np.argmin)):
+        at = which(np.asarray(qt.evaluate(stack, times, ["speed"]).speed), axis=1)
+        np.testing.assert_array_equal(qt.evaluate(stack, times, ["speed"], reduce=reduce).times["speed"], times[at])
+
+
+@pytest.mark.parametrize("reduce", [None, "max"])
+def test_a_lane_that_is_not_finite_spoils_no_other(stack, reduce):
+    times = np.linspace(0.0, 4.0, 5)
+    spoilt = eqx.tree_at(lambda path: path.duration, stack, stack.duration.at[0].set(np.nan))
+
+    def goal(paths):
+        out = qt.evaluate(paths, times, ["quaternion"], reduce=reduce)
+        sound = (out["quaternion"] if reduce else out.quaternion)[1:]
+        return jnp.sum(sound @ jnp.cos(jnp.arange(4.0))), sound
+
+    both = jax.jit(jax.value_and_grad(goal, has_aux=True))
+    ((_, bad), bad_slope), ((_, good), good_slope) = both(spoilt), both(stack)
+    assert np.all(np.isfinite(good))
+    close(bad, good)
+    close(bad_slope.radius[1:], good_slope.radius[1:])
+
+
+def test_a_tied_peak_has_the_derivative_at_its_first_instant():
+    """On a circle at constant speed R|φ'| every instant is the fastest; with φ2 it is R|φ1 + 2 φ2 t|."""
+    times = np.array([0.5, 1.0, 2.0])
+
+    def speed(angle, reduce):
+        return qt.evaluate(qt.SpiralHelix([5.0], angle, [0.0], 2.0), times, ["speed"], reduce=reduce)["speed"]
+
+    for reduce in ("max", "min"):
+        slope = jax.jit(jax.grad(lambda angle, reduce=reduce: speed(angle, reduce)))(jnp.array([0.1, 2.0, 0.0]))
+        close(slope, [0.0, 5.0, 2 * 5.0 * times[0]])
+
+
+def test_peaks_have_derivatives_in_times_and_frame():
+    """The speed grows, so its peak is at the last instant and moves with that alone; the frame by differences."""
+    times = jnp.linspace(0.5, 3.5, 4)
+    found = jax.jit(jax.grad(lambda t: qt.evaluate(helix(), t, ["speed"], reduce="max")["speed"]))(times)
+    slope = jax.grad(lambda t: jnp.linalg.norm(helix().derivatives(t, 1)[1]))(times[-1])
+    close(found, [0.0, 0.0, 0.0, slope])
+    moved = jax.jit(jax.grad(lambda t: qt.evaluate(helix(), t, ["speed"], reduce="max").times["speed"]))(times)
+    close(moved, [0.0, 0.0, 0.0, 1.0])
+
+    def turning(up):
+        return qt.evaluate(helix(), times, ["rate"], frame=qt.Upright(up), reduce="max")["rate"][1]
+
+    up, step = jnp.array([0.1, -0.2, 1.0]), 1e-5
+    value, slopes = jax.jit(turning), jax.jit(jax.grad(turning))(up)
+    differences = [(value(up + step * e) - value(up - step * e)) / (2 * step) for e in np.eye(3)]
+    assert np.linalg.norm(differences) > 1e-3
+    np.testing.assert_allclose(slopes, differences, rtol=1e-6, atol=1e-9)
+
+
+def test_an_infinite_peak_is_one_in_a_trace_too():
+    """Half a turn about y at t = 0: its Gibbs vector is infinite there."""
+    path = qt.Curve(lambda t: jnp.stack([-t, t**2, 0 * t]), 1.0)
+    peak = lambda: qt.evaluate(path, np.array([0.0, 0.5, 1.0]), ["gibbs"], reduce="max")  # noqa: E731
+    plain, traced = peak(), jax.jit(peak)()
+    assert plain["gibbs"][1] == np.inf
+    assert plain.times["gibbs"][1] == 0
+    np.testing.assert_array_equal(traced["gibbs"], plain["gibbs"])
+    np.testing.assert_array_equal(traced.times["gibbs"], plain.times["gibbs"])
+
+
+def test_reductions_say_their_units_and_no_norm():
+    times = np.linspace(0.0, 1.0, 4)
+    names = ["position", "speed", "curvature", "quaternion", "rate", "angular_acceleration", "jerk"]
+    units = dict(zip(names, ["m s", "m", "m-1 s", "s", "rad", "rad s-1", "m s-2"], strict=True))
+    data = qt.evaluate(helix(), times, names, reduce="integral").to_xarray()
+    assert {name: data[name].attrs["units"] for name in names} == units
+    assert "unit norm" not in data.attrs["quaternion_convention"]
+    assert data["rate"].attrs["long_name"].startswith("integral of each component of the angular rate")
+    assert set(INTEGRATED) == {unit for unit, _ in DESCRIPTIONS.values()}
 
 
 def test_a_table_is_written_over():

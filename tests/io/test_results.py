@@ -14,6 +14,7 @@ import xarray
 import qtraj as qt
 from qtraj.foundation import record
 from qtraj.foundation.result import AbstractResult, counted, extent
+from qtraj.io.flat import flatten, unflatten
 from qtraj.motion.propagation.propagate import PropagationResult
 from qtraj.path.residual import compare
 
@@ -165,7 +166,7 @@ def test_a_rate_law_commands_rates():
 def test_an_integral_has_the_unit_of_one():
     path = single()["path"]
     whole = qt.evaluate(path, INSTANTS, ("speed", "quaternion"), reduce="integral").to_xarray()
-    assert (whole["speed"].attrs["units"], whole["quaternion"].attrs["units"]) == ("m s-1 s", "s")
+    assert (whole["speed"].attrs["units"], whole["quaternion"].attrs["units"]) == ("m", "s")
 
 
 def test_pandas_and_pyarrow_read_one_row_for_each_problem_and_instant(results, tmp_path):
@@ -289,9 +290,38 @@ def test_plain_arrays_are_labelled():
     assert dataset["angle"].dims == ("time",)
     assert dataset.attrs["title"] == "two"
     assert dataset.attrs["quaternion_convention"].startswith("scalar first")
-    for wrong in ({"felt": np.zeros(4)}, {"rate": np.zeros((3, 3))}, {"rate": np.zeros((4, 5))}, {}):
-        with pytest.raises(ValueError, match=r"is not known|must be \(\*lanes, 4\)|at least one array"):
-            qt.label(times, **wrong)
+    square = qt.label(times, quaternion=np.eye(4), angle=np.eye(4))  # four instants, and four lanes of angles
+    assert square["quaternion"].dims == ("time", "component")
+    assert square["angle"].dims == ("lane", "time")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "fragment"),
+    [
+        ({"felt": np.zeros(4)}, "'felt' is not known"),
+        ({}, "at least one array"),
+        *(
+            ({name: np.zeros(shape)}, f"{name} must be {expected}, but")
+            for name, shape, expected in [
+                ("rate", (3, 3), "(*lanes, 4, 3) or (*lanes, 4, 4)"),
+                ("acceleration", (4,), "(*lanes, 4, 3) or (*lanes, 4, 4)"),
+                ("quaternion", (4, 3), "(*lanes, 4, 4)"),
+                ("error", (2, 4), "(*lanes, 4, 4)"),
+                ("command", (4, 3), "(*lanes, 4, 4)"),
+                ("torque", (4, 4), "(*lanes, 4, 3)"),
+                ("force", (4,), "(*lanes, 4, 3)"),
+                ("angle", (4, 3), "(*lanes, 4)"),
+            ]
+        ),
+        ({"felt": (np.zeros((4, 5)), "m", "five")}, "felt must be (*lanes, 4) or (*lanes, 4, 3) or (*lanes, 4, 4)"),
+        ({"time": (np.zeros(4), "s", "other times")}, "the name 'time' is that of a coordinate"),
+        ({"body": (np.zeros(4), "m", "a body")}, "the name 'body' is that of a coordinate"),
+        ({"times": [0.0, np.nan, 2.0, 3.0], "angle": np.zeros(4)}, "some are NaN"),
+    ],
+)
+def test_arrays_that_do_not_fit_their_names_are_refused(wrong, fragment):
+    with pytest.raises(ValueError, match=re.escape(fragment)):
+        qt.label(**({"times": np.arange(4.0)} | wrong))
 
 
 def test_lanes_of_findings_end():
@@ -299,7 +329,8 @@ def test_lanes_of_findings_end():
     assert [found.status["slope"] for found in lots] == ["undefined"] * LANES
     assert len(lots) == LANES
     assert lots[-1].worst["curvature"] == (0.1, 1 / 3, 0.5)
-    for lane in (LANES, -LANES - 1, np.int64(LANES)):
+    assert lots[jnp.asarray(1)].status == lots[1].status
+    for lane in (LANES, -LANES - 1, np.int64(LANES), jnp.asarray(LANES), np.asarray(-LANES - 1)):
         with pytest.raises(IndexError, match=f"there are 3 paths, and none at {lane}"):
             lots[lane]
     with pytest.raises(TypeError, match="only those on many have lanes"):
@@ -315,3 +346,39 @@ def test_the_words_of_a_summary():
     assert counted(np.array(["a", "b", "b"])) == "2 b, 1 a"
     assert counted(np.array(["a", "a"])) == "all a"
     assert counted(np.array(list("aabcdefg"))) == "2 a, 1 b, 1 c, 1 d, 3 others"
+
+
+def test_findings_are_true_whether_they_have_lanes_or_not():
+    for result in (single()["tuned"], single()["certificate"]):
+        assert bool(result)
+        assert bool(repeated(result))
+
+
+def test_axes_and_commands_of_a_solution_are_known_words():
+    motion = (INSTANTS, np.ones((len(INSTANTS), 4)), np.ones((len(INSTANTS), 4)), 0)
+    with pytest.raises(ValueError, match="axes must be 'body' or 'inertial', but 'earth' was given"):
+        qt.Solution(*motion, axes="earth")
+    with pytest.raises(ValueError, match="commands must be 'acceleration' or 'rate', but 'torque' was given"):
+        qt.Solution(*motion, commands="torque")
+
+
+def test_every_ending_of_a_propagation_has_its_own_words():
+    named = ("successful", "tolerance_not_reached", "not_finite")
+    endings = [getattr(PropagationResult, name) for name in named]
+    quaternion = np.ones((len(INSTANTS), 4))
+    each = [qt.Propagation(*map(jnp.asarray, (INSTANTS, quaternion, 1e-13, 7)), ending) for ending in endings]
+    lanes = jax.tree.map(lambda *x: jnp.stack(x), *each)
+    texts = [PropagationResult[ending] for ending in endings]
+    assert lanes.record().variables["result"].values.tolist() == texts
+    assert [one.record().variables["result"].values.item() for one in each] == texts
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_rows_run_over_lanes_and_over_nothing_that_is_only_called_so(timed):
+    dims = ("lane_1", "lane_2", "lane_width", *(["time"] if timed else []))
+    values = np.arange(2.0 * 3 * 2 * (4 if timed else 1)).reshape(2, 3, 2, *([4] if timed else []))
+    dataset = xarray.Dataset({"x": (dims, values)}, {"time": ("time", np.arange(4.0))} if timed else {})
+    flat = flatten(dataset)
+    assert flat.header["rows"] == [dim for dim in dims if dim != "lane_width"]
+    np.testing.assert_array_equal(flat.columns["x_1"], values[:, :, 1].ravel())
+    xarray.testing.assert_identical(unflatten(flat), dataset)

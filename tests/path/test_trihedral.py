@@ -2,6 +2,7 @@
 
 import math
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import qtraj as qt
 from qtraj.algebra import matrices
 from qtraj.path.invariants import existence, invariants
+from qtraj.path.trihedral import AbstractFrame
 
 from .conftest import as_curve
 
@@ -35,6 +37,27 @@ def test_the_frame_is_orthonormal_and_turns_at_its_own_rate(name, t, frame, requ
     np.testing.assert_allclose([skew[2, 1], skew[0, 2], skew[1, 0]], at.rate, atol=1e-12)
     acceleration = jax.jvp(lambda t: qt.trihedral(path, t, frame).rate, (t,), (1.0,))[1]
     np.testing.assert_allclose(at.acceleration, acceleration, rtol=1e-10, atol=1e-12)
+
+
+def test_trihedra_of_several_frames_are_branches_of_one_trace(tilted):
+    branches = [lambda t, frame=frame: qt.trihedral(tilted, t, frame) for frame in FRAMES[:2]]
+    for level in (False, True):
+        chosen = jax.jit(lambda level: jax.lax.cond(level, *reversed(branches), 1.2))(level)
+        np.testing.assert_allclose(chosen.normal, trihedral(tilted, 1.2, FRAMES[level]).normal, atol=EXACT)
+
+
+def test_a_frame_of_ones_own_is_not_taken_for_another(tilted):
+    class Backward(AbstractFrame):
+        def trihedral(self, r, duration):
+            at = qt.Upright().trihedral(r, duration)
+            names = lambda at: (at.tangent, at.normal)  # noqa: E731
+            return eqx.tree_at(names, at, (-at.tangent, -at.normal))
+
+    assert (qt.Natural().name, qt.Upright().name) == ("natural", "upright")
+    assert qt.evaluate(tilted, [0.5, 1.0], ["rate"], frame=Backward()).frame == "backward"
+    assert qt.evaluate(tilted, [0.5, 1.0], ["rate"], frame=Backward(), reduce="max").frame == "backward"
+    for frame in (*FRAMES, Backward()):
+        assert qt.trihedral(tilted, 0.5, frame).record().attributes["frame"] == "trihedral"
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=["natural", "upright", "leaning"])

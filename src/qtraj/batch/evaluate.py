@@ -65,13 +65,13 @@ def evaluate(
         raise ValueError(f"times must be a vector {expected}, but an array of shape {instants.shape} was given")
     if instants.shape[-1] == 0:
         raise ValueError("times must hold at least one instant")
-    work = (paths, Natural() if frame is None else frame)
+    frame = Natural() if frame is None else frame
+    work = (paths, frame)
     traced = any(isinstance(x, Tracer) for x in (*jax.tree.leaves(work), instants))
     values = run(task, work, jnp.atleast_2d(instants), None if traced else devices, traced, _old(reuse, task))
-    hung = "natural" if frame is None else type(frame).__name__.lower()
     if task.reduce is not None:
-        return Reduced(*values, reduction=task.reduce, batched=task.batched, components=components, frame=hung)
-    return Table(time=instants, **values, batched=task.batched, components=components, frame=hung)
+        return Reduced(*values, reduction=task.reduce, batched=task.batched, components=components, frame=frame.name)
+    return Table(time=instants, **values, batched=task.batched, components=components, frame=frame.name)
 
 
 def _names(outputs: Sequence[str]) -> tuple[str, ...]:

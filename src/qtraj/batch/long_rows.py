@@ -14,7 +14,7 @@ from jax import lax
 from jaxtyping import Array
 
 from qtraj.batch.blocks import Work
-from qtraj.batch.reduction import attained, block_reducer
+from qtraj.batch.reduction import attained
 
 LANES = 8192
 """Samples side by side: what they need lies in the cache of one core."""
@@ -23,19 +23,20 @@ WINDOW = 16
 """Samples of every lane that are fetched together, two lines of the cache."""
 
 LONG = 2**18
-"""Instants from which on a row is long: what does not fill the lanes is then a small part."""
+"""Instants from which on a row is long: at least two thirds of them fill the lanes."""
 
 
-def long_row(work: Work, reduction: str, path: Any, columns: tuple[Array, Array]) -> Any:
-    """The parts of one path, as `reduction.joiner` gives them, from `columns`: times and weights (1, instants)."""
+def long_row(work: Work, reduction: str, path: Any, columns: tuple[Array, Array], blocks: Work) -> Any:
+    """The parts of one path, as `reduction.joiner` gives them, from `columns`: times and weights (1, instants).
+
+    What does not fill the lanes goes through `blocks`: (path, columns) → parts.
+    """
     instants = columns[0].shape[1]
     fits = instants - instants % (LANES * WINDOW)
     grid = jax.tree.map(lambda x: x[0, :fits].reshape(LANES, -1), columns)
     rest = None
     if fits < instants:
-        tail = jax.tree.map(lambda x: x[:, fits:], columns)
-        part = block_reducer(reduction)
-        rest = jax.tree.map(lambda x: part(x, *tail), work(path, tail))
+        rest = blocks(path, jax.tree.map(lambda x: x[:, fits:], columns))
     if reduction in ("integral", "mean"):
         lanes = _swept(work, path, grid, 0.0, lambda so_far, x, weight: so_far + x * weight)
         whole = jax.tree.map(lambda x: (jnp.sum(x, axis=1),), lanes)
@@ -73,14 +74,18 @@ def _with_times(work: Work, sign: int, path: Any, times: Array, lanes: Any, rest
         tail = jnp.stack([sign * part[0][0] for part in parts]), jnp.stack([part[1][0] for part in parts])
         highest = jnp.maximum(highest, tail[0])
     earliest = jnp.min(times, axis=1)[None]
-    holder = jnp.argmin(jnp.where(attained(peaks, highest[:, None]), earliest, jnp.inf), axis=1)
+    held = attained(peaks, highest[:, None])
+    holder = jnp.argmin(jnp.where(held, earliest, jnp.inf), axis=1)
 
-    def when(component: Array, lane: Array, peak: Array) -> Array:
+    def when(component: Array, lane: Array, peak: Array, held: Array) -> Array:
         own = times[lane][None]
-        samples = jnp.stack(jax.tree.leaves(work(path, (own, own))))[component]
-        return jnp.min(jnp.where(attained(sign * samples, peak), own, jnp.inf))
+        samples = sign * jnp.stack(jax.tree.leaves(work(path, (own, own))))[component]
+        # The samples are worked out a second time: should none be what it was to rounding, the largest is the peak.
+        near = jnp.min(jnp.where(attained(samples, peak), own, jnp.inf))
+        largest = own[0, jnp.argmax(samples)]
+        return jnp.where(jnp.isinf(near) & held, largest, near)
 
-    found = lax.map(lambda of: when(*of), (jnp.arange(len(leaves)), holder, highest))
+    found = lax.map(lambda of: when(*of), (jnp.arange(len(leaves)), holder, highest, jnp.any(held, axis=1)))
     if tail is not None:
         found = jnp.minimum(found, jnp.where(attained(tail[0], highest), tail[1], jnp.inf))
     return form.unflatten([(sign * highest[k, None], found[k, None]) for k in range(len(leaves))])

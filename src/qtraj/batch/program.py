@@ -39,7 +39,9 @@ def _traced(task: Task, request: Any, times: Array) -> Any:
     """Inside a trace: by sweeps that can be differentiated."""
     paths, frame = _stacked(task, request)
     shape = (paths.duration.shape[0], times.shape[1])
-    one = jax.lax.stop_gradient(jnp.sign(paths.duration[0]).astype(times.dtype))
+    # 1 whatever the data are, NaN among them, which no compiler finds out before it has stored what it divides by it.
+    bit = (paths.duration[0] > 0).astype(times.dtype)
+    one = bit * bit - bit + 1
     if task.reduce in ("max", "min"):
         return _finished(task, _followed(task, paths, frame, times, one))
     if task.reduce is not None:
@@ -52,22 +54,39 @@ def _traced(task: Task, request: Any, times: Array) -> Any:
 
 
 def _followed(task: Task, paths: Any, frame: Any, times: Array, one: Any) -> Any:
-    """Peaks whose derivatives in the path are those at the instants where they are attained (envelope theorem).
+    """Peaks whose derivatives are those at the instants where they are attained (envelope theorem).
 
-    The search itself is not differentiated, which spares the reverse pass over all samples.
+    The search itself is not differentiated, which spares the reverse pass over all samples. Where several instants
+    hold the peak to rounding, the derivatives are those at the first of them. A peak that is not finite has none.
     """
-    found = _reduced(task, jax.lax.stop_gradient(paths), frame, times, one)
-    instants = jnp.stack([when for name in task.names for _, when in found[name]], axis=1)
+    found = _frozen(_reduced(task, _frozen(paths), _frozen(frame), _frozen(times), one))
+    first = jnp.stack([when for name in task.names for _, when in found[name]], axis=1)
+    place = _nearest(_frozen(times), first)
+    instants = times[0][place] if times.shape[0] == 1 else jnp.take_along_axis(times, place, axis=1)
     arrays, work = _worker(paths, frame, task.names, one)
-    there = work(arrays, (instants.astype(times.dtype),))
+    there = work(arrays, (instants,))
     column = iter(range(instants.shape[1]))
-    return {
-        name: tuple(
-            (x[:, next(column)].astype(value.dtype), when)
-            for x, (value, when) in zip(there[name], found[name], strict=True)
-        )
-        for name in task.names
-    }
+
+    def peak(samples: Array, part: tuple[Array, Array]) -> tuple[Array, Array]:
+        (value, when), k = part, next(column)
+        x, known = samples[:, k].astype(value.dtype), jnp.isfinite(when)
+        finite = known & jnp.isfinite(value) & jnp.isfinite(x)
+        return jnp.where(finite, x, value), jnp.where(known, instants[:, k], when)
+
+    return {name: tuple(peak(x, part) for x, part in zip(there[name], found[name], strict=True)) for name in task.names}
+
+
+def _nearest(times: Array, whens: Array) -> Array:
+    """For each of `whens` (paths, peaks) the index of the nearest of its path's `times` (paths or 1, instants)."""
+    rows = jnp.broadcast_to(jnp.arange(whens.shape[0])[:, None] % times.shape[0], whens.shape)
+    near = lambda of: jnp.argmin(jnp.abs(times[of[0]] - of[1]))  # noqa: E731
+    at_once = max(1, _samples() // times.shape[1])
+    return jax.lax.map(near, (rows.ravel(), whens.ravel()), batch_size=at_once).reshape(whens.shape)
+
+
+def _frozen(tree: Any) -> Any:
+    """The tree without derivatives."""
+    return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
 
 @functools.lru_cache(maxsize=128)
@@ -148,9 +167,14 @@ def _reduced(
     def work(path: Any, cut: Any) -> Any:
         return jax.tree.map(lambda x: part(x, *cut), samples(path, cut))
 
+    def join(parts: Any) -> Any:
+        return _joined(task, parts)
+
     if long and shape[1] >= _long():
-        return by_path(lambda path, cut: long_row(samples, reduction, path, cut), arrays, (times, heavy), shape[0])
-    return reduced(work, lambda parts: _joined(task, parts), arrays, (times, heavy), shape, _samples())
+        rest = lambda path, tail: reduced(work, join, path, tail, (1, tail[0].shape[1]), _samples())  # noqa: E731
+        row = lambda path, cut: long_row(samples, reduction, path, cut, rest)  # noqa: E731
+        return by_path(row, arrays, (times, heavy), shape[0])
+    return reduced(work, join, arrays, (times, heavy), shape, _samples())
 
 
 def _joined(task: Task, parts: Any) -> Any:

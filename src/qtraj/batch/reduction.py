@@ -1,18 +1,16 @@
 """Peaks and integrals over the instants of each path, from blocks: the samples are never all there at once."""
 
-import functools
 from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, in_lanes
-from qtraj.path.quantities import AXES, DESCRIPTIONS, LABELS, framed
+from qtraj.path.quantities import AXES, DESCRIPTIONS, INTEGRATED, LABELS, framed
 
 REDUCTIONS = ("max", "min", "integral", "mean")
 
@@ -20,19 +18,23 @@ ROUNDING = 8
 """In machine epsilons: samples so near to a peak are equal to it."""
 
 
+QUATERNIONS = "scalar first, Hamilton product, body to world; each component reduced by itself, so of any norm"
+
+
 class Reduced(AbstractResult):
     """One number for each component of each output: `reduced["speed"]`.
 
     Arrays are the components alone, (…) for one path and (b, …) for many, or with `components="first"` (…, b). For
-    "max" and "min", `times` holds where on the samples each is attained [s]: the first instant, to rounding.
+    "max" and "min", `times` holds where on the samples each is attained [s]: the first instant, to rounding. The
+    derivatives of a peak are those at that instant, also where others share the peak.
     """
 
     values: dict[str, Array]
     times: dict[str, Array] | None
     reduction: str = eqx.field(static=True)
-    batched: bool = eqx.field(static=True, default=False)
-    components: str = eqx.field(static=True, default="last")
-    frame: str = eqx.field(static=True, default="natural")
+    batched: bool = eqx.field(static=True)
+    components: str = eqx.field(static=True)
+    frame: str = eqx.field(static=True)
 
     def __getitem__(self, name: str) -> Array:
         return self.values[name]
@@ -44,8 +46,9 @@ class Reduced(AbstractResult):
             (unit, meaning), axes = DESCRIPTIONS[name], AXES[name]
             lanes = ("path",) if self.batched else ()
             dims = (*lanes, *axes) if self.components == "last" else (*axes, *lanes)
-            whole = f"{unit} s" if self.reduction == "integral" else unit
-            variables[name] = Quantity(values, whole.removeprefix("1 "), f"{self.reduction} of the {meaning}", dims)
+            whole = INTEGRATED[unit] if self.reduction == "integral" else unit
+            what = f"{self.reduction} of {'each component of ' if axes else ''}the {meaning}"
+            variables[name] = Quantity(values, whole, what, dims)
             if self.times is not None:
                 variables[f"{name}_time"] = Quantity(self.times[name], "s", f"time of the {self.reduction}", dims)
         first = next(iter(variables.values()))
@@ -53,7 +56,7 @@ class Reduced(AbstractResult):
         return Record(
             f"{in_lanes(paths, 'paths')}{self.reduction} over time, {self.frame} frame: {', '.join(self.values)}",
             variables,
-            attributes=framed(self.frame) | {"reduction": self.reduction},
+            attributes=framed(self.frame) | {"reduction": self.reduction, "quaternion_convention": QUATERNIONS},
             labels=LABELS,
         )
 
@@ -75,7 +78,7 @@ def block_reducer(reduction: str) -> Callable[[Any, Array, Array], Any]:
     sign = 1 if reduction == "max" else -1
 
     def peak(x: Array, t: Array, w: Array) -> tuple[Array, Array]:
-        value = sign * _largest(sign * x, 1)
+        value = sign * jnp.max(sign * x, axis=1)
         return value, jnp.min(jnp.where(attained(x, value[:, None]), t, jnp.inf), axis=1)
 
     return peak
@@ -88,26 +91,12 @@ def joiner(reduction: str) -> Callable[[Any], Any]:
     sign = 1 if reduction == "max" else -1
 
     def peak(part: tuple[Array, Array]) -> tuple[Array, Array]:
-        value = sign * _largest(sign * part[0], 0)
+        value = sign * jnp.max(sign * part[0], axis=0)
         return value, jnp.min(jnp.where(attained(part[0], value[None]), part[1], jnp.inf), axis=0)
 
     return peak
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(1,))
-def _largest(x: Array, axis: int) -> Array:
-    """The maximum; its derivative is the mean of those where it is attained to rounding."""
-    return jnp.max(x, axis=axis)
-
-
-@_largest.defjvp
-def _largest_derivative(axis: int, primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-    value = _largest(primals[0], axis)
-    here = attained(primals[0], jnp.expand_dims(value, axis)).astype(value.dtype)
-    count = jnp.maximum(jnp.sum(here, axis=axis), 1)
-    return value, jnp.sum(here * tangents[0], axis=axis) / count
-
-
 def attained(x: Array, peak: Array) -> Array:
     """Whether `x` is the peak to rounding: a compiler that works `x` out twice may round it twice."""
-    return jnp.abs(x - peak) <= ROUNDING * jnp.finfo(x.dtype).eps * jnp.abs(peak)
+    return (x == peak) | (jnp.abs(x - peak) <= ROUNDING * jnp.finfo(x.dtype).eps * jnp.abs(peak))

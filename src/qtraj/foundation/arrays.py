@@ -92,8 +92,11 @@ def require_positive(x: Array, name: str, unit: str) -> None:
 
 
 def require_lane(lane: Any, count: int, what: str) -> None:
-    """Raise an IndexError where `lane` is a whole number, of Python or NumPy, and none of `count`."""
-    if isinstance(lane, int | np.integer) and not -count <= lane < count:
+    """Raise an IndexError where `lane` is a known whole number, of Python, NumPy or JAX, and none of `count`."""
+    known = concrete(lane) if isinstance(lane, int | np.integer | np.ndarray | jax.Array) else None
+    if known is None or known.ndim > 0 or known.dtype.kind not in "iu":
+        return
+    if not -count <= int(known) < count:
         raise IndexError(f"there are {count} {what}, and none at {lane}")
 
 

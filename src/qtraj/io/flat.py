@@ -1,14 +1,16 @@
 """A dataset as one table with a header: what Parquet and CSV files hold.
 
-The rows are the instants, path by path (or lane by lane) where there are several: the dimensions of `time`, and
-`path`. A variable of more dimensions has a column for each component (`position_x`, `dcm_tangent_x`); one of fewer is
-repeated (`duration` on each row of its path). Numbers alone make one row. What has nothing to do with the rows (the
-names of axes, a recording) stands in the header, beside all dimensions, types, units and other attributes.
+The rows are the instants, path by path (or lane by lane) where there are several: the dimensions of `time`, `path`,
+and `lane`, or `lane_1`, `lane_2` … A variable of more dimensions has a column for each component (`position_x`,
+`dcm_tangent_x`); one of fewer is repeated (`duration` on each row of its path). Numbers alone make one row. What has
+nothing to do with the rows (the names of axes, a recording) stands in the header, beside all dimensions, types, units
+and other attributes.
 """
 
 import itertools
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +21,8 @@ import xarray
 FORMAT = "qtraj-dataset/1"
 TEXT = "str"
 KINDS = "fiub"
+LANE = re.compile(r"lane(_\d+)?")
+"""The dimensions of many problems, as results name them."""
 
 
 @dataclass(frozen=True)
@@ -78,9 +82,9 @@ def _rows(dataset: xarray.Dataset) -> list[Any]:
     """The dimensions along which the rows run."""
     if not dataset.variables:
         raise ValueError("an empty dataset makes no table: save it as .nc or .zarr")
+    lanes = [dim for dim in dataset.sizes if dim == "path" or LANE.fullmatch(str(dim))]
     if "time" not in dataset.variables:
-        return list(dataset.sizes)[:1]
-    lanes = [dim for dim in dataset.sizes if dim == "path" or str(dim).startswith("lane")]
+        return lanes or list(dataset.sizes)[:1]
     return [dim for dim in dataset.sizes if dim in lanes or dim in dataset["time"].dims]
 
 

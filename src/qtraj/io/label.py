@@ -13,19 +13,25 @@ if TYPE_CHECKING:
     import xarray
 
 KNOWN = {
-    "quaternion": ("1", "attitude, scalar first, body to inertial"),
-    "error": ("1", "error quaternion of a feedback law"),
-    "rate": ("rad s-1", "angular rate, body axes"),
-    "acceleration": ("rad s-2", "angular acceleration, body axes"),
-    "command": ("rad s-2", "angular acceleration commanded, body axes"),
-    "angle": ("rad", "angle"),
-    "torque": ("N m", "torque, body axes"),
-    "force": ("N", "force, body axes"),
+    "quaternion": ("1", "attitude, scalar first, body to inertial", (4,)),
+    "error": ("1", "error quaternion of a feedback law", (4,)),
+    "rate": ("rad s-1", "angular rate, body axes", (3, 4)),
+    "acceleration": ("rad s-2", "angular acceleration, body axes", (3, 4)),
+    "command": ("rad s-2", "angular acceleration commanded, body axes", (4,)),
+    "angle": ("rad", "angle", (0,)),
+    "torque": ("N m", "torque, body axes", (3,)),
+    "force": ("N", "force, body axes", (3,)),
 }
-"""Units and meanings of the arrays that the functions on attitudes give."""
+"""Units and meanings of the arrays that the functions on attitudes give, and how many components they may have."""
 
 COMPONENTS = {3: "body", 4: "component"}
 """The axis of as many components."""
+
+ANY = (0, *COMPONENTS)
+"""Components of an array that is not known by its name; 0 for a number at each instant."""
+
+TAKEN = ("time", *COMPONENTS.values())
+"""Names that the dataset needs for its coordinates."""
 
 
 def label(
@@ -34,13 +40,13 @@ def label(
     """Arrays over `times` (n,) [s] as an `xarray.Dataset` with units, conventions and provenance (extra `io`).
 
     For what `propagate`, `propagate_samples`, `error_response` and `jax.vmap` give as plain arrays:
-    `label(times, quaternion=qs)`. Each array is (*lanes, n), or (*lanes, n, 3) or (*lanes, n, 4) with components on its
-    last axis. Known by their names are quaternion, error, rate, acceleration, command, angle, torque and force; any
-    other is given as (array, unit, meaning), its unit as netCDF writes it ("m s-2"), components then in body axes.
-    `attributes` are added to the dataset's.
+    `label(times, quaternion=qs)`. Known by their names are quaternion, error and command (*lanes, n, 4), rate and
+    acceleration (*lanes, n, 3) or with the virtual one in front (*lanes, n, 4), torque and force (*lanes, n, 3), and
+    angle (*lanes, n). Any other array, with 3, 4 or no components, is given as (array, unit, meaning), its unit as
+    netCDF writes it ("m s-2"), three components then in body axes. `attributes` are added to the dataset's.
 
-    **Raises:** ValueError for other shapes, a name that is not known, no array, or inside a trace;
-    ModuleNotFoundError, naming the extra, where xarray is missing.
+    **Raises:** ValueError for other shapes, a name that is not known or that a coordinate has, times that are NaN, no
+    array, or inside a trace; ModuleNotFoundError, naming the extra, where xarray is missing.
     """
     require_known((times, arrays))
     instants = as_float(times)
@@ -49,24 +55,28 @@ def label(
             f"times (n,) and at least one array over them were expected, but times of shape {instants.shape} and "
             f"{len(arrays)} arrays were given"
         )
+    if np.isnan(instants).any():
+        raise ValueError("times must be numbers, but some are NaN")
     variables = {name: _quantity(name, given, instants.shape[0]) for name, given in arrays.items()}
     time = Quantity(instants, "s", "time", ("time",))
     return to_dataset(Record(", ".join(variables), variables, {"time": time}, {"frame": "body"}), attributes)
 
 
 def _quantity(name: str, given: Any, count: int) -> Quantity:
+    if name in TAKEN:
+        raise ValueError(f"the name {name!r} is that of a coordinate of the dataset: give the array another")
     described = isinstance(given, tuple) and len(given) == 3 and all(isinstance(text, str) for text in given[1:])
     if not described and name not in KNOWN:
         raise ValueError(
             f"{name!r} is not known; known are {', '.join(KNOWN)}. Give any other as (array, unit, meaning)."
         )
-    array, unit, meaning = given if described else (given, *KNOWN[name])
+    array, unit, meaning = given if described else (given, *KNOWN[name][:2])
+    sizes = ANY if described else KNOWN[name][2]
     values = np.asarray(as_float(array))
-    if values.shape[-1:] == (count,) and not (values.shape[-2:-1] == (count,) and count in COMPONENTS):
-        return Quantity(values, unit, meaning, ("time",))
-    if values.shape[-2:-1] == (count,) and values.shape[-1] in COMPONENTS:
+    # With components first: as many lanes as instants, 3 or 4, are else taken for them.
+    if values.shape[-2:-1] == (count,) and values.shape[-1] in sizes and values.shape[-1] in COMPONENTS:
         return Quantity(values, unit, meaning, ("time", COMPONENTS[values.shape[-1]]))
-    raise ValueError(
-        f"{name} must be (*lanes, {count}), or with components (*lanes, {count}, 3) or (*lanes, {count}, 4), "
-        f"but an array of shape {values.shape} was given"
-    )
+    if values.shape[-1:] == (count,) and 0 in sizes:
+        return Quantity(values, unit, meaning, ("time",))
+    forms = [f"(*lanes, {count}, {size})" if size else f"(*lanes, {count})" for size in sizes]
+    raise ValueError(f"{name} must be {' or '.join(forms)}, but an array of shape {values.shape} was given")

@@ -47,8 +47,8 @@ def natural_components(paths: SpiralHelix, t: Instants, one: Any) -> dict[str, t
     quaternion = turned.world_quaternion(_quaternion(tangent, normal, binormal, one))
     torsion = of.T * narrowness**2
     nothing = jnp.zeros_like(torsion)
-    along, across = natural_rate(r, c, slowness, narrowness, torsion)
-    along_rate, across_rate = natural_acceleration(r, c, slowness, narrowness, torsion)
+    along, across = natural_rate(of, slowness, narrowness, torsion)
+    along_rate, across_rate = natural_acceleration(r, c, of, slowness, narrowness, torsion)
     return {
         "position": turned.world_position(r[0]),
         "velocity": turned.world(r[1]),

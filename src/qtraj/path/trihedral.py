@@ -21,7 +21,7 @@ from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Flag, Mat3, Quat, Scalar, ScalarLike, Vec3
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.invariants import existence, invariants
+from qtraj.path.invariants import Invariants, existence, invariants
 from qtraj.path.natural_rates import natural_acceleration, natural_rate
 from qtraj.path.quantities import AXES, DESCRIPTIONS, LABELS, framed
 
@@ -36,7 +36,7 @@ class Trihedral(AbstractResult):
     `tangent`, `normal`, `binormal`: unit vectors (3,), world axes; body axes x, y, z of the trihedral. `speed` [m/s],
     `curvature` and `torsion` [1/m] of the path. `rate` [rad/s] and `acceleration` [rad/s²]: angular, (3,), in the
     trihedral's own axes. `defined` is false where the trihedral does not exist; the numbers there are finite fillers.
-    `frame` is the name of the rule that hung it there.
+    Which frame it is is not kept: trihedra of different frames are of one structure, as branches of a trace must be.
     """
 
     tangent: Vec3
@@ -48,7 +48,6 @@ class Trihedral(AbstractResult):
     rate: Vec3
     acceleration: Vec3
     defined: Flag
-    frame: str = eqx.field(static=True, default="natural")
 
     def dcm(self) -> Mat3:
         """Direction cosines α: rows τ, n, b; maps world components to trihedral components (paper S)."""
@@ -79,11 +78,16 @@ class Trihedral(AbstractResult):
         exists = "" if np.all(self.defined) else ", not defined" if not np.any(self.defined) else ", partly defined"
         shown = f"speed {extent(self.speed, 'm/s')}, curvature {extent(self.curvature, '1/m')}"
         summary = f"{in_lanes(self.speed.shape)}{shown}, torsion {extent(self.torsion, '1/m')}{exists}"
-        return Record(summary, variables, attributes=framed(self.frame), labels=LABELS)
+        return Record(summary, variables, attributes=framed("trihedral"), labels=LABELS)
 
 
 class AbstractFrame(eqx.Module):
     """A rule that hangs a trihedral on a path."""
+
+    @property
+    def name(self) -> str:
+        """What the frame is called in labelled data: its class in lower case, unless a class says otherwise."""
+        return type(self).__name__.lower()
 
     @abc.abstractmethod
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
@@ -165,7 +169,6 @@ class Upright(AbstractFrame):
             rate=jnp.where(exists, rate, nothing),
             acceleration=jnp.where(exists, acceleration, nothing),
             defined=exists,
-            frame="upright",
         )
 
 
@@ -173,6 +176,7 @@ class _Shape(eqx.Module):
     """What every frame needs of a path, with finite fillers where it does not exist."""
 
     c: Vec3
+    of: Invariants
     speed: Scalar
     curvature: Scalar
     torsion: Scalar
@@ -196,6 +200,7 @@ def _shape(r: Float[Array, "5 3"], duration: Scalar) -> _Shape:
     c = jnp.cross(r[1], r[2])
     return _Shape(
         c=c,
+        of=of,
         speed=norm(r[1]),
         curvature=jnp.where(moving, norm(c) / safe_s**1.5, 0.0),
         torsion=jnp.where(bending, of.T / safe_n, 0.0),
@@ -208,9 +213,9 @@ def _shape(r: Float[Array, "5 3"], duration: Scalar) -> _Shape:
 
 def _natural_rates(r: Float[Array, "5 3"], shape: _Shape) -> tuple[Vec3, Vec3]:
     """ω⁰ and ε⁰ of the natural trihedral in its own axes, zero where it does not exist."""
-    known = (r, shape.c, 1 / shape.safe_speed, 1 / shape.safe_area, shape.torsion)
+    known = (shape.of, 1 / shape.safe_speed, 1 / shape.safe_area, shape.torsion)
     along, across = natural_rate(*known)
-    along_rate, across_rate = natural_acceleration(*known)
+    along_rate, across_rate = natural_acceleration(r, shape.c, *known)
     zero = jnp.zeros_like(along)
     rate, acceleration = jnp.stack([along, zero, across]), jnp.stack([along_rate, zero, across_rate])
     return jnp.where(shape.bending, rate, 0.0), jnp.where(shape.bending, acceleration, 0.0)

@@ -120,6 +120,9 @@ class Certificate(AbstractResult):
         summary = f"{in_lanes(self.codes.shape[:-1], 'paths')}{self.summary}"
         return Record(summary, variables, coordinates, {"frame": "natural"})
 
+    def __bool__(self) -> bool:
+        return True  # it is there, whatever it says; else Python would ask for its length
+
     def __len__(self) -> int:
         if self.codes.ndim == 1:
             raise TypeError("these are the findings on one path: only those on many have a length")

@@ -113,6 +113,9 @@ class Tuned(AbstractResult):
             self.iterations[lane],
         )
 
+    def __bool__(self) -> bool:
+        return True  # it is there, whatever it says; else Python would ask for its length
+
     def __len__(self) -> int:
         if self.code.ndim == 0:
             raise TypeError("this is the outcome of one problem: only that of many has a length")

@@ -7,6 +7,8 @@ the choice is made at run time within a fixed number of slots, `max_steps`, each
 `steps` is cheaper there: so many equal steps in each interval.
 """
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -35,6 +37,13 @@ class PropagationResult(eqx.Enumeration):
     not_finite = "propagation met a rate that is NaN or infinite"
 
 
+_ENDINGS = (
+    PropagationResult.successful,
+    PropagationResult.tolerance_not_reached,
+    PropagationResult.not_finite,
+)
+
+
 class Propagation(AbstractResult):
     """Attitudes at the output times, and how good they are.
 
@@ -52,8 +61,7 @@ class Propagation(AbstractResult):
         """The attitudes over `time`, or over `sample` in lanes that have times of their own, and how good they are."""
         along = "time" if self.times.ndim == 1 else "sample"
         code = np.asarray(jax.tree.leaves(self.result)[0])
-        lanes = [jax.tree.map(lambda x, k=k: x.reshape(-1)[k], self.result) for k in range(code.size)]
-        texts = np.array([PropagationResult[lane] for lane in lanes]).reshape(code.shape)
+        texts = _texts()[code]
         variables = {
             "quaternion": Quantity(
                 self.quaternion, "1", "attitude, scalar first, body to inertial", (along, "component")
@@ -140,6 +148,13 @@ def _solved(problem: Problem, steps: int | None, max_steps: int | None) -> Propa
         steps=mesh.count,
         result=_judged(errors, stop_gradient(problem.tolerance)),
     )
+
+
+@functools.cache
+def _texts() -> np.ndarray:
+    """The texts of `PropagationResult` by their codes."""
+    codes = [int(jax.tree.leaves(item)[0]) for item in _ENDINGS]
+    return np.array([PropagationResult[item] for item in _ENDINGS])[np.argsort(codes)]
 
 
 @eqx.filter_jit

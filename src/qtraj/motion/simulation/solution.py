@@ -14,6 +14,7 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent, in_lanes, over
 from qtraj.foundation.types import ArrayInput
+from qtraj.motion.checks import require_axes
 from qtraj.motion.simulation import ode
 
 NEAR_ZERO, FAR_SHEET = 3, 4
@@ -49,6 +50,8 @@ class Solution(AbstractResult):
     error quaternion; `angle` (n,) [rad], between body and program, 0 … π. Instants that were not reached are NaN.
     `code` is the outcome as a number and `result` in words. Under `vmap` everything has the lanes in front. `axes`,
     "body" or "inertial", are those of the rate; `commands` is "acceleration" or, of a rate law, "rate".
+
+    **Raises:** ValueError for other `axes` or `commands`.
     """
 
     times: Float[Array, "*lanes n"]
@@ -78,6 +81,9 @@ class Solution(AbstractResult):
         self.command = None if command is None else as_float(command)
         self.error = None if error is None else as_float(error)
         self.angle = None if angle is None else as_float(angle)
+        require_axes(axes)
+        if commands not in ("acceleration", "rate"):
+            raise ValueError(f"commands must be 'acceleration' or 'rate', but {commands!r} was given")
         self.axes, self.commands = axes, commands
 
     @property
