@@ -32,6 +32,9 @@ from qtraj.path.spiral_helix import SpiralHelix
 AIM = 1 - 4e-9
 """Tuning aims at this part of each limit, so that round-off at a peak does not break the limit that was given."""
 
+LEAST_LIMIT = 1e-100
+"""Limits are taken for no less: the square of a smaller one vanishes, and tells no way to go."""
+
 METHODS = ("sqp", "lbfgs")
 
 
@@ -128,7 +131,7 @@ def _posed(
 
     def one(start: Any, end: Any, limits: Any, duration: Any, turn: Any, placement: Any, bounds: Any) -> Task:
         problem = pose(start, end, objective, motion, duration, turns, placement, turn, weights)
-        aims = jax.tree.map(lambda x: AIM * x.astype(problem.speed.dtype), limits)
+        aims = jax.tree.map(lambda x: jnp.maximum(AIM * x.astype(problem.speed.dtype), LEAST_LIMIT), limits)
         low, high = box(problem, fixed, bounds)
         return Task(problem, aims, low, high, jnp.ones_like(problem.speed))
 
