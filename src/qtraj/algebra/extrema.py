@@ -24,8 +24,8 @@ def least(p: Bernstein) -> Enclosure:
 
     front = jax.lax.while_loop(
         lambda front: front.undecided,
-        lambda front: judged(lambda p, low, high: p.on(low, high), p, front, above),
-        undivided(lambda p, low, high: p.on(low, high), p),
+        lambda front: judged(Bernstein.on, p, front, above),
+        undivided(Bernstein.on, p),
     )
     return Enclosure(jnp.minimum(front.floor_of_all, front.high), front.high, front.at)
 

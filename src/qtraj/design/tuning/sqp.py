@@ -110,7 +110,7 @@ def step(task: Task, s: State) -> State:
     return ended._replace(trust=trust, steps=s.steps + 1, done=settled | (trust < LEAST_TRUST), settled=settled)
 
 
-class _Trial(NamedTuple):
+class _Judgement(NamedTuple):
     """What a step brought: whether it is taken, whether as good as promised, whether there was nothing to win."""
 
     taken: Flag
@@ -131,7 +131,7 @@ def _arrived(task: Task, s: State, model: Model, move: Move) -> State:
     )
 
 
-def _judged(task: Task, s: State, there: State, move: Move) -> _Trial:
+def _judged(task: Task, s: State, there: State, move: Move) -> _Judgement:
     before = task.weight * s.cost + s.penalty * s.excess
     gained = before - task.weight * there.cost - s.penalty * there.excess
     rounding = 10 * jnp.finfo(before.dtype).eps * (jnp.abs(before) + s.penalty)
@@ -139,7 +139,7 @@ def _judged(task: Task, s: State, there: State, move: Move) -> _Trial:
     enough, good = (gained >= part * move.promise - rounding for part in (ENOUGH, GOOD))
     # A program solved badly may still lead downhill, but only one solved well can tell that this is the end.
     taken = enough & ((move.promise > rounding) | flat)
-    return _Trial(taken, good, flat)
+    return _Judgement(taken, good, flat)
 
 
 def _model(task: Task, s: State) -> Model:
@@ -148,12 +148,12 @@ def _model(task: Task, s: State) -> Model:
     return Model(s.cost, jax.jacfwd(cost)(s.z), jax.jacfwd(jax.jacfwd(cost))(s.z), rows, hessians)
 
 
-def _trust(s: State, move: Move, trial: _Trial) -> Scalar:
+def _trust(s: State, move: Move, judged: _Judgement) -> Scalar:
     """The next trust: wider after a step as good as promised, narrower than one refused."""
     size = jnp.max(jnp.abs(move.d))
     wide = jnp.maximum(s.trust, jnp.minimum(WIDER * size, LARGEST_TRUST))
     narrow = NARROWER * jnp.clip(size, 0.1 * s.trust, s.trust)
-    return jnp.where(trial.taken, jnp.where(trial.good, wide, s.trust), narrow)
+    return jnp.where(judged.taken, jnp.where(judged.good, wide, s.trust), narrow)
 
 
 def _punished(task: Task, s: State, move: Move, taken: Flag, still: Flag) -> State:

@@ -40,7 +40,7 @@ class Move(NamedTuple):
     multipliers: Float[Array, " m"]
     allowed: Scalar
     promise: Scalar
-    solved: Flag
+    solved: Flag  # or else rounding spoilt a program, and the step may not be the best one
     residual: Scalar  # of the stationarity that the multipliers leave, over the penalty
 
 
