@@ -26,6 +26,9 @@ UNITS = {
 }
 """The unit of each limit; their order here is the order everywhere."""
 
+PER_TIME = {name: unit.count("/s") + unit.count("/s²") for name, unit in UNITS.items()}
+"""The power of 1/s in each unit: a path run through in half the time has 2 to this power times the magnitude."""
+
 CELLS = 1025
 """Cells of time in which peaks are sought."""
 

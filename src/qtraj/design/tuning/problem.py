@@ -66,12 +66,18 @@ class Problem(eqx.Module):
 
     def path(self, z: Variables) -> SpiralHelix:
         """The path of these variables."""
-        duration = self.duration if self.holds_duration else self.duration * jnp.exp(z[-1])
+        duration = self.time(z)
+        return self._between(*self._velocities(z, duration), duration)
+
+    def unit_path(self, z: Variables) -> SpiralHelix:
+        """The same path run through in a unit of time: its derivatives are those in the fraction of the duration."""
+        duration = self.time(z)
         va, vb = self._velocities(z, duration)
-        a = dataclasses.replace(self.start, velocity=va)
-        b = dataclasses.replace(self.end, velocity=vb)
-        radius, angle, height = polynomials(a, b, self.turn, duration, uniform=self.motion == "uniform")
-        return SpiralHelix(radius, angle, height, duration, self.placement)
+        return self._between(va * duration, vb * duration, jnp.ones_like(duration))
+
+    def time(self, z: Variables) -> Scalar:
+        """The duration [s] of the path of these variables."""
+        return self.duration if self.holds_duration else self.duration * jnp.exp(z[-1])
 
     def without_objective(self) -> "Problem":
         """The same variables and path, with an objective that is cheap and smooth."""
@@ -101,6 +107,12 @@ class Problem(eqx.Module):
         va = jnp.stack([a[0] + v * z[0], rate * self.start.radius, a[2] + v * z[1]])
         vb = jnp.stack([b[0] + v * z[2], rate * self.end.radius, b[2] + v * z[3]])
         return va, vb
+
+    def _between(self, va: Vec3, vb: Vec3, duration: Scalar) -> SpiralHelix:
+        a = dataclasses.replace(self.start, velocity=va)
+        b = dataclasses.replace(self.end, velocity=vb)
+        radius, angle, height = polynomials(a, b, self.turn, duration, uniform=self.motion == "uniform")
+        return SpiralHelix(radius, angle, height, duration, self.placement)
 
     def _distance(self, z: Variables, path: SpiralHelix) -> Scalar:
         va, vb = self._velocities(z, path.duration)

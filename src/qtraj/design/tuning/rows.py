@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from qtraj.design.limits import Limits
-from qtraj.design.magnitudes import squared
+from qtraj.design.magnitudes import PER_TIME, squared
 from qtraj.design.peaks import climb
 from qtraj.design.tuning.problem import Problem, Variables
 from qtraj.foundation.types import Scalar
@@ -107,32 +107,28 @@ def rows_at(problem: Problem, limits: Limits, z: Variables, peaks: Peaks) -> tup
 
 def excess(problem: Problem, z: Variables, u: Scalar, name: str, limit: Scalar) -> Scalar:
     """g = ½((value/limit)² − 1) at the fraction `u` of the duration."""
-    path = problem.path(z)
-    return 0.5 * (squared(path, u * path.duration, name) / limit**2 - 1.0)
-
-
-def _excesses(problem: Problem, name: str, limit: Scalar) -> Callable[[Variables, Array], Array]:
-    """g of many times at once, so that a derivative in z passes through the path once for all of them."""
-    return lambda z, times: jax.vmap(lambda u: excess(problem, z, u, name, limit))(times)
+    return 0.5 * (_at_path(problem, z, name, limit)(u) - 1.0)
 
 
 def _highest(
     problem: Problem, z: Variables, name: str, limit: Scalar, peaks: Peaks
 ) -> tuple[Rows, Float[Array, "k n n"]]:
     """The rows of one limit's peaks and ends, and their Hessians."""
-    g = _excesses(problem, name, limit)
     u, present, moves = peaks
 
-    def both(z: Variables) -> tuple[Float[Array, "2 k"], Float[Array, "2 k"]]:
-        pair = jnp.stack(jax.jvp(lambda u: g(z, u), (u,), (jnp.ones_like(u),)))  # g and ∂g/∂u
-        return pair, pair
+    def g(z: Variables, u: Scalar) -> Scalar:
+        return excess(problem, z, u, name, limit)
 
-    def first(z: Variables) -> tuple[Float[Array, "k n"], tuple[Float[Array, "2 k n"], Float[Array, "2 k"]]]:
-        slopes, pair = jax.jacfwd(both, has_aux=True)(z)
-        return slopes[0], (slopes, pair)
+    def at(u: Scalar) -> tuple[Array, ...]:
+        def pair(u: Scalar) -> tuple[Scalar, Variables]:
+            return jax.value_and_grad(g)(z, u)
 
-    hessian, ((slope, mixed), (value, _)) = jax.jacfwd(first, has_aux=True)(z)
-    bend = jax.jvp(lambda u: jax.jvp(lambda u: g(z, u), (u,), (jnp.ones_like(u),))[1], (u,), (jnp.ones_like(u),))[1]
+        one = jnp.ones_like(u)
+        (value, slope), (_, mixed) = jax.jvp(pair, (u,), (one,))
+        bend = jax.jvp(lambda u: jax.jvp(lambda u: g(z, u), (u,), (one,))[1], (u,), (one,))[1]
+        return value, slope, mixed, bend, jax.hessian(g)(z, u)
+
+    value, slope, mixed, bend, hessian = jax.vmap(at)(u)
     bends = moves & (bend < 0)
     moving = jnp.where(bends, 1 / jnp.where(bends, bend, 1.0), 0.0)
     curvature = hessian - moving[:, None, None] * mixed[:, :, None] * mixed[:, None, :]
@@ -144,8 +140,7 @@ def _highest(
 
 def _fixed(problem: Problem, z: Variables, name: str, limit: Scalar, times: Float[Array, " r"]) -> Rows:
     """The rows of one limit at fixed times."""
-    g = _excesses(problem, name, limit)
-    value, slope = g(z, times), jax.jacfwd(g)(z, times)
+    value, slope = jax.vmap(jax.value_and_grad(lambda z, u: excess(problem, z, u, name, limit)), (None, 0))(z, times)
     sound = jnp.isfinite(value) & jnp.all(jnp.isfinite(slope), 1)
     return Rows(jnp.where(sound, value, ABSENT), _keep(slope, sound[:, None]), times, jnp.zeros(times.shape, bool))
 
@@ -155,9 +150,10 @@ def _keep(x: Array, keep: Array) -> Array:
 
 
 def _at_path(problem: Problem, z: Variables, name: str, limit: Scalar) -> Callable[[Scalar], Scalar]:
-    """(value/limit)² of the path of `z`."""
-    path = problem.path(z)
-    return lambda u: squared(path, u * path.duration, name) / limit**2
+    """(value/limit)² of the path of `z`, in unit time: simpler to differentiate, and the limit is scaled instead."""
+    path = problem.unit_path(z)
+    scaled = limit * problem.time(z) ** PER_TIME[name]
+    return lambda u: squared(path, u, name) / scaled**2
 
 
 def _peaks(
@@ -196,10 +192,10 @@ def _repeated(times: Float[Array, " k"], present: Bool[Array, " k"]) -> Bool[Arr
 
 def _slowest(problem: Problem, z: Variables) -> Scalar:
     """Where the speed is least: the lowest of its inner local minima over the nodes, polished."""
-    path = problem.path(z)
+    path = problem.unit_path(z)
 
     def slowness(u: Scalar) -> Scalar:
-        return -squared(path, u * path.duration, "speed")
+        return -squared(path, u, "speed")
 
     nodes = jnp.linspace(0.0, 1.0, NODES, dtype=z.dtype)
     picked, _ = _highest_nodes(jax.vmap(slowness)(nodes), nodes, 1)
