@@ -59,6 +59,7 @@ def single():
         "attitude": qt.Attitude(jnp.ones(4) / 2, jnp.ones(3) / 3, jnp.ones(3) / 7),
         "closed": qt.Solution(INSTANTS, quaternion, rate, 0, rate / 3, quaternion / 5, INSTANTS / 3),
         "open": qt.Solution(INSTANTS, quaternion, rate, 1, axes="inertial"),
+        "closed form": qt.control.ClosedMotion(INSTANTS, quaternion / 5, quaternion, INSTANTS / 3),
         "propagation": qt.Propagation(*map(jnp.asarray, (INSTANTS, quaternion, 1e-13, 7)), REACHED),
         "track": track,
         "residual": compare(path, track),
@@ -68,7 +69,7 @@ def single():
 def many():
     one = single()
     tuned = repeated(one["tuned"])
-    different = {name: uneven(one[name]) for name in ("path", "attitude", "closed")}
+    different = {name: uneven(one[name]) for name in ("path", "attitude", "closed", "closed form")}
     positions = jnp.arange(18.0).reshape(2, 3, 3) / 7  # paths, instants, components
     each = jnp.asarray(np.stack([INSTANTS, INSTANTS / 2]))
     return {
@@ -145,6 +146,9 @@ def test_numbers_stand_where_their_labels_say(results):
     assert closed["quaternion"].dims == ("lane", "sample", "component")
     assert closed["time"].dims == ("lane", "sample")
     assert closed["command"].attrs["units"] == "rad s-2"
+    for word in ("quaternion", "error", "angle"):  # the closed form is named as the loop that it is compared with
+        xarray.testing.assert_identical(data["closed form"][word], data["closed"][word])
+    assert data["closed forms"]["error"].dims == ("lane", "sample", "component")
     assert data["open"].attrs["frame"] == "inertial"
     assert data["open"]["result"].item() == results["open"].result
     assert data["closed"]["error"].sel(time=0.1, component="y").item() == 6 / 3 / 5
@@ -271,9 +275,10 @@ def test_traced_results_and_a_missing_xarray_are_told(monkeypatch):
 
 def test_what_the_calls_give_back_are_results():
     named = {getattr(qt, name) for name in qt.__all__}
+    named |= {getattr(qt.control, name) for name in qt.control.__all__}
     classes = {thing for thing in named if isinstance(thing, type) and issubclass(thing, AbstractResult)}
     wanted = {qt.Tuned, qt.Certificate, qt.Table, qt.Solution, qt.Propagation, qt.Track, qt.Trihedral, qt.SpiralHelix}
-    assert classes == wanted | {qt.Attitude, qt.Residual}
+    assert classes == wanted | {qt.Attitude, qt.Residual, qt.control.ClosedMotion}
 
 
 def test_plain_arrays_are_labelled():

@@ -14,6 +14,7 @@ HOMES = (
     "qtraj.design.proof.certificate",
     "qtraj.design.tuning.outcome",
     "qtraj.motion.control.baselines",
+    "qtraj.motion.control.closed_form",
     "qtraj.motion.control.laws",
     "qtraj.motion.profiles.profile",
     "qtraj.motion.profiles.s_curve",

@@ -90,6 +90,39 @@ def test_the_closed_motion_of_a_rate_law_needs_no_rate():
     np.testing.assert_allclose(motion.quaternion, np.eye(4)[0] + decay * (np.asarray(MU) - np.eye(4)[0]), atol=EXACT)
 
 
+@pytest.fixture(scope="module")
+def closed():
+    """The closed form of one loop, and of several in lanes."""
+    times = jnp.linspace(0.0, 2.0, 4)
+    references = jax.vmap(ThreeAxis())(times)
+
+    def motion(quaternion):
+        return control.closed_motion(LAW, references, quaternion, jnp.zeros(4), times)
+
+    return motion(MU), jax.vmap(motion)(jnp.stack([MU, -MU, EXCESS[0] * MU]))
+
+
+@pytest.mark.parametrize("suffix", [".toml", ".json"])
+def test_closed_motions_are_stored_and_read_back(closed, suffix, tmp_path):
+    for motion in closed:
+        motion.save(tmp_path / f"motion{suffix}")
+        back = qt.load(tmp_path / f"motion{suffix}")
+        assert jax.tree.structure(back) == jax.tree.structure(motion)
+        for a, b in zip(jax.tree.leaves(back), jax.tree.leaves(motion), strict=True):
+            assert a.dtype == b.dtype == jnp.float64
+            np.testing.assert_array_equal(a, b)
+
+
+def test_closed_motions_are_labelled_data(closed):
+    one, lanes = closed
+    dataset = one.to_xarray()
+    np.testing.assert_array_equal(dataset["time"], one.times)
+    np.testing.assert_array_equal(dataset["error"].sel(component="y"), one.error[:, 2])
+    assert lanes.to_xarray()["angle"].dims == ("lane", "sample")
+    assert repr(one).startswith("ClosedMotion(4 instants, 0 … 2 s: angle to the program ")
+    assert repr(lanes).startswith("ClosedMotion(3 lanes, 4 instants, ")
+
+
 @pytest.mark.parametrize(("k1", "k2"), [(3.0, 2.0), (0.4, 9.0), (-0.4, 9.0), (1.0, -6.0)])
 def test_growth_is_the_larger_root(k1, k2):
     expected = np.roots([1.0, k1, k2]).real.max()

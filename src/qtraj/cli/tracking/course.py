@@ -8,8 +8,8 @@ import numpy as np
 from qtraj.cli.tracking.job import Job
 from qtraj.cli.turning.course import program_attitudes
 from qtraj.motion.attitude import Attitude
+from qtraj.motion.control.closed_form import ClosedMotion, closed_motion
 from qtraj.motion.control.laws import AccelerationLaw, RateLaw
-from qtraj.motion.control.response import ClosedMotion, closed_motion
 from qtraj.motion.simulation.simulate import simulate
 from qtraj.motion.simulation.solution import Solution
 

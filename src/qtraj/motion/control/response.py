@@ -15,9 +15,8 @@ from jax.scipy.linalg import expm
 from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import as_float, real_vector
-from qtraj.foundation.types import ArrayInput, Mat4, Quat, Scalar, ScalarLike
-from qtraj.motion.attitude import Attitude
-from qtraj.motion.control.errors import error_angle, error_quaternion, error_rate, state_from_error, target
+from qtraj.foundation.types import ArrayInput, Mat4, Quat, ScalarLike
+from qtraj.motion.control.errors import target
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
 
 _COSINE = [1 / math.factorial(2 * k) for k in range(10)]
@@ -65,36 +64,6 @@ def error_state(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None
     else:
         x, v = _coupled(_matrix(k1), _matrix(k2), x, v, t)
     return goal + x, v
-
-
-class ClosedMotion(eqx.Module):
-    """A closed loop in closed form: the law's `error` (n, 4), λ as `quaternion` (n, 4), and the `angle` (n,) [rad]
-    between body and program, 0 … π."""
-
-    error: Float[Array, "n 4"]
-    quaternion: Float[Array, "n 4"]
-    angle: Float[Array, " n"]
-
-
-@eqx.filter_jit
-def closed_motion(
-    law: AccelerationLaw | RateLaw, references: Attitude, quaternion: Quat, rate: Quat, times: Float[Array, " n"]
-) -> ClosedMotion:
-    """The motion over a program if nothing disturbs it, at `times` (n,) [s].
-
-    `references`: the program at these times, its fields (n, …). At the first of them the body has `quaternion` (4,)
-    and the body rate `rate` (4,) [rad/s]; a rate law needs no rate.
-    """
-    kind = law.error if isinstance(law, AccelerationLaw) else "body"
-    first = jax.tree.map(lambda x: x[0], references)
-    error, slope = error_quaternion(first, quaternion, kind), error_rate(first, quaternion, rate, kind)
-
-    def at(reference: Attitude, t: Scalar) -> tuple[Quat, Quat, Scalar]:
-        x, v = error_state(law, error, slope, t - times[0])
-        reached, _ = state_from_error(reference, x, v, kind)
-        return x, reached, error_angle(reference, reached)
-
-    return ClosedMotion(*jax.vmap(at)(references, times))
 
 
 def growth(law: AbstractLaw) -> float:
