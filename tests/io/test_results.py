@@ -60,6 +60,7 @@ def single():
         "closed": qt.Solution(INSTANTS, quaternion, rate, 0, rate / 3, quaternion / 5, INSTANTS / 3),
         "open": qt.Solution(INSTANTS, quaternion, rate, 1, axes="inertial"),
         "closed form": qt.control.ClosedMotion(INSTANTS, quaternion / 5, quaternion, INSTANTS / 3),
+        "friction": qt.dynamics.FrictionDemand(jnp.asarray(1 / 3), jnp.asarray(0.5)),
         "propagation": qt.Propagation(*map(jnp.asarray, (INSTANTS, quaternion, 1e-13, 7)), REACHED),
         "track": track,
         "residual": compare(path, track),
@@ -79,6 +80,9 @@ def many():
         "certificates": tuned.certificate,
         "certificates of two lanes": repeated(tuned.certificate, 2),
         "trihedrals": repeated(one["trihedral"]),
+        "frictions, one in flight": jax.vmap(qt.dynamics.FrictionDemand)(
+            jnp.array([1 / 3, np.inf]), jnp.array([0.5, np.inf])
+        ),
         "tables": qt.Table(each, positions, batched=True),
         "tables, components first": qt.Table(
             jnp.asarray(INSTANTS), jnp.moveaxis(positions, 2, 0), batched=True, components="first"
@@ -157,6 +161,9 @@ def test_numbers_stand_where_their_labels_say(results):
     assert data["reduced"]["speed_time"].attrs["units"] == "s"
     assert data["trihedral"]["dcm"].sel(body="normal", world="y").item() == 1.0
     assert data["track"]["time"].values[0] == 7.0
+    assert data["friction"]["side"].item() == 1 / 3
+    assert data["frictions, one in flight"]["total"].dims == ("lane",)
+    assert data["frictions, one in flight"]["total"].values.tolist() == [0.5, np.inf]
     assert "residual_horizontal_rms" in data["fitted"]
     assert data["propagations"]["result"].shape == (LANES,)
 
@@ -208,6 +215,8 @@ def test_every_result_says_in_a_line_what_it_is(results):
     assert "2 × 3 paths" in repr(results["certificates of two lanes"])
     assert repr(results["open"]).startswith("Solution(3 instants, 0 … 0.333333 s: stopped")
     assert "turn 45.8366°" in repr(results["path"])
+    assert repr(results["friction"]) == "FrictionDemand(side 0.333333, total 0.5)"
+    assert "partly the road would have to pull" in repr(results["frictions, one in flight"])
 
 
 def test_a_result_that_is_not_whole_still_shows_itself(results):
@@ -275,10 +284,10 @@ def test_traced_results_and_a_missing_xarray_are_told(monkeypatch):
 
 def test_what_the_calls_give_back_are_results():
     named = {getattr(qt, name) for name in qt.__all__}
-    named |= {getattr(qt.control, name) for name in qt.control.__all__}
+    named |= {getattr(qt.control, name) for name in qt.control.__all__} | {qt.dynamics.FrictionDemand}
     classes = {thing for thing in named if isinstance(thing, type) and issubclass(thing, AbstractResult)}
     wanted = {qt.Tuned, qt.Certificate, qt.Table, qt.Solution, qt.Propagation, qt.Track, qt.Trihedral, qt.SpiralHelix}
-    assert classes == wanted | {qt.Attitude, qt.Residual, qt.control.ClosedMotion}
+    assert classes == wanted | {qt.Attitude, qt.Residual, qt.control.ClosedMotion, qt.dynamics.FrictionDemand}
 
 
 def test_plain_arrays_are_labelled():

@@ -131,6 +131,18 @@ def test_a_vehicle_that_would_fly_has_infinite_demand_and_finite_derivatives():
     assert np.isfinite(jax.grad(side)(20.0))
 
 
+def test_the_demand_over_a_path_is_labelled_data(ramp):
+    times = jnp.linspace(0.5, 4.5, 5)
+    demand = jax.vmap(lambda t: dynamics.friction_demand(ramp, t, MASS, G))(times)
+    dataset = demand.to_xarray()
+    for name in ("side", "total"):
+        assert dataset[name].dims == ("lane",)
+        assert dataset[name].attrs["units"] == "1"
+        assert dataset[name].dtype == np.float64
+        np.testing.assert_array_equal(dataset[name], getattr(demand, name))
+    assert repr(demand).startswith("FrictionDemand(5 lanes, side ")
+
+
 def test_wrong_masses_and_gravities_are_refused(circle):
     with pytest.raises(ValueError, match="mass must be positive"):
         dynamics.forces(circle, 0.0, 0.0, G)

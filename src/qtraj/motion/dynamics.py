@@ -4,19 +4,24 @@ Inertias are a scalar J for a spherical body (paper C, remark 2), (3,) principal
 axes [kg m²]. Gravity is the vector g⃗ (3,) [m/s²] in world axes, or a number g for (0, 0, −g).
 """
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_float, concrete, real_vector, require_finite, require_positive
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Mat3, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import Attitude
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.quantities import framed
 from qtraj.path.trihedral import AbstractFrame, Natural, Upright
 
 SYMMETRY = 1e-6
 """An inertia may be asymmetric by this part of its largest entry: rounding of a file, no more."""
+
+PULLING = "infinite where the road would have to pull"
+"""What a demand of friction says where nothing presses on the road."""
 
 
 def torque(attitude: Attitude, inertia: ArrayInput) -> Vec3:
@@ -91,14 +96,26 @@ def power(path: AbstractHodograph, t: ScalarLike, mass: ArrayInput, gravity: Arr
     return _world_force(r[2], mass, gravity) @ r[1]
 
 
-class FrictionDemand(eqx.Module):
-    """Horizontal over normal force at the road; infinite where the road would have to pull.
+class FrictionDemand(AbstractResult):
+    """Horizontal over normal force at the road, at one instant; infinite where the road would have to pull.
 
     `side`: |F_side|/F_normal. `total`: √(F_τ² + F_side²)/F_normal, to be compared with the coefficient of friction.
+    Which frame the road lies in is not kept, as in a `Trihedral`.
     """
 
     side: Scalar
     total: Scalar
+
+    def record(self) -> Record:
+        """The two numbers; of many instants or paths, as under `jax.vmap`, lanes in front."""
+        variables = {
+            "side": Quantity(self.side, "1", f"side force over normal force; {PULLING}"),
+            "total": Quantity(self.total, "1", f"tangential and side force together over normal force; {PULLING}"),
+        }
+        pulled = np.isinf(np.asarray(self.total))
+        flies = "" if not pulled.any() else f", {'' if pulled.all() else 'partly '}the road would have to pull"
+        summary = f"{in_lanes(self.total.shape)}side {extent(self.side)}, total {extent(self.total)}{flies}"
+        return Record(summary, variables, attributes=framed("trihedral"))
 
 
 def friction_demand(
