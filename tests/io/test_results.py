@@ -53,6 +53,7 @@ def single():
         "path": path,
         "fitted": qt.SpiralHelix([10.0], [0.0, 0.4], [0.0], 2.0, residual=compare(path, track)),
         "certificate": certificate,
+        "state": qt.BoundaryState([10.0, 0, 1 / 7], [1.0, 4.0, 1 / 3], [0.0, -1.6, 1 / 7]),
         "tuned": qt.Tuned(path, *ends, 1 / 3, certificate, 0, 7, "try less"),
         "table": qt.Table(jnp.asarray(INSTANTS), quaternion=jnp.asarray(quaternion), speed=jnp.asarray(INSTANTS)),
         "trihedral": qt.Trihedral(*vectors, *vectors[0] / 3, *vectors[:2] / 7, jnp.asarray(True)),
@@ -70,7 +71,7 @@ def single():
 def many():
     one = single()
     tuned = repeated(one["tuned"])
-    different = {name: uneven(one[name]) for name in ("path", "attitude", "closed", "closed form")}
+    different = {name: uneven(one[name]) for name in ("path", "state", "attitude", "closed", "closed form")}
     positions = jnp.arange(18.0).reshape(2, 3, 3) / 7  # paths, instants, components
     each = jnp.asarray(np.stack([INSTANTS, INSTANTS / 2]))
     return {
@@ -161,6 +162,9 @@ def test_numbers_stand_where_their_labels_say(results):
     assert data["reduced"]["speed_time"].attrs["units"] == "s"
     assert data["trihedral"]["dcm"].sel(body="normal", world="y").item() == 1.0
     assert data["track"]["time"].values[0] == 7.0
+    assert data["state"]["acceleration"].sel(world="z").item() == 1 / 7
+    assert data["states"]["position"].dims == ("lane", "world")
+    assert "acceleration" not in results["tuned"].start.to_xarray()
     assert data["friction"]["side"].item() == 1 / 3
     assert data["frictions, one in flight"]["total"].dims == ("lane",)
     assert data["frictions, one in flight"]["total"].values.tolist() == [0.5, np.inf]
@@ -215,6 +219,7 @@ def test_every_result_says_in_a_line_what_it_is(results):
     assert "2 × 3 paths" in repr(results["certificates of two lanes"])
     assert repr(results["open"]).startswith("Solution(3 instants, 0 … 0.333333 s: stopped")
     assert "turn 45.8366°" in repr(results["path"])
+    assert repr(results["state"]) == "BoundaryState(position (10, 0, 0.142857) m, |velocity| 4.13656 m/s)"
     assert repr(results["friction"]) == "FrictionDemand(side 0.333333, total 0.5)"
     assert "partly the road would have to pull" in repr(results["frictions, one in flight"])
 
@@ -287,7 +292,8 @@ def test_what_the_calls_give_back_are_results():
     named |= {getattr(qt.control, name) for name in qt.control.__all__} | {qt.dynamics.FrictionDemand}
     classes = {thing for thing in named if isinstance(thing, type) and issubclass(thing, AbstractResult)}
     wanted = {qt.Tuned, qt.Certificate, qt.Table, qt.Solution, qt.Propagation, qt.Track, qt.Trihedral, qt.SpiralHelix}
-    assert classes == wanted | {qt.Attitude, qt.Residual, qt.control.ClosedMotion, qt.dynamics.FrictionDemand}
+    wanted |= {qt.Attitude, qt.BoundaryState, qt.Residual, qt.control.ClosedMotion, qt.dynamics.FrictionDemand}
+    assert classes == wanted
 
 
 def test_plain_arrays_are_labelled():

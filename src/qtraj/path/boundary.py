@@ -2,17 +2,22 @@
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from qtraj.algebra.vector import norm, unit
 from qtraj.foundation.arrays import real_vector, warn_if_coarse
 from qtraj.foundation.document import storable
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import AbstractResult, extent, in_lanes, vector_text
 from qtraj.foundation.types import ArrayInput, Scalar, Vec3
 from qtraj.path.placement import Placement
 
 
 @storable
-class BoundaryState(eqx.Module):
+class BoundaryState(AbstractResult):
     """Position [m], velocity [m/s] and, where it is known, acceleration [m/s²], (3,) each, in world axes.
+
+    It is given to the boundary problems, and found by `path.state(t)` and `tune`.
 
     **Raises:** ValueError for wrong shapes or values that are not finite.
     """
@@ -28,6 +33,19 @@ class BoundaryState(eqx.Module):
             None if acceleration is None else real_vector(acceleration, "the acceleration of a boundary state", 3)
         )
         warn_if_coarse(self.position, "the position of a boundary state")
+
+    def record(self) -> Record:
+        """The fields that are known; of many states, lanes in front."""
+        columns = {
+            "position": Quantity(self.position, "m", "position, world axes", ("world",)),
+            "velocity": Quantity(self.velocity, "m s-1", "velocity, world axes", ("world",)),
+            "acceleration": Quantity(self.acceleration, "m s-2", "acceleration, world axes", ("world",)),
+        }
+        variables = {name: q for name, q in columns.items() if q.values is not None}
+        speed = extent(np.linalg.norm(np.asarray(self.velocity), axis=-1), "m/s")
+        first = "" if self.position.ndim > 1 else f"position {vector_text(self.position)} m, "
+        summary = f"{in_lanes(self.position.shape[:-1])}{first}|velocity| {speed}"
+        return Record(summary, variables, attributes={"frame": "world"})
 
 
 class Cylindrical(eqx.Module):
