@@ -61,8 +61,8 @@ def take(problems: Problem, k: int) -> Problem:
     return jax.tree.map(lambda x: x[k], problems)
 
 
-def solve(problem: Problem, limit: float, start: np.ndarray, added: np.ndarray | None = None) -> Solved:
-    """One run of SLSQP from one start."""
+def minimised(problem: Problem, limit: float, start: np.ndarray, added: np.ndarray | None = None) -> np.ndarray:
+    """Where one run of SLSQP from one start ends."""
     added = np.zeros(ADDED) if added is None else added
 
     @lru_cache(maxsize=1)
@@ -77,8 +77,18 @@ def solve(problem: Problem, limit: float, start: np.ndarray, added: np.ndarray |
         method="SLSQP",
         options=OPTIONS,
     )
-    z = np.where(np.isfinite(found.x), found.x, start)
-    return Solved(z, float(at(tuple(z))[0]), float(summits(problem, limit, z)[1]))
+    return np.where(np.isfinite(found.x), found.x, start)
+
+
+def solve(problem: Problem, limit: float, start: np.ndarray, added: np.ndarray | None = None) -> Solved:
+    """One run, and what came of it."""
+    return outcome(problem, limit, minimised(problem, limit, start, added))
+
+
+def outcome(problem: Problem, limit: float, z: np.ndarray) -> Solved:
+    """What variables are worth, checked at many instants."""
+    cost = functions(problem, limit, np.zeros(ADDED), z)[0]
+    return Solved(z, float(cost), float(summits(problem, limit, z)[1]))
 
 
 def exchanged(problem: Problem, limit: float, found: Solved) -> Solved:

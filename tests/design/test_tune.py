@@ -174,15 +174,28 @@ def test_limits_that_quarrel_are_told_apart_from_impossible_ones():
     assert "longer duration" in best.result
 
 
+FAR_APART = (
+    qt.BoundaryState([10.0, 0.0, 0.0], [0.0, 5.0, 1.0]),
+    qt.BoundaryState([0.0, 12.0, 2.0], [-6.0, 0.0, 1.0]),
+)
+
+
 @pytest.mark.parametrize("limit", [1e-3, 1e-6, 1e-300])
 def test_a_limit_far_out_of_reach_is_infeasible_not_a_runaway(limit):
-    start = qt.BoundaryState([10.0, 0.0, 0.0], [0.0, 5.0, 1.0])
-    end = qt.BoundaryState([0.0, 12.0, 2.0], [-6.0, 0.0, 1.0])
-    best = qt.tune(start, end, qt.Limits(curvature=limit))
+    best = qt.tune(*FAR_APART, qt.Limits(curvature=limit))
     assert best.status == "infeasible", best.result
     assert np.all(np.isfinite(best.path.radius))
     assert "raise curvature to 0." in best.result
-    assert ("as far as the search goes" in best.result) == (limit == 1e-3)
+
+
+def test_a_search_that_ends_as_far_as_it_goes_says_so():
+    """So low a curvature takes a loop far out; a bound of the user's own is no wall."""
+    best = qt.tune(*FAR_APART, qt.Limits(curvature=0.01))
+    assert best.status == "converged", best.result
+    assert "duration went as far as the search goes" in best.result
+    near = qt.tune(*FAR_APART, qt.Limits(curvature=0.06))
+    assert near.status == "converged", near.result
+    assert "as far as the search goes" not in near.result
 
 
 def test_a_known_turn_is_kept_against_the_sense_of_the_start():

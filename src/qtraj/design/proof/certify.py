@@ -1,11 +1,12 @@
 """Limits judged on the whole path: proved where they are polynomial inequalities, sampled where not."""
 
-from collections.abc import Callable
+import math
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from qtraj.algebra.positivity import NEGATIVE, POSITIVE, positive
@@ -14,6 +15,7 @@ from qtraj.design.magnitudes import magnitude, moving_derivatives, peak
 from qtraj.design.peaks import largest, summit
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate
 from qtraj.design.proof.inequalities import FORMS, HIGHEST_DEGREE, divisor, parts, slack
+from qtraj.foundation import blocks
 from qtraj.foundation.types import Flag, Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.invariants import existence
@@ -31,6 +33,9 @@ SAMPLES = 1025
 
 TOGETHER = 64
 """Paths of a batch that are judged at once, few enough to stay in the cache."""
+
+Findings = tuple[Array, Array, Array]
+"""Codes, times [s] and values, with the limits behind the lanes."""
 
 
 def certify(path: AbstractHodograph, limits: Limits) -> Certificate:
@@ -56,16 +61,9 @@ def certify(path: AbstractHodograph, limits: Limits) -> Certificate:
     if not given:
         nothing = jnp.zeros((*path.duration.shape, 0), path.duration.dtype)
         return Certificate((), nothing, nothing, nothing, nothing)
-    needed = {FORMS[name].divisor for name in given}
-    gaps = {which: _over_lanes(_gap, (path,), which) for which in DIVISORS if which in needed}
-    limits_of = {name: jnp.broadcast_to(limit, path.duration.shape) for name, limit in given.items()}
-    found = [
-        _over_lanes(_finding, (path, gaps.get(FORMS[name].divisor or "none"), limit), name)
-        for name, limit in limits_of.items()
-    ]
-    bounds = jnp.stack([*limits_of.values()], axis=-1)
-    codes, times, values = (jnp.stack(column, axis=-1) for column in zip(*found, strict=True))
-    return Certificate(tuple(given), codes, times, values, bounds)
+    limits = jax.tree.map(lambda limit: jnp.broadcast_to(limit, path.duration.shape), limits)
+    codes, times, values = _over_lanes(path, limits)
+    return Certificate(tuple(given), codes, times, values, jnp.stack([*limits.given().values()], axis=-1))
 
 
 def require_float64(path: AbstractHodograph) -> None:
@@ -77,18 +75,52 @@ def require_float64(path: AbstractHodograph) -> None:
         )
 
 
-@eqx.filter_jit
-def _over_lanes(judge: Callable[..., Any], mapped: tuple[Any, ...], *shared: Any) -> Any:
-    """`judge`(*mapped, *shared), lane by lane where the path, the first of `mapped`, has lanes."""
-    lanes = mapped[0].duration.shape
+def _over_lanes(path: AbstractHodograph, limits: Limits) -> Findings:
+    """`_judged`, lane by lane where the path has lanes."""
+    lanes = path.duration.shape
     if not lanes:
-        return judge(*mapped, *shared)
-    arrays, static = eqx.partition(mapped, eqx.is_array)
-    if any(x.shape[: len(lanes)] != lanes for x in jax.tree.leaves(arrays)):
+        return _judged(path, limits)
+    arrays, static = eqx.partition((path, limits), eqx.is_array)
+    leaves = jax.tree.leaves(arrays)
+    if any(x.shape[: len(lanes)] != lanes for x in leaves):
         raise ValueError(f"a batch of paths has {lanes} in front of every array of it: stack the paths by jax.vmap")
     flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[len(lanes) :]), arrays)
-    found = jax.lax.map(lambda lane: judge(*eqx.combine(lane, static), *shared), flat, batch_size=TOGETHER)
+    if any(isinstance(x, jax.core.Tracer) or not _on_cpu(x) for x in leaves):
+        found = _judged_lanes(flat, static)
+    else:
+        found = _by_all_cores(flat, static, math.prod(lanes))
     return jax.tree.map(lambda x: x.reshape(*lanes, *x.shape[1:]), found)
+
+
+def _on_cpu(x: Array) -> bool:
+    return all(device.platform == "cpu" for device in x.devices())
+
+
+def _by_all_cores(flat: Any, static: Any, lanes: int) -> Findings:
+    given = jax.tree.map(np.asarray, flat)
+    parts = blocks.split(np.arange(lanes), TOGETHER)
+    calls = [(blocks.take(given, part, TOGETHER), static) for part in parts]
+    found: Any = None
+    for part, answers in zip(parts, blocks.each(_judged_lanes, calls), strict=True):
+        found = blocks.room(lanes, answers) if found is None else found
+        blocks.put(found, part, answers)
+    return jax.tree.map(jnp.asarray, found)
+
+
+@eqx.filter_jit
+def _judged_lanes(flat: Any, static: Any) -> Findings:
+    return jax.lax.map(lambda lane: _judged(*eqx.combine(lane, static)), flat, batch_size=TOGETHER)
+
+
+@eqx.filter_jit
+def _judged(path: AbstractHodograph, limits: Limits) -> Findings:
+    """Codes, times [s] and values of all limits of one path."""
+    given = limits.given()
+    needed = {FORMS[name].divisor for name in given}
+    gaps = {which: _gap(path, which) for which in DIVISORS if which in needed}
+    found = [_finding(path, gaps.get(FORMS[name].divisor or "none"), limit, name) for name, limit in given.items()]
+    codes, times, values = (jnp.stack(column) for column in zip(*found, strict=True))
+    return codes, times, values
 
 
 class _Gap(eqx.Module):

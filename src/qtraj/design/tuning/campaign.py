@@ -132,13 +132,15 @@ def _without_objective(tasks: Task) -> Task:
 
 def _rescue(tasks: Task, found: Found, most_steps: int, tell: Tell | None) -> Found:
     least = least_excess(tasks, found, most_steps, tell)
-    again = _found(lanes.search(tasks, least.z, most_steps, _counted(tell, "searches")))
-    met = again.excess <= FEASIBLE
-    steps = found.steps + least.steps + again.steps
+    can = np.flatnonzero(np.asarray(least.excess) <= FEASIBLE)
     # A path that meets the limits at the least excess, and that the objective then left, is not a solution.
-    least = least._replace(settled=least.settled & (least.excess > FEASIBLE))
-    chosen = jax.tree.map(lambda a, b: jnp.where(met.reshape(-1, *(1,) * (a.ndim - 1)), a, b), again, least)
-    return chosen._replace(steps=steps)
+    least = least._replace(settled=least.settled & (least.excess > FEASIBLE), steps=found.steps + least.steps)
+    if can.size == 0:
+        return least
+    again = _found(lanes.search(take(tasks, can), least.z[can], most_steps, _counted(tell, "searches")))
+    again = again._replace(steps=least.steps[can] + again.steps)
+    kept = np.flatnonzero(np.asarray(again.excess) <= FEASIBLE)
+    return jax.tree.map(lambda all_, some: all_.at[can[kept]].set(some[kept]), least, again)
 
 
 def _merit(states: State) -> Float[Array, " *lanes"]:
@@ -149,11 +151,14 @@ def _merit(states: State) -> Float[Array, " *lanes"]:
 
 
 def _found(states: State) -> Found:
+    states = jax.tree.map(jnp.asarray, states)
     return Found(states.z, states.multipliers, states.peaks.time, states.excess, states.settled, states.steps)
 
 
 def _repeat(tasks: Task, times: int) -> Task:
-    return jax.tree.map(lambda x: jnp.repeat(x, times, axis=0) if eqx.is_array(x) else x, tasks)
+    return (
+        tasks if times == 1 else jax.tree.map(lambda x: jnp.repeat(x, times, axis=0) if eqx.is_array(x) else x, tasks)
+    )
 
 
 def _scaled(limits: Limits, factor: Float[Array, " lanes"]) -> Limits:

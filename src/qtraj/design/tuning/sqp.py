@@ -33,6 +33,9 @@ FEASIBLE = 2e-9
 SMALL_STEP = 1e-8
 """A step of this size, in reference speeds and logarithms of time, ends the search."""
 
+NEAR, LEFT = 1e-2, 1e-11
+"""So does a step as good as promised of the first size, if what is expected to be left of the way has the second."""
+
 STATIONARY = 1e-6
 """Of the penalty: so little imbalance between the cost and the pull of the limits counts as none."""
 
@@ -52,6 +55,7 @@ class State(NamedTuple):
     steps: Int[Array, ""]
     done: Flag
     settled: Flag  # done at a stationary point
+    effort: Int[Array, ""]  # of the last step's programs
 
     @property
     def excess(self) -> Float[Array, "*lanes"]:
@@ -82,6 +86,7 @@ def begin(task: Task, z: Variables) -> State:
         steps=jnp.asarray(0),
         done=jnp.asarray(False),
         settled=jnp.asarray(False),
+        effort=jnp.asarray(0),
     )
 
 
@@ -102,12 +107,13 @@ def step(task: Task, s: State) -> State:
     ended = ended._replace(
         multipliers=jnp.where(flat, _hand_over(move.multipliers, model.rows.time, s.peaks), ended.multipliers)
     )
-    still = (trial.taken & (jnp.max(jnp.abs(move.d)) < SMALL_STEP)) | trial.flat
+    still = (trial.taken & _small(s, move, trial)) | trial.flat
     ended = _punished(task, ended, move, trial.taken, still)
     hopeless = (task.weight == 0) | (s.penalty >= HIGHEST_PENALTY)
     settled = still & ((ended.excess <= FEASIBLE) | hopeless)
     trust = _trust(s, move, trial)
-    return ended._replace(trust=trust, steps=s.steps + 1, done=settled | (trust < LEAST_TRUST), settled=settled)
+    done = settled | (trust < LEAST_TRUST)
+    return ended._replace(trust=trust, steps=s.steps + 1, done=done, settled=settled, effort=move.effort)
 
 
 class _Judgement(NamedTuple):
@@ -140,6 +146,13 @@ def _judged(task: Task, s: State, there: State, move: Move) -> _Judgement:
     # A program solved badly may still lead downhill, but only one solved well can tell that this is the end.
     taken = enough & ((move.promise > rounding) | flat)
     return _Judgement(taken, good, flat)
+
+
+def _small(s: State, move: Move, judged: _Judgement) -> Flag:
+    """Whether a step that is taken leads to where nothing is left to do."""
+    size = jnp.max(jnp.abs(move.d))
+    near = move.solved & judged.good & (size < jnp.minimum(NEAR, 0.5 * s.trust)) & (move.left < LEFT)
+    return (size < SMALL_STEP) | near
 
 
 def _model(task: Task, s: State) -> Model:

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from qtraj.design.tuning import quadratic
 from qtraj.design.tuning.problem import Variables
@@ -42,6 +42,8 @@ class Move(NamedTuple):
     promise: Scalar
     solved: Flag  # or else rounding spoilt a program, and the step may not be the best one
     residual: Scalar  # of the stationarity that the multipliers leave, over the penalty
+    left: Scalar  # how far it is from here to the solution, as the second program's correction lets expect
+    effort: Int[Array, ""]  # steps that the programs took
 
 
 class _Trial(NamedTuple):
@@ -50,6 +52,19 @@ class _Trial(NamedTuple):
     d: Variables
     values: Float[Array, " m"]
     pulls: Float[Array, "limits k"]
+
+
+class _Ended(NamedTuple):
+    """How one program ended: all of it in the problem's own units."""
+
+    d: Variables
+    multipliers: Float[Array, " m"]
+    allowed: Scalar
+    excess: Scalar  # the largest that the rows, taken for straight, have there
+    correction: Scalar  # the size of this program's own part of d
+    slopes: Float[Array, "m n"]  # of the rows, as the program had them
+    solved: Flag
+    steps: Int[Array, ""]
 
 
 def best_move(
@@ -61,28 +76,41 @@ def best_move(
     """
     bends = _of_rows(model.hessians, model.rows)
 
-    def correct(at: _Trial, last: Flag) -> tuple[_Trial, tuple[Array, ...]]:
+    def correct(at: _Trial, last: Flag) -> tuple[_Trial, _Ended]:
         near = _foretold(model, bends, at)
         program = _program(task, near, at.pulls, penalty)
-        e, allowed, found, solved = _solve(program, at.values, _box(task, z, at.d, trust), trust)
+        e, allowed, found, end = _solve(program, at.values, _box(task, z, at.d, trust), trust)
         d = at.d + e
         excess = jnp.maximum(jnp.max(at.values + near.rows.slope @ e), 0.0)
         there = jax.lax.cond(
             last, lambda: at.values, lambda: values_nearby(task.problem, task.limits, z + d, model.rows)
         )
         pulls = found.reshape(multipliers.shape[0], -1)[:, : multipliers.shape[1]]
-        return _Trial(d, there, pulls), (d, found, allowed, excess, solved, near.rows.slope)
+        ended = _Ended(d, found, allowed, excess, jnp.max(jnp.abs(e)), near.rows.slope, end.solved, end.steps)
+        return _Trial(d, there, pulls), ended
 
     start = _Trial(jnp.zeros_like(z), model.rows.value, multipliers)
-    _, found = jax.lax.scan(correct, start, jnp.asarray([False, True]))
-    solved = jnp.all(found[4])
-    d, found, allowed, excess, _, slopes = (x[-1] for x in found)
-    gained = penalty * (jnp.maximum(jnp.max(model.rows.value), 0.0) - excess)
-    cost = task.weight * (model.slope @ d + 0.5 * d @ model.curvature @ d)
-    balance = task.weight * (model.slope + model.curvature @ d) + found @ slopes
+    _, both = jax.lax.scan(correct, start, jnp.asarray([False, True]))
+    end = jax.tree.map(lambda x: x[-1], both)
+    gained = penalty * (jnp.maximum(jnp.max(model.rows.value), 0.0) - end.excess)
+    cost = task.weight * (model.slope @ end.d + 0.5 * end.d @ model.curvature @ end.d)
+    balance = task.weight * (model.slope + model.curvature @ end.d) + end.multipliers @ end.slopes
     inside = (z > task.low + AT_BOUND) & (z < task.high - AT_BOUND)
-    residual = jnp.max(jnp.abs(jnp.where(inside, balance, 0.0))) / jnp.maximum(penalty, 1.0)
-    return Move(d, found, allowed, gained - cost, solved, residual)
+    return Move(
+        d=end.d,
+        multipliers=end.multipliers,
+        allowed=end.allowed,
+        promise=gained - cost,
+        solved=jnp.all(both.solved),
+        residual=jnp.max(jnp.abs(jnp.where(inside, balance, 0.0))) / jnp.maximum(penalty, 1.0),
+        left=_left(jnp.max(jnp.abs(end.d)), end.correction),
+        effort=jnp.sum(both.steps),
+    )
+
+
+def _left(size: Scalar, correction: Scalar) -> Scalar:
+    """What is left of the way where corrections go on to shrink as they did from the first program to the second."""
+    return jnp.where(correction < size, correction**2 / jnp.where(size > 0, size, 1.0), size)
 
 
 def _of_rows(x: Float[Array, "limits k *rest"], rows: Rows) -> Float[Array, "m *rest"]:
@@ -134,8 +162,8 @@ def _centred(x: Array, active: Float[Array, " m"], elastic: Scalar) -> Array:
 
 def _solve(
     program: _Program, values: Float[Array, " m"], box: tuple[Variables, Variables], trust: Scalar
-) -> tuple[Variables, Scalar, Float[Array, " m"], Flag]:
-    """The step, the excess it allows, the multipliers of the rows, and whether the program was solved."""
+) -> tuple[Variables, Scalar, Float[Array, " m"], quadratic.Solution]:
+    """The step, the excess it allows, the multipliers of the rows, and the scaled solution they are from."""
     # Against the present excess, in units of the trust, and of the penalty where that is large: numbers near one.
     present = jnp.maximum(jnp.max(values), 0.0)
     below = values - present
@@ -145,7 +173,7 @@ def _solve(
     offset = _centred(below, program.active, program.elastic)
     slope = program.slope + program.squared * (offset @ slopes)
     hessian = program.hessian * (length / force)
-    d, t, multipliers, solved = quadratic.minimise(
+    scaled = quadratic.minimise(
         quadratic.Program(
             hessian=hessian,
             slope=slope / force,
@@ -158,11 +186,11 @@ def _solve(
             least=jnp.maximum(-present / length, -FAR),
         )
     )
-    d = jnp.where(high > low, jnp.clip(d * length, low, high), 0.0)
-    found = jnp.maximum(multipliers * force + program.squared * (offset + slopes @ d), 0.0)
+    d = jnp.where(high > low, jnp.clip(scaled.d * length, low, high), 0.0)
+    found = jnp.maximum(scaled.multipliers * force + program.squared * (offset + slopes @ d), 0.0)
     # No more than the penalty is ever needed: a program solved badly must not leave more behind.
     found = found * jnp.minimum(1.0, program.penalty / jnp.maximum(jnp.sum(found), program.penalty))
-    return d, present + t * length, found, solved
+    return d, present + scaled.t * length, found, scaled
 
 
 def _convex(lagrangian: Float[Array, "n n"], rows: Float[Array, "m n"]) -> tuple[Float[Array, "n n"], Scalar]:
