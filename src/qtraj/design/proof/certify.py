@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array
 
 from qtraj.algebra.positivity import NEGATIVE, POSITIVE, positive
@@ -85,7 +86,7 @@ def _over_lanes(path: AbstractHodograph, limits: Limits) -> Findings:
     if any(x.shape[: len(lanes)] != lanes for x in leaves):
         raise ValueError(f"a batch of paths has {lanes} in front of every array of it: stack the paths by jax.vmap")
     flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[len(lanes) :]), arrays)
-    if any(isinstance(x, jax.core.Tracer) or not _on_cpu(x) for x in leaves):
+    if any(isinstance(x, Tracer) or not _on_cpu(x) for x in leaves):
         found = _judged_lanes(flat, static)
     else:
         found = _by_all_cores(flat, static, math.prod(lanes))
