@@ -11,6 +11,7 @@ import pytest
 from benchmarks.turns import exact_square, lane, random_turns
 
 import qtraj as qt
+from qtraj.design.proof.certify import TOGETHER
 from qtraj.foundation import document
 
 PATH = qt.SpiralHelix([20.0, 1.0, 0.3, -0.05], [0.2, 0.35, 0.02], [1.0, 0.4, 0.05, -0.01], 4.5)
@@ -208,6 +209,17 @@ def test_a_batch_is_judged_lane_by_lane():
     assert jnp.array_equal(qt.certify(grid, qt.Limits(speed=9.0)).codes[1], together.codes[:, 1:])
     with pytest.raises(ValueError, match="in front of every array"):
         qt.certify(eqx.tree_at(lambda p: p.radius, paths, PATH.radius), limits)
+
+
+def test_blocks_of_paths_on_all_cores_find_what_one_trace_finds():
+    paths = random_turns(TOGETHER + 6, "uniform")
+    limits = jax.vmap(lambda k: qt.Limits(curvature=k))(jnp.linspace(0.02, 0.2, TOGETHER + 6))
+    shared, traced = qt.certify(paths, limits), jax.jit(qt.certify)(paths, limits)
+    assert jnp.array_equal(shared.codes, traced.codes)
+    assert len(set(shared.codes[:, 0].tolist())) > 1
+    np.testing.assert_allclose(shared.values, traced.values, rtol=1e-12)
+    none = jax.tree.map(lambda x: x[:0], (paths, limits))
+    assert qt.certify(*none).codes.shape == (0, 1)
 
 
 def test_texts_are_refused_inside_a_trace():

@@ -68,7 +68,7 @@ def evaluate(
     frame = Natural() if frame is None else frame
     work = (paths, frame)
     traced = any(isinstance(x, Tracer) for x in (*jax.tree.leaves(work), instants))
-    values = run(task, work, jnp.atleast_2d(instants), None if traced else devices, traced, _old(reuse, task))
+    values = run(task, work, instants, None if traced else devices, traced, _old(reuse, task))
     if task.reduce is not None:
         return Reduced(*values, reduction=task.reduce, batched=task.batched, components=components, frame=frame.name)
     return Table(time=instants, **values, batched=task.batched, components=components, frame=frame.name)

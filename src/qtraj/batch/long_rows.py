@@ -33,11 +33,13 @@ def long_row(work: Work, reduction: str, path: Any, columns: tuple[Array, Array]
     """
     instants = columns[0].shape[1]
     fits = instants - instants % (LANES * WINDOW)
-    grid = jax.tree.map(lambda x: x[0, :fits].reshape(LANES, -1), columns)
+    summed = reduction in ("integral", "mean")
+    # Of peaks no weights are asked: in a loop the same column twice would be copied.
+    grid = tuple(x[0, :fits].reshape(LANES, -1) for x in columns[: 2 if summed else 1])
     rest = None
     if fits < instants:
         rest = blocks(path, jax.tree.map(lambda x: x[:, fits:], columns))
-    if reduction in ("integral", "mean"):
+    if summed:
         lanes = _swept(work, path, grid, 0.0, lambda so_far, x, weight: so_far + x * weight)
         whole = jax.tree.map(lambda x: (jnp.sum(x, axis=1),), lanes)
         return whole if rest is None else jax.tree.map(jnp.add, whole, rest)
@@ -46,19 +48,25 @@ def long_row(work: Work, reduction: str, path: Any, columns: tuple[Array, Array]
     return _with_times(work, sign, path, grid[0], lanes, rest)
 
 
-def _swept(work: Work, path: Any, grid: tuple[Array, Array], start: float, take: Callable) -> Any:
-    """What every lane (1, LANES) has gathered from `start` on by `take`, over the columns of the grid."""
+def _swept(work: Work, path: Any, grid: tuple[Array, ...], start: float, take: Callable) -> Any:
+    """What every lane (1, LANES) has gathered from `start` on by `take`, over the columns of the grid.
+
+    The grid is that of the times, and of the weights where `take` asks for them.
+    """
+
+    def samples(cut: tuple[Array, ...]) -> Any:
+        return work(path, (cut[0], cut[-1]))
 
     def window(i: Array, lanes: Any) -> Any:
         cut = jax.tree.map(lambda x: lax.dynamic_slice_in_dim(x, i * WINDOW, WINDOW, axis=1).T, grid)
 
         def step(k: Array, lanes: Any) -> Any:
             now = jax.tree.map(lambda x: lax.dynamic_slice_in_dim(x, k, 1), cut)
-            return jax.tree.map(lambda so_far, x: take(so_far, x, now[1]), lanes, work(path, now))
+            return jax.tree.map(lambda so_far, x: take(so_far, x, now[-1]), lanes, samples(now))
 
         return lax.fori_loop(0, WINDOW, step, lanes)
 
-    kinds = jax.eval_shape(work, path, jax.tree.map(lambda x: x[:, :1].T, grid))
+    kinds = jax.eval_shape(samples, jax.tree.map(lambda x: x[:, :1].T, grid))
     lanes = jax.tree.map(lambda x: jnp.full(x.shape, start, x.dtype), kinds)
     return lax.fori_loop(0, grid[0].shape[1] // WINDOW, window, lanes)
 

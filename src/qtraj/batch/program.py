@@ -23,12 +23,15 @@ from qtraj.batch.task import Task, inner_shape
 def run(
     task: Task, work: Any, times: Array, devices: Sequence[Any] | None, traced: bool, old: dict[str, Array] | None
 ) -> Any:
-    """Results by name, or values and times of a reduction, of `work`: a path or stack, and a frame."""
+    """Results by name, or values and times of a reduction, of `work`: a path or stack, and a frame.
+
+    `times` (instants,) or (paths, instants) get their leading axis where that copies nothing: in compiled code.
+    """
     if traced:
-        return _traced(task, work, times)
+        return _traced(task, work, jnp.atleast_2d(times))
     dynamic, static = eqx.partition(work, eqx.is_array)
     count = work[0].duration.shape[0] if task.batched else 1
-    over = spread(count, times.shape[1], devices)
+    over = spread(count, times.shape[-1], devices)
     one = np.ones((), times.dtype)
     if task.reduce is not None:
         return _reduction(task, over)(static, dynamic, times, one)
@@ -94,6 +97,7 @@ def _writing(task: Task, over: Spread | None, donate: bool) -> Any:
     """A compiled call that writes every block into its results."""
 
     def call(static: Any, dynamic: Any, times: Array, one: Array, old: Any) -> Any:
+        times = jnp.atleast_2d(times)
         paths, frame = _stacked(task, eqx.combine(dynamic, static))
 
         def local(paths: Any, times: Array, one: Array, old: Any) -> Any:
@@ -126,6 +130,7 @@ def _reduction(task: Task, over: Spread | None) -> Any:
     """A compiled call that reduces every block."""
 
     def call(static: Any, dynamic: Any, times: Array, one: Array) -> Any:
+        times = jnp.atleast_2d(times)
         paths, frame = _stacked(task, eqx.combine(dynamic, static))
         if over is None:
             return _finished(task, _reduced(task, paths, frame, times, one, long=True))

@@ -86,10 +86,11 @@ def _over_lanes(path: AbstractHodograph, limits: Limits) -> Findings:
     if any(x.shape[: len(lanes)] != lanes for x in leaves):
         raise ValueError(f"a batch of paths has {lanes} in front of every array of it: stack the paths by jax.vmap")
     flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[len(lanes) :]), arrays)
-    if any(isinstance(x, Tracer) or not _on_cpu(x) for x in leaves):
+    number = math.prod(lanes)
+    if number == 0 or any(isinstance(x, Tracer) or not _on_cpu(x) for x in leaves):
         found = _judged_lanes(flat, static)
     else:
-        found = _by_all_cores(flat, static, math.prod(lanes))
+        found = _by_all_cores(flat, static, number)
     return jax.tree.map(lambda x: x.reshape(*lanes, *x.shape[1:]), found)
 
 

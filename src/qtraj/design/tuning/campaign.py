@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 from qtraj.design.limits import Limits
 from qtraj.design.tuning import lanes
 from qtraj.design.tuning.problem import COMPONENTS, DURATION
-from qtraj.design.tuning.sqp import FEASIBLE, State, solve
+from qtraj.design.tuning.sqp import FEASIBLE, State, begin, proceed, step
 from qtraj.design.tuning.task import Task
 
 MOVED: tuple[str, ...] = (f"start.{COMPONENTS[0]}", f"end.{COMPONENTS[0]}", DURATION)
@@ -75,7 +75,7 @@ def starting_points(names: Sequence[str], starts: int) -> np.ndarray:
 def best_of(task: Task, starts: int, most_steps: int) -> Found:
     """The best of the searches of one problem; it can be traced."""
     points = jnp.asarray(starting_points(task.problem.names, starts), task.low.dtype)
-    states = jax.vmap(lambda z: solve(task, z, most_steps))(points)
+    states = proceed(jax.vmap(lambda s: step(task, s)), jax.vmap(lambda z: begin(task, z))(points), most_steps)
     best = jnp.argmin(_merit(states))
     return _found(jax.tree.map(lambda x: x[best], states))
 

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from qtraj.design.tuning.sqp import State, begin, proceed
+from qtraj.design.tuning.sqp import State, begin, proceed, step
 from qtraj.design.tuning.task import Task
 from qtraj.foundation import blocks
 
@@ -65,4 +65,5 @@ def _begin(given: Task, rest: Task, z: Float[Array, "lanes n"], _: Array) -> Sta
 
 @eqx.filter_jit
 def _proceed(given: Task, rest: Task, states: State, steps: Array) -> State:
-    return jax.vmap(lambda task, s: proceed(eqx.combine(task, rest), s, steps))(given, states)
+    advance = jax.vmap(lambda task, s: step(eqx.combine(task, rest), s))
+    return proceed(lambda s: advance(given, s), states, steps)

@@ -9,11 +9,12 @@ when that is not enough. A second program about where the first one leads correc
 minimised is refused, and the trust shrinks.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.design.tuning.problem import Variables
 from qtraj.design.tuning.rows import Peaks, find_peaks, rows_at, values_at
@@ -63,11 +64,6 @@ class State(NamedTuple):
         return jnp.maximum(jnp.max(self.values, axis=(-2, -1)), 0.0)
 
 
-def solve(task: Task, z: Variables, most_steps: int) -> State:
-    """The search from `z`."""
-    return proceed(task, begin(task, z), most_steps)
-
-
 def begin(task: Task, z: Variables) -> State:
     """The search before its first step."""
     z = jnp.clip(z, task.low, task.high)
@@ -90,9 +86,22 @@ def begin(task: Task, z: Variables) -> State:
     )
 
 
-def proceed(task: Task, state: State, most_steps: int | Int[Array, ""]) -> State:
-    """Steps until the search is done or has taken `most_steps`."""
-    return jax.lax.while_loop(lambda s: ~s.done & (s.steps < most_steps), lambda s: step(task, s), state)
+def proceed(advance: Callable[[State], State], states: State, most_steps: int | Int[Array, ""]) -> State:
+    """Steps of searches side by side (lanes in front), until each of them is done or has taken `most_steps`.
+
+    `advance` takes one step of all. A loop over lanes, and not lanes of loops, is traced in half the time.
+    """
+
+    def going(s: State) -> Bool[Array, " lanes"]:
+        return ~s.done & (s.steps < most_steps)
+
+    def onward(s: State) -> State:
+        on = going(s)
+        return jax.tree.map(
+            lambda new, old: jnp.where(jnp.expand_dims(on, range(1, new.ndim)), new, old), advance(s), s
+        )
+
+    return jax.lax.while_loop(lambda s: jnp.any(going(s)), onward, states)
 
 
 def step(task: Task, s: State) -> State:
