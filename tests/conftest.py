@@ -1,6 +1,7 @@
 """A strict session: float64, no silent broadcasting or promotion, shapes checked at run time, warnings as errors."""
 
 import os
+import tempfile
 
 import jax
 from jaxtyping import install_import_hook
@@ -14,5 +15,12 @@ os.environ.setdefault("XLA_FLAGS", " ".join(QUICKLY))  # read when the first com
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+# The same programs are compiled in many tests: what one process has compiled in this run, the others read.
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    compiled = tempfile.TemporaryDirectory(prefix="qtraj-tests-")
+    os.environ["QTRAJ_TESTS_COMPILED"] = compiled.name
+jax.config.update("jax_compilation_cache_dir", os.environ["QTRAJ_TESTS_COMPILED"])
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 
 install_import_hook("qtraj", "beartype.beartype")

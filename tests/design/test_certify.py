@@ -213,7 +213,7 @@ def test_a_batch_is_judged_lane_by_lane():
 
 def test_blocks_of_paths_on_all_cores_find_what_one_trace_finds():
     paths = random_turns(TOGETHER + 6, "uniform")
-    limits = jax.vmap(lambda k: qt.Limits(curvature=k))(jnp.linspace(0.02, 0.2, TOGETHER + 6))
+    limits = jax.vmap(lambda v: qt.Limits(speed=v))(jnp.linspace(5.0, 12.0, TOGETHER + 6))
     shared, traced = qt.certify(paths, limits), jax.jit(qt.certify)(paths, limits)
     assert jnp.array_equal(shared.codes, traced.codes)
     assert len(set(shared.codes[:, 0].tolist())) > 1

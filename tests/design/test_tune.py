@@ -189,13 +189,24 @@ def test_a_limit_far_out_of_reach_is_infeasible_not_a_runaway(limit):
 
 
 def test_a_search_that_ends_as_far_as_it_goes_says_so():
-    """So low a curvature takes a loop far out; a bound of the user's own is no wall."""
+    """So low a curvature takes a loop far out; a bound of the user's own is no such wall."""
     best = qt.tune(*FAR_APART, qt.Limits(curvature=0.01))
     assert best.status == "converged", best.result
     assert "duration went as far as the search goes" in best.result
-    near = qt.tune(*FAR_APART, qt.Limits(curvature=0.06))
-    assert near.status == "converged", near.result
-    assert "as far as the search goes" not in near.result
+    bounded = qt.tune(*FAR_APART, qt.Limits(curvature=0.06), bounds={"duration": (None, 2.0)})
+    assert float(bounded.path.duration) == pytest.approx(2.0, rel=1e-6)
+    assert "as far as the search goes" not in bounded.result
+
+
+@pytest.mark.parametrize("weight", [1.0, 10.0])
+def test_a_search_that_no_limit_holds_ends_at_the_weighted_mean_rate(weight):
+    """ω = Σ w ρ V_φ / Σ w ρ²: from the given states alone, and from where the first step leads but nearly there."""
+    start = qt.BoundaryState([10.0, 0.0, 0.0], [0.0, 5.0, 1.0])
+    end = qt.BoundaryState([0.0, 10.0, 2.0], [-5.122, 0.0, 1.0])
+    best = qt.tune(start, end, qt.Limits(curvature=1.0), weights={"start.V_phi": weight}, starts=1)
+    assert best.status == "converged"
+    rate = (weight * 5.0 + 5.122) / (10 * (weight + 1))
+    assert float(best.path.angle[1]) == pytest.approx(rate, rel=1e-11)
 
 
 def test_a_known_turn_is_kept_against_the_sense_of_the_start():

@@ -56,6 +56,23 @@ def test_threads_have_the_precision_of_the_caller():
             assert [x.dtype for x in blocks.each(lambda x: jnp.asarray(x) / 3, calls)] == [dtype] * 3
 
 
+def test_every_block_is_worked_on_where_the_caller_says():
+    here, there = jax.devices()[0], jax.devices()[-1]
+    calls = [(np.full(2, k),) for k in range(4)]
+    seen = []
+
+    def call(x):
+        found = jnp.asarray(x)
+        seen.append(found.devices())
+        return found
+
+    list(blocks.each(call, calls, there))
+    with jax.default_device(here):
+        list(blocks.each(call, calls))
+    assert seen == [{there}] * 4 + [{here}] * 4
+    assert list(blocks.each(call, [])) == []
+
+
 def test_an_error_of_a_block_is_raised():
     def call(x):
         if x[0] == 2:

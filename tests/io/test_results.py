@@ -219,7 +219,8 @@ def test_every_result_says_in_a_line_what_it_is(results):
     assert "2 × 3 paths" in repr(results["certificates of two lanes"])
     assert repr(results["open"]).startswith("Solution(3 instants, 0 … 0.333333 s: stopped")
     assert "turn 45.8366°" in repr(results["path"])
-    assert repr(results["state"]) == "BoundaryState(position (10, 0, 0.142857) m, |velocity| 4.13656 m/s)"
+    vectors = "position (10, 0, 0.142857) m, velocity (1, 4, 0.333333) m/s, acceleration (0, -1.6, 0.142857) m/s²"
+    assert repr(results["state"]) == f"BoundaryState({vectors})"
     assert repr(results["friction"]) == "FrictionDemand(side 0.333333, total 0.5)"
     assert "partly the road would have to pull" in repr(results["frictions, one in flight"])
 

@@ -26,7 +26,7 @@ UNITS = {
 }
 """The unit of each limit; their order here is the order everywhere."""
 
-PER_TIME = {name: unit.count("/s") + unit.count("/s²") for name, unit in UNITS.items()}
+PER_TIME = {name: unit.count("/s") + unit.count("/s²") for name, unit in UNITS.items()}  # "/s²" holds a "/s", too
 """The power of 1/s in each unit: a path run through in half the time has 2 to this power times the magnitude."""
 
 CELLS = 1025

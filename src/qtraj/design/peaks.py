@@ -12,7 +12,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
@@ -57,7 +57,7 @@ def summit(f: OfPath, path: AbstractHodograph, hints: Float[Array, " n"]) -> tup
         return f(frozen, u * frozen.duration)
 
     nodes = jnp.concatenate([jnp.linspace(0.0, 1.0, NODES, dtype=path.duration.dtype), hints])
-    seeds = _highest(nodes, jax.vmap(g)(nodes))
+    seeds = nodes[highest(jax.vmap(g)(nodes), POLISHED)]
     reach = 1 / (NODES - 1)
     tops = climb(g, seeds, jnp.maximum(seeds - reach, 0.0), jnp.minimum(seeds + reach, 1.0))
     places = jnp.concatenate([tops, seeds])
@@ -65,14 +65,14 @@ def summit(f: OfPath, path: AbstractHodograph, hints: Float[Array, " n"]) -> tup
     return time, f(path, time)
 
 
-def _highest(nodes: Float[Array, " n"], values: Float[Array, " n"]) -> Float[Array, " few"]:
-    """The nodes of the highest values: a few passes are cheaper than sorting."""
-    found = []
-    for _ in range(POLISHED):
+def highest(values: Float[Array, " n"], number: int) -> Int[Array, " {number}"]:
+    """The places of the highest values, the highest first: a few passes are cheaper than sorting."""
+    places = []
+    for _ in range(number):
         k = jnp.argmax(values)
-        found.append(nodes[k])
+        places.append(k)
         values = jnp.where(jnp.arange(values.shape[0]) == k, -jnp.inf, values)
-    return jnp.stack(found)
+    return jnp.stack(places)
 
 
 def _frozen(path: AbstractHodograph) -> AbstractHodograph:

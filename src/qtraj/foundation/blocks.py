@@ -11,7 +11,18 @@ from typing import Any
 import jax
 import numpy as np
 
-CORES = os.cpu_count() or 1
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+SIZES = (8, 64)
+"""Lanes of a block where there are few and where there are many; so many still stay in the cache."""
+
+FEW = 32
+"""So many lanes for each core are few."""
+
+
+def size_for(lanes: int) -> int:
+    """The size of the blocks in which so many lanes are worked on."""
+    return SIZES[0] if lanes <= FEW * CORES else SIZES[1]
 
 
 def split(lanes: np.ndarray, size: int) -> list[np.ndarray]:
@@ -36,26 +47,29 @@ def room(lanes: int, found: Any) -> Any:
     return jax.tree.map(lambda x: np.zeros((lanes, *x.shape[1:]), x.dtype), found)
 
 
-def each(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
-    """NumPy arrays of what `call` gives for each of the arguments, in their order."""
+def each(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], device: Any = None) -> Iterator[Any]:
+    """NumPy arrays of what `call` gives for each of the arguments, in their order, on one `jax.Device`."""
     x64 = bool(jax.config.read("jax_enable_x64"))
+    place = device or jax.config.jax_default_device  # type: ignore[attr-defined]
 
     def one(given: tuple[Any, ...]) -> Any:
-        with jax.enable_x64(x64):  # a thread does not have the settings of its parent
+        with jax.enable_x64(x64), jax.default_device(place):  # a thread does not have the settings of its parent
             return jax.tree.map(np.asarray, call(*given))
 
-    kind = (call, x64, _kind(arguments[0]))
-    alone = 0 if kind in _known else 1  # or several threads would compile the same
+    if not arguments:
+        return
+    kind = hash((call, x64, place, _kind(arguments[0])))
+    alone = 0 if kind in _compiled else 1  # or several threads would compile the same
     yield from map(one, arguments[:alone])
-    _known.add(kind)
+    _compiled.add(kind)
     with ThreadPoolExecutor(CORES) as pool:
         yield from pool.map(one, arguments[alone:])
 
 
-_known: set[Any] = set()
-"""The calls, and the structures and shapes of their arguments, that have been compiled."""
+_compiled: set[int] = set()
+"""The calls, and the structures and shapes of their arguments, that have been made before."""
 
 
 def _kind(given: tuple[Any, ...]) -> Any:
     leaves, structure = jax.tree.flatten(given)
-    return structure, tuple((x.shape, x.dtype.name) if isinstance(x, np.ndarray) else type(x) for x in leaves)
+    return structure, tuple((x.shape, x.dtype.name) if isinstance(x, np.ndarray) else x for x in leaves)

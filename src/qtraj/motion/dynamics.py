@@ -14,7 +14,6 @@ from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Mat3, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import Attitude
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.quantities import framed
 from qtraj.path.trihedral import AbstractFrame, Natural, Upright
 
 SYMMETRY = 1e-6
@@ -115,7 +114,7 @@ class FrictionDemand(AbstractResult):
         pulled = np.isinf(np.asarray(self.total))
         flies = "" if not pulled.any() else f", {'' if pulled.all() else 'partly '}the road would have to pull"
         summary = f"{in_lanes(self.total.shape)}side {extent(self.side)}, total {extent(self.total)}{flies}"
-        return Record(summary, variables, attributes=framed("trihedral"))
+        return Record(summary, variables, attributes={"frame": "trihedral"})
 
 
 def friction_demand(

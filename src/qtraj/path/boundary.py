@@ -42,10 +42,14 @@ class BoundaryState(AbstractResult):
             "acceleration": Quantity(self.acceleration, "m s-2", "acceleration, world axes", ("world",)),
         }
         variables = {name: q for name, q in columns.items() if q.values is not None}
-        speed = extent(np.linalg.norm(np.asarray(self.velocity), axis=-1), "m/s")
-        first = "" if self.position.ndim > 1 else f"position {vector_text(self.position)} m, "
-        summary = f"{in_lanes(self.position.shape[:-1])}{first}|velocity| {speed}"
-        return Record(summary, variables, attributes={"frame": "world"})
+        return Record(self._summary(), variables, attributes={"frame": "world"})
+
+    def _summary(self) -> str:
+        if self.position.ndim > 1:
+            speed = extent(np.linalg.norm(np.asarray(self.velocity), axis=-1), "m/s")
+            return f"{in_lanes(self.position.shape[:-1])}|velocity| {speed}"
+        whole = f"position {vector_text(self.position)} m, velocity {vector_text(self.velocity)} m/s"
+        return whole if self.acceleration is None else f"{whole}, acceleration {vector_text(self.acceleration)} m/s²"
 
 
 class Cylindrical(eqx.Module):

@@ -86,27 +86,29 @@ def _over_lanes(path: AbstractHodograph, limits: Limits) -> Findings:
     if any(x.shape[: len(lanes)] != lanes for x in leaves):
         raise ValueError(f"a batch of paths has {lanes} in front of every array of it: stack the paths by jax.vmap")
     flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[len(lanes) :]), arrays)
-    number = math.prod(lanes)
-    if number == 0 or any(isinstance(x, Tracer) or not _on_cpu(x) for x in leaves):
+    if math.prod(lanes) == 0 or any(isinstance(x, Tracer) for x in leaves) or not _on_one_cpu(leaves):
         found = _judged_lanes(flat, static)
     else:
-        found = _by_all_cores(flat, static, number)
+        found = _by_all_cores(flat, static, math.prod(lanes))
     return jax.tree.map(lambda x: x.reshape(*lanes, *x.shape[1:]), found)
 
 
-def _on_cpu(x: Array) -> bool:
-    return all(device.platform == "cpu" for device in x.devices())
+def _on_one_cpu(leaves: list[Array]) -> bool:
+    devices = set().union(*(x.devices() for x in leaves))
+    return len(devices) == 1 and devices.pop().platform == "cpu"
 
 
 def _by_all_cores(flat: Any, static: Any, lanes: int) -> Findings:
-    given = jax.tree.map(np.asarray, flat)
-    parts = blocks.split(np.arange(lanes), TOGETHER)
-    calls = [(blocks.take(given, part, TOGETHER), static) for part in parts]
+    leaves = jax.tree.leaves(flat)
+    device = next(iter(leaves[0].devices()))
+    given, size = jax.tree.map(np.asarray, flat), blocks.size_for(lanes)
+    pieces = blocks.split(np.arange(lanes), size)
+    calls = [(blocks.take(given, piece, size), static) for piece in pieces]
     found: Any = None
-    for part, answers in zip(parts, blocks.each(_judged_lanes, calls), strict=True):
+    for piece, answers in zip(pieces, blocks.each(_judged_lanes, calls, device), strict=True):
         found = blocks.room(lanes, answers) if found is None else found
-        blocks.put(found, part, answers)
-    return jax.tree.map(jnp.asarray, found)
+        blocks.put(found, piece, answers)
+    return jax.device_put(found, device if any(x.committed for x in leaves) else None)
 
 
 @eqx.filter_jit
@@ -114,9 +116,8 @@ def _judged_lanes(flat: Any, static: Any) -> Findings:
     return jax.lax.map(lambda lane: _judged(*eqx.combine(lane, static)), flat, batch_size=TOGETHER)
 
 
-@eqx.filter_jit
 def _judged(path: AbstractHodograph, limits: Limits) -> Findings:
-    """Codes, times [s] and values of all limits of one path."""
+    """Codes, times [s] and values of all limits of one path, each compiled once for whatever limits come together."""
     given = limits.given()
     needed = {FORMS[name].divisor for name in given}
     gaps = {which: _gap(path, which) for which in DIVISORS if which in needed}
@@ -133,6 +134,7 @@ class _Gap(eqx.Module):
     time: Scalar
 
 
+@eqx.filter_jit
 def _gap(path: AbstractHodograph, which: str) -> _Gap:
     def size(path: AbstractHodograph, t: Scalar) -> Scalar:
         r = moving_derivatives(path, t, 3)
@@ -146,6 +148,7 @@ def _gap(path: AbstractHodograph, which: str) -> _Gap:
     return _Gap(proved, ~proved & (size(path, time) < GAP**2), time)
 
 
+@eqx.filter_jit
 def _finding(path: AbstractHodograph, gap: _Gap | None, limit: Scalar, name: str) -> tuple[Array, Scalar, Scalar]:
     """Code, time [s] and value of one limit, given whether what it divides by vanishes."""
     code, time, value = _as_if_defined(path, gap, name, limit.astype(path.duration.dtype))

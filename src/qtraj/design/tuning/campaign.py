@@ -139,6 +139,7 @@ def _rescue(tasks: Task, found: Found, most_steps: int, tell: Tell | None) -> Fo
         return least
     again = _found(lanes.search(take(tasks, can), least.z[can], most_steps, _counted(tell, "searches")))
     again = again._replace(steps=least.steps[can] + again.steps)
+    least = least._replace(steps=least.steps.at[can].set(again.steps))
     kept = np.flatnonzero(np.asarray(again.excess) <= FEASIBLE)
     return jax.tree.map(lambda all_, some: all_.at[can[kept]].set(some[kept]), least, again)
 

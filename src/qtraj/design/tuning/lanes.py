@@ -17,12 +17,6 @@ from qtraj.design.tuning.sqp import State, begin, proceed, step
 from qtraj.design.tuning.task import Task
 from qtraj.foundation import blocks
 
-SIZES = (8, 64)
-"""Lanes computed together, in a small search and in a large one, whose numbers still stay in the cache."""
-
-FEW = 32
-"""So few lanes for each core make a small search."""
-
 STAGES = (5, 8, 12, 18, 28, 48, 80)
 """Steps after which the unfinished lanes are gathered."""
 
@@ -41,12 +35,12 @@ def search(tasks: Task, z: ArrayLike, most_steps: int, tell: Told | None = None)
     lanes = z.shape[0]
     left = np.arange(lanes)
     for steps in (0, *(s for s in STAGES if s < most_steps), most_steps):
-        size = SIZES[0] if left.size <= FEW * blocks.CORES else SIZES[1]
+        size = blocks.size_for(left.size)
         parts = blocks.split(left, size)
+        call, until = (_begin, ()) if steps == 0 else (_proceed, (np.asarray(steps),))
         source = z if steps == 0 else states
-        until = np.asarray(steps)
-        calls = [(blocks.take(given, b, size), rest, blocks.take(source, b, size), until) for b in parts]
-        for part, found in zip(parts, blocks.each(_begin if steps == 0 else _proceed, calls), strict=True):
+        calls = [(*until, blocks.take(given, part, size), rest, blocks.take(source, part, size)) for part in parts]
+        for part, found in zip(parts, blocks.each(call, calls), strict=True):
             states = blocks.room(lanes, found) if states is None else states
             blocks.put(states, part, found)
             if tell is not None:
@@ -59,11 +53,11 @@ def search(tasks: Task, z: ArrayLike, most_steps: int, tell: Told | None = None)
 
 
 @eqx.filter_jit
-def _begin(given: Task, rest: Task, z: Float[Array, "lanes n"], _: Array) -> State:
+def _begin(given: Task, rest: Task, z: Float[Array, "lanes n"]) -> State:
     return jax.vmap(lambda task, z: begin(eqx.combine(task, rest), z))(given, z)
 
 
 @eqx.filter_jit
-def _proceed(given: Task, rest: Task, states: State, steps: Array) -> State:
+def _proceed(steps: Array, given: Task, rest: Task, states: State) -> State:
     advance = jax.vmap(lambda task, s: step(eqx.combine(task, rest), s))
     return proceed(lambda s: advance(given, s), states, steps)

@@ -14,7 +14,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from qtraj.design.limits import Limits
 from qtraj.design.magnitudes import PER_TIME, squared
-from qtraj.design.peaks import climb
+from qtraj.design.peaks import climb, highest
 from qtraj.design.tuning.problem import Problem, Variables
 from qtraj.foundation.types import Scalar
 
@@ -208,10 +208,5 @@ def _highest_nodes(
     """The inner nodes of the highest local maxima, and which of them there are."""
     middle = values[1:-1]
     heights = jnp.where((middle >= values[:-2]) & (middle > values[2:]), middle, -jnp.inf)
-    picked, present = [], []
-    for _ in range(number):  # a few passes are cheaper than sorting
-        k = jnp.argmax(heights)
-        picked.append(nodes[k + 1])
-        present.append(heights[k] > -jnp.inf)
-        heights = jnp.where(jnp.arange(heights.shape[0]) == k, -jnp.inf, heights)
-    return jnp.stack(picked), jnp.stack(present)
+    places = highest(heights, number)
+    return nodes[places + 1], heights[places] > -jnp.inf

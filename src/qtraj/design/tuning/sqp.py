@@ -34,8 +34,9 @@ FEASIBLE = 2e-9
 SMALL_STEP = 1e-8
 """A step of this size, in reference speeds and logarithms of time, ends the search."""
 
-NEAR, LEFT = 1e-2, 1e-11
-"""So does a step as good as promised of the first size, if what is expected to be left of the way has the second."""
+LAST_STEP, LEFT = 1e-6, 1e-11
+"""So does a step as good as promised of the first size, whose square is the error of its slopes, if its corrections let
+expect no more than the second to be left of the way."""
 
 STATIONARY = 1e-6
 """Of the penalty: so little imbalance between the cost and the pull of the limits counts as none."""
@@ -116,7 +117,7 @@ def step(task: Task, s: State) -> State:
     ended = ended._replace(
         multipliers=jnp.where(flat, _hand_over(move.multipliers, model.rows.time, s.peaks), ended.multipliers)
     )
-    still = (trial.taken & _small(s, move, trial)) | trial.flat
+    still = (trial.taken & _arrives(s, move, trial)) | trial.flat
     ended = _punished(task, ended, move, trial.taken, still)
     hopeless = (task.weight == 0) | (s.penalty >= HIGHEST_PENALTY)
     settled = still & ((ended.excess <= FEASIBLE) | hopeless)
@@ -157,11 +158,11 @@ def _judged(task: Task, s: State, there: State, move: Move) -> _Judgement:
     return _Judgement(taken, good, flat)
 
 
-def _small(s: State, move: Move, judged: _Judgement) -> Flag:
+def _arrives(s: State, move: Move, judged: _Judgement) -> Flag:
     """Whether a step that is taken leads to where nothing is left to do."""
     size = jnp.max(jnp.abs(move.d))
-    near = move.solved & judged.good & (size < jnp.minimum(NEAR, 0.5 * s.trust)) & (move.left < LEFT)
-    return (size < SMALL_STEP) | near
+    last = move.solved & judged.good & (size < jnp.minimum(LAST_STEP, 0.5 * s.trust)) & (move.left < LEFT)
+    return (size < SMALL_STEP) | last
 
 
 def _model(task: Task, s: State) -> Model:

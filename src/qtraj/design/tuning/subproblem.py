@@ -42,7 +42,7 @@ class Move(NamedTuple):
     promise: Scalar
     solved: Flag  # or else rounding spoilt a program, and the step may not be the best one
     residual: Scalar  # of the stationarity that the multipliers leave, over the penalty
-    left: Scalar  # how far it is from here to the solution, as the second program's correction lets expect
+    left: Scalar  # of the way, as far as the second program's correction of the first tells
     effort: Int[Array, ""]  # steps that the programs took
 
 
