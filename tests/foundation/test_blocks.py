@@ -1,6 +1,7 @@
 """Blocks of lanes: every lane comes back in its place, whatever their number and the core that worked on it."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import jax.numpy as jnp
@@ -28,7 +29,8 @@ def test_every_lane_comes_back_in_its_place(lanes):
 
 
 def test_a_new_call_is_compiled_by_one_thread_and_the_rest_are_shared_by_several(monkeypatch):
-    monkeypatch.setattr(blocks, "CORES", 2)
+    pool = ThreadPoolExecutor(2)
+    monkeypatch.setattr(blocks, "_pool", lambda: pool)
     meet, threads, traced = threading.Barrier(2, timeout=60), [], []
 
     @jax.jit
@@ -47,6 +49,7 @@ def test_a_new_call_is_compiled_by_one_thread_and_the_rest_are_shared_by_several
     assert len(traced) == 1
     assert threads[0] is threading.current_thread()
     assert len(set(threads[1:])) == 2
+    pool.shutdown()
 
 
 def test_threads_have_the_precision_of_the_caller():

@@ -6,6 +6,7 @@ What is compiled for a block serves any number of lanes, and a block is small en
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from typing import Any
 
 import jax
@@ -62,8 +63,13 @@ def each(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], device:
     alone = 0 if kind in _compiled else 1  # or several threads would compile the same
     yield from map(one, arguments[:alone])
     _compiled.add(kind)
-    with ThreadPoolExecutor(CORES) as pool:
-        yield from pool.map(one, arguments[alone:])
+    yield from _pool().map(one, arguments[alone:])
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    """Threads that stay: starting them anew for every stage of a search would cost more than to hand out its work."""
+    return ThreadPoolExecutor(CORES, "qtraj-block")
 
 
 _compiled: set[int] = set()

@@ -96,7 +96,7 @@ def best_of_each(tasks: Task, starts: int, most_steps: int, tell: Tell | None = 
     if lost.size == 0:
         return found
     rescued = _rescue(take(tasks, lost), take(found, lost), most_steps, tell)
-    return jax.tree.map(lambda all_, some: all_.at[lost].set(some), found, rescued)
+    return _replaced(found, lost, rescued)
 
 
 def least_excess(tasks: Task, found: Found, most_steps: int, tell: Tell | None = None) -> Found:
@@ -117,8 +117,19 @@ def least_excess(tasks: Task, found: Found, most_steps: int, tell: Tell | None =
 
 
 def take(tree: Any, lane: Any) -> Any:
-    """The lanes of every array of `tree`."""
-    return jax.tree.map(lambda x: x[lane] if eqx.is_array(x) else x, tree)
+    """The lanes of every array of `tree`, taken by NumPy: a small gather of JAX costs more than what is gathered."""
+    return jax.tree.map(lambda x: jnp.asarray(np.asarray(x)[lane]) if eqx.is_array(x) else x, tree)
+
+
+def _replaced(found: Found, lanes: np.ndarray, by: Found) -> Found:
+    """What was found, with other outcomes of some lanes."""
+
+    def replaced(old: Array, new: Array) -> Array:
+        whole = np.array(old)
+        whole[lanes] = new
+        return jnp.asarray(whole)
+
+    return jax.tree.map(replaced, found, by)
 
 
 def _without_objective(tasks: Task) -> Task:
@@ -141,7 +152,7 @@ def _rescue(tasks: Task, found: Found, most_steps: int, tell: Tell | None) -> Fo
     again = again._replace(steps=least.steps[can] + again.steps)
     least = least._replace(steps=least.steps.at[can].set(again.steps))
     kept = np.flatnonzero(np.asarray(again.excess) <= FEASIBLE)
-    return jax.tree.map(lambda all_, some: all_.at[can[kept]].set(some[kept]), least, again)
+    return _replaced(least, can[kept], take(again, kept))
 
 
 def _merit(states: State) -> Float[Array, " *lanes"]:
