@@ -16,7 +16,7 @@ from qtraj.design.magnitudes import magnitude, moving_derivatives, peak
 from qtraj.design.peaks import largest, summit
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate
 from qtraj.design.proof.inequalities import FORMS, HIGHEST_DEGREE, divisor, parts, slack
-from qtraj.foundation import blocks
+from qtraj.foundation import cores
 from qtraj.foundation.types import Flag, Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.invariants import existence
@@ -101,13 +101,13 @@ def _on_one_cpu(leaves: list[Array]) -> bool:
 def _by_all_cores(flat: Any, static: Any, lanes: int) -> Findings:
     leaves = jax.tree.leaves(flat)
     device = next(iter(leaves[0].devices()))
-    given, size = jax.tree.map(np.asarray, flat), blocks.size_for(lanes)
-    pieces = blocks.split(np.arange(lanes), size)
-    calls = [(blocks.take(given, piece, size), static) for piece in pieces]
+    given, size = jax.tree.map(np.asarray, flat), cores.size_for(lanes)
+    pieces = cores.split(np.arange(lanes), size)
+    calls = [(cores.take(given, piece, size), static) for piece in pieces]
     found: Any = None
-    for piece, answers in zip(pieces, blocks.each(_judged_lanes, calls, device), strict=True):
-        found = blocks.room(lanes, answers) if found is None else found
-        blocks.put(found, piece, answers)
+    for piece, answers in zip(pieces, cores.each(_judged_lanes, calls, device), strict=True):
+        found = cores.room(lanes, answers) if found is None else found
+        cores.put(found, piece, answers)
     return jax.device_put(found, device if any(x.committed for x in leaves) else None)
 
 

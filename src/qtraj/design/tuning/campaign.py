@@ -168,9 +168,9 @@ def _found(states: State) -> Found:
 
 
 def _repeat(tasks: Task, times: int) -> Task:
-    return (
-        tasks if times == 1 else jax.tree.map(lambda x: jnp.repeat(x, times, axis=0) if eqx.is_array(x) else x, tasks)
-    )
+    if times == 1:
+        return tasks
+    return jax.tree.map(lambda x: jnp.repeat(x, times, axis=0) if eqx.is_array(x) else x, tasks)
 
 
 def _scaled(limits: Limits, factor: Float[Array, " lanes"]) -> Limits:

@@ -15,7 +15,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from qtraj.design.tuning.sqp import State, begin, proceed, step
 from qtraj.design.tuning.task import Task
-from qtraj.foundation import blocks
+from qtraj.foundation import cores
 
 STAGES = (5, 8, 12, 18, 28, 48, 80)
 """Steps after which the unfinished lanes are gathered."""
@@ -35,14 +35,14 @@ def search(tasks: Task, z: ArrayLike, most_steps: int, tell: Told | None = None)
     lanes = z.shape[0]
     left = np.arange(lanes)
     for steps in (0, *(s for s in STAGES if s < most_steps), most_steps):
-        size = blocks.size_for(left.size)
-        parts = blocks.split(left, size)
+        size = cores.size_for(left.size)
+        parts = cores.split(left, size)
         call, until = (_begin, ()) if steps == 0 else (_proceed, (np.asarray(steps),))
         source = z if steps == 0 else states
-        calls = [(*until, blocks.take(given, part, size), rest, blocks.take(source, part, size)) for part in parts]
-        for part, found in zip(parts, blocks.each(call, calls), strict=True):
-            states = blocks.room(lanes, found) if states is None else states
-            blocks.put(states, part, found)
+        calls = [(*until, cores.take(given, part, size), rest, cores.take(source, part, size)) for part in parts]
+        for part, found in zip(parts, cores.each(call, calls), strict=True):
+            states = cores.room(lanes, found) if states is None else states
+            cores.put(states, part, found)
             if tell is not None:
                 tell(int(np.sum(states.done)), lanes)
         left = left[~states.done[left]]

@@ -90,7 +90,7 @@ def begin(task: Task, z: Variables) -> State:
 def proceed(advance: Callable[[State], State], states: State, most_steps: int | Int[Array, ""]) -> State:
     """Steps of searches side by side (lanes in front), until each of them is done or has taken `most_steps`.
 
-    `advance` takes one step of all. A loop over lanes, and not lanes of loops, is traced in half the time.
+    `advance` takes one step of all. A loop over lanes, and not lanes of loops, is traced in less time.
     """
 
     def going(s: State) -> Bool[Array, " lanes"]:

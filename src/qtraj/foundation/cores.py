@@ -1,4 +1,4 @@
-"""Many lanes in blocks of one size: independent calls of one compiled function, which the cores share.
+"""Many lanes shared out to the cores: in blocks of one size, as independent calls of one compiled function.
 
 What is compiled for a block serves any number of lanes, and a block is small enough to stay in the cache.
 """
@@ -6,7 +6,6 @@ What is compiled for a block serves any number of lanes, and a block is small en
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 from typing import Any
 
 import jax
@@ -63,13 +62,12 @@ def each(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], device:
     alone = 0 if kind in _compiled else 1  # or several threads would compile the same
     yield from map(one, arguments[:alone])
     _compiled.add(kind)
-    yield from _pool().map(one, arguments[alone:])
-
-
-@cache
-def _pool() -> ThreadPoolExecutor:
-    """Threads that stay: starting them anew for every stage of a search would cost more than to hand out its work."""
-    return ThreadPoolExecutor(CORES, "qtraj-block")
+    rest = arguments[alone:]
+    if len(rest) < 2:
+        yield from map(one, rest)
+        return
+    with ThreadPoolExecutor(CORES) as pool:
+        yield from pool.map(one, rest)
 
 
 _compiled: set[int] = set()

@@ -1,14 +1,13 @@
 """Blocks of lanes: every lane comes back in its place, whatever their number and the core that worked on it."""
 
 import threading
-from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from qtraj.foundation import blocks
+from qtraj.foundation import cores
 
 SIZE = 4
 
@@ -16,21 +15,20 @@ SIZE = 4
 @pytest.mark.parametrize("lanes", [1, 3, 4, 5, 23])
 def test_every_lane_comes_back_in_its_place(lanes):
     given = {"a": np.arange(lanes, dtype=float), "b": np.arange(2 * lanes).reshape(lanes, 2)}
-    parts = blocks.split(np.arange(lanes)[::-1], SIZE)
-    calls = [(blocks.take(given, part, SIZE),) for part in parts]
+    parts = cores.split(np.arange(lanes)[::-1], SIZE)
+    calls = [(cores.take(given, part, SIZE),) for part in parts]
     assert all(call[0]["b"].shape == (SIZE, 2) for call in calls), "one size for all"
     found = None
-    for part, answer in zip(parts, blocks.each(jax.jit(lambda x: (x["a"] ** 2, x["b"] + 1)), calls), strict=True):
-        found = blocks.room(lanes, answer) if found is None else found
-        blocks.put(found, part, answer)
+    for part, answer in zip(parts, cores.each(jax.jit(lambda x: (x["a"] ** 2, x["b"] + 1)), calls), strict=True):
+        found = cores.room(lanes, answer) if found is None else found
+        cores.put(found, part, answer)
     assert found is not None
     np.testing.assert_array_equal(found[0], given["a"] ** 2)
     np.testing.assert_array_equal(found[1], given["b"] + 1)
 
 
 def test_a_new_call_is_compiled_by_one_thread_and_the_rest_are_shared_by_several(monkeypatch):
-    pool = ThreadPoolExecutor(2)
-    monkeypatch.setattr(blocks, "_pool", lambda: pool)
+    monkeypatch.setattr(cores, "CORES", 2)
     meet, threads, traced = threading.Barrier(2, timeout=60), [], []
 
     @jax.jit
@@ -44,19 +42,18 @@ def test_a_new_call_is_compiled_by_one_thread_and_the_rest_are_shared_by_several
             meet.wait()  # two at a time, or never
         return double(x)
 
-    found = list(blocks.each(call, [(np.full(3, k),) for k in range(5)]))
+    found = list(cores.each(call, [(np.full(3, k),) for k in range(5)]))
     np.testing.assert_array_equal(found, [[2 * k] * 3 for k in range(5)])
     assert len(traced) == 1
     assert threads[0] is threading.current_thread()
     assert len(set(threads[1:])) == 2
-    pool.shutdown()
 
 
 def test_threads_have_the_precision_of_the_caller():
     calls = [(np.ones(2),)] * 3
     for x64, dtype in ((True, np.float64), (False, np.float32)):
         with jax.enable_x64(x64):
-            assert [x.dtype for x in blocks.each(lambda x: jnp.asarray(x) / 3, calls)] == [dtype] * 3
+            assert [x.dtype for x in cores.each(lambda x: jnp.asarray(x) / 3, calls)] == [dtype] * 3
 
 
 def test_every_block_is_worked_on_where_the_caller_says():
@@ -69,11 +66,11 @@ def test_every_block_is_worked_on_where_the_caller_says():
         seen.append(found.devices())
         return found
 
-    list(blocks.each(call, calls, there))
+    list(cores.each(call, calls, there))
     with jax.default_device(here):
-        list(blocks.each(call, calls))
+        list(cores.each(call, calls))
     assert seen == [{there}] * 4 + [{here}] * 4
-    assert list(blocks.each(call, [])) == []
+    assert list(cores.each(call, [])) == []
 
 
 def test_an_error_of_a_block_is_raised():
@@ -83,4 +80,4 @@ def test_an_error_of_a_block_is_raised():
         return x
 
     with pytest.raises(ValueError, match="block 2 is bad"):
-        list(blocks.each(call, [(np.full(1, k),) for k in range(4)]))
+        list(cores.each(call, [(np.full(1, k),) for k in range(4)]))
