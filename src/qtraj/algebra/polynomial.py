@@ -5,6 +5,7 @@ Degrees are static and small, so the loops below unroll into a few multiplicatio
 
 import math
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -31,7 +32,7 @@ def terms(coefficients: Float[Array, " n"], t: ScalarLike, order: int) -> list[S
     Repeated synthetic division (Ruffini–Horner). Orders above the degree are the integer 0, so that what is computed
     from them can be left out.
     """
-    c = [coefficients[i] for i in range(coefficients.shape[0])]
+    c = [x.reshape(()) for x in jax.lax.split(coefficients, (1,) * coefficients.shape[0])]
     t = as_float(t).astype(coefficients.dtype)
     for k in range(min(order + 1, len(c) - 1)):
         for i in range(len(c) - 2, k - 1, -1):

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -32,6 +33,15 @@ VELOCITIES = tuple(f"{end}.{component}" for end in ENDS for component in COMPONE
 DURATION = "duration"
 
 JERK_NODES = 16  # Gauss–Legendre, exact for |r⃛|² of cubics with a cubic angle (degree 18 ≤ 31)
+
+
+class Shape(NamedTuple):
+    """A path of the problem: its polynomials in the fraction of the duration, and the duration [s]."""
+
+    radius: Float[Array, " n_radius"]
+    angle: Float[Array, " n_angle"]
+    height: Float[Array, " n_height"]
+    duration: Scalar
 
 
 class Problem(eqx.Module):
@@ -69,11 +79,16 @@ class Problem(eqx.Module):
         duration = self.time(z)
         return self._between(*self._velocities(z, duration), duration)
 
-    def unit_path(self, z: Variables) -> SpiralHelix:
-        """The same path run through in a unit of time: its derivatives are those in the fraction of the duration."""
+    def shape(self, z: Variables) -> Shape:
+        """What the path of these variables consists of."""
         duration = self.time(z)
         va, vb = self._velocities(z, duration)
-        return self._between(va * duration, vb * duration, jnp.ones_like(duration))
+        unit = self._between(va * duration, vb * duration, jnp.ones_like(duration))
+        return Shape(unit.radius, unit.angle, unit.height, duration)
+
+    def unit_path(self, shape: Shape) -> SpiralHelix:
+        """A path run through in a unit of time: its derivatives are those in the fraction of the duration."""
+        return SpiralHelix(shape.radius, shape.angle, shape.height, jnp.ones_like(shape.duration), self.placement)
 
     def time(self, z: Variables) -> Scalar:
         """The duration [s] of the path of these variables."""

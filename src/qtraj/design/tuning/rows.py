@@ -3,6 +3,8 @@
 A row is g(z, u) = ½((value/limit)² − 1) ≤ 0 at a fraction u of the duration. At an inner peak u moves with z so that
 ∂g/∂u = 0: the gradient of the peak is ∂g/∂z (envelope theorem), its Hessian g_zz − g_zu g_uz/g_uu. At an end it stands
 still. Fixed times between them, with gradients alone, foretell the peaks that a step would raise.
+
+The rows are differentiated in the few numbers that make up the path, its shape, and the shape in z: once for all rows.
 """
 
 from collections.abc import Callable
@@ -15,7 +17,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from qtraj.design.limits import Limits
 from qtraj.design.magnitudes import PER_TIME, squared
 from qtraj.design.peaks import climb, highest
-from qtraj.design.tuning.problem import Problem, Variables
+from qtraj.design.tuning.problem import Problem, Shape, Variables
 from qtraj.foundation.types import Scalar
 
 NODES = 65
@@ -64,8 +66,9 @@ def peaks_of_each(limits: Limits) -> int:
 def find_peaks(problem: Problem, limits: Limits, z: Variables) -> Peaks:
     """The peaks and ends of all limits at `z`."""
     number = peaks_of_each(limits)
-    slow = _slowest(problem, z)
-    found = [_peaks(problem, z, name, limit, number, slow) for name, limit in limits.given().items()]
+    shape = problem.shape(z)
+    slow = _slowest(problem, shape)
+    found = [_peaks(_at_shape(problem, shape, name, limit), number, slow) for name, limit in limits.given().items()]
     return Peaks(*(jnp.stack(column) for column in zip(*found, strict=True)))
 
 
@@ -81,66 +84,105 @@ def values_at(problem: Problem, limits: Limits, z: Variables, peaks: Peaks) -> F
 
 def values_nearby(problem: Problem, limits: Limits, z: Variables, rows: Rows) -> Float[Array, " m"]:
     """The values at `z` of rows that stand elsewhere, their peaks followed to where they are; absent ones stay so."""
-    given = limits.given()
+    given, shape = limits.given(), problem.shape(z)
     times, moving = (x.reshape(len(given), -1) for x in (rows.time, rows.moving))
     number = peaks_of_each(limits) + ALWAYS
     values = []
     for k, (name, limit) in enumerate(given.items()):
-        g = _at_path(problem, z, name, limit)
+        g = _at_shape(problem, shape, name, limit)
         peaks = times[k, :number]
         followed, _ = _polished(g, peaks, jnp.where(moving[k, :number], FOLLOWED, REACH))
         values.append(jax.vmap(g)(jnp.concatenate([followed, times[k, number:]])))
-    flat = 0.5 * (jnp.concatenate(values) - 1.0)
+    flat = jnp.concatenate(values)
     return jnp.where(rows.value > ABSENT, jnp.where(jnp.isfinite(flat), flat, rows.value), ABSENT)
 
 
 def rows_at(problem: Problem, limits: Limits, z: Variables, peaks: Peaks) -> tuple[Rows, Float[Array, "limits k n n"]]:
     """All rows of all limits at `z`, peaks and ends before fixed times, and the Hessians of peaks and ends."""
     fixed = jnp.linspace(0.0, 1.0, NODES, dtype=z.dtype)[STRIDE:-1:STRIDE]
+    made = _made(problem, z)
     rows, hessians = [], []
     for k, (name, limit) in enumerate(limits.given().items()):
-        highest, hessian = _highest(problem, z, name, limit, jax.tree.map(lambda x, k=k: x[k], peaks))
-        rows += [highest, _fixed(problem, z, name, limit, fixed)]
+        g = _Excess(problem, name, limit)
+        highest, hessian = _highest(g, made, jax.tree.map(lambda x, k=k: x[k], peaks))
+        rows += [highest, _fixed(g, made, fixed)]
         hessians.append(hessian)
     return Rows(*(jnp.concatenate(field) for field in zip(*rows, strict=True))), jnp.stack(hessians)
 
 
 def excess(problem: Problem, z: Variables, u: Scalar, name: str, limit: Scalar) -> Scalar:
     """g = ½((value/limit)² − 1) at the fraction `u` of the duration."""
-    return 0.5 * (_at_path(problem, z, name, limit)(u) - 1.0)
+    return _Excess(problem, name, limit)(problem.shape(z), u)
 
 
-def _highest(
-    problem: Problem, z: Variables, name: str, limit: Scalar, peaks: Peaks
-) -> tuple[Rows, Float[Array, "k n n"]]:
+class _Excess(NamedTuple):
+    """g of one limit, in the shape of the path and the fraction of its duration."""
+
+    problem: Problem
+    name: str
+    limit: Scalar
+
+    def __call__(self, shape: Shape, u: Scalar) -> Scalar:
+        # In unit time, which is simpler to differentiate: the limit is scaled instead.
+        scaled = self.limit * shape.duration ** PER_TIME[self.name]
+        return 0.5 * (squared(self.problem.unit_path(shape), u, self.name) / scaled**2 - 1.0)
+
+
+class _Made(NamedTuple):
+    """A shape and its derivatives in the variables, all its numbers in a row."""
+
+    shape: Shape
+    directions: Shape  # (n, …): what each variable does to it
+    slopes: Float[Array, "q n"]
+    bends: Float[Array, "q n n"]
+
+
+def _made(problem: Problem, z: Variables) -> _Made:
+    slopes, bends = jax.jacfwd(problem.shape)(z), jax.jacfwd(jax.jacfwd(problem.shape))(z)
+    directions = jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), slopes)
+    n = z.shape[0]
+    return _Made(problem.shape(z), directions, _in_a_row(slopes, n), _in_a_row(bends, n, n))
+
+
+def _in_a_row(shape: Shape, *rest: int) -> Float[Array, "q *rest"]:
+    """All numbers of a shape, or what belongs to each of them."""
+    return jnp.concatenate([x.reshape(-1, *rest) for x in shape])
+
+
+def _highest(g: _Excess, made: _Made, peaks: Peaks) -> tuple[Rows, Float[Array, "k n n"]]:
     """The rows of one limit's peaks and ends, and their Hessians."""
     u, present, moves = peaks
-
-    def g(z: Variables, u: Scalar) -> Scalar:
-        return excess(problem, z, u, name, limit)
+    shape, directions = made.shape, made.directions
 
     def at(u: Scalar) -> tuple[Array, ...]:
-        def pair(u: Scalar) -> tuple[Scalar, Variables]:
-            return jax.value_and_grad(g)(z, u)
+        def pair(shape: Shape, u: Scalar) -> tuple[Scalar, Shape]:
+            return jax.value_and_grad(g)(shape, u)
 
         one = jnp.ones_like(u)
-        (value, slope), (_, mixed) = jax.jvp(pair, (u,), (one,))
-        bend = jax.jvp(lambda u: jax.jvp(lambda u: g(z, u), (u,), (one,))[1], (u,), (one,))[1]
-        return value, slope, mixed, bend, jax.hessian(g)(z, u)
+        (value, slope), (_, mixed) = jax.jvp(lambda u: pair(shape, u), (u,), (one,))
+        bend = jax.jvp(lambda u: jax.jvp(lambda u: g(shape, u), (u,), (one,))[1], (u,), (one,))[1]
+        turned = jax.vmap(lambda d: jax.jvp(lambda shape: pair(shape, u)[1], (shape,), (d,))[1])(directions)
+        return value, _in_a_row(slope), _in_a_row(mixed), bend, jnp.concatenate([_columns(x) for x in turned], axis=1)
 
-    value, slope, mixed, bend, hessian = jax.vmap(at)(u)
+    value, slope, mixed, bend, turned = jax.vmap(at)(u)
+    slope, mixed, pulled = slope @ made.slopes, mixed @ made.slopes, jnp.tensordot(slope, made.bends, 1)
     bends = moves & (bend < 0)
     moving = jnp.where(bends, 1 / jnp.where(bends, bend, 1.0), 0.0)
-    curvature = hessian - moving[:, None, None] * mixed[:, :, None] * mixed[:, None, :]
+    curvature = turned @ made.slopes + pulled - moving[:, None, None] * mixed[:, :, None] * mixed[:, None, :]
     sound = jnp.isfinite(value) & jnp.all(jnp.isfinite(slope), 1) & jnp.all(jnp.isfinite(curvature), (1, 2))
     height = jnp.where(present, jnp.where(sound, value, TOO_MUCH), ABSENT)
     kept = present & sound
     return Rows(height, _keep(slope, kept[:, None]), u, moves), _keep(curvature, kept[:, None, None])
 
 
-def _fixed(problem: Problem, z: Variables, name: str, limit: Scalar, times: Float[Array, " r"]) -> Rows:
+def _columns(x: Float[Array, "n *part"]) -> Float[Array, "n part"]:
+    return x.reshape(x.shape[0], -1)
+
+
+def _fixed(g: _Excess, made: _Made, times: Float[Array, " r"]) -> Rows:
     """The rows of one limit at fixed times."""
-    value, slope = jax.vmap(jax.value_and_grad(lambda z, u: excess(problem, z, u, name, limit)), (None, 0))(z, times)
+    value, of_shape = jax.vmap(jax.value_and_grad(g), (None, 0))(made.shape, times)
+    slope = jax.vmap(_in_a_row)(of_shape) @ made.slopes
     sound = jnp.isfinite(value) & jnp.all(jnp.isfinite(slope), 1)
     return Rows(jnp.where(sound, value, ABSENT), _keep(slope, sound[:, None]), times, jnp.zeros(times.shape, bool))
 
@@ -149,23 +191,20 @@ def _keep(x: Array, keep: Array) -> Array:
     return jnp.where(keep, x, jnp.zeros_like(x))
 
 
-def _at_path(problem: Problem, z: Variables, name: str, limit: Scalar) -> Callable[[Scalar], Scalar]:
-    """(value/limit)² of the path of `z`, in unit time: simpler to differentiate, and the limit is scaled instead."""
-    path = problem.unit_path(z)
-    scaled = limit * problem.time(z) ** PER_TIME[name]
-    return lambda u: squared(path, u, name) / scaled**2
+def _at_shape(problem: Problem, shape: Shape, name: str, limit: Scalar) -> Callable[[Scalar], Scalar]:
+    g = _Excess(problem, name, limit)
+    return lambda u: g(shape, u)
 
 
 def _peaks(
-    problem: Problem, z: Variables, name: str, limit: Scalar, peaks: int, slow: Scalar
+    g: Callable[[Scalar], Scalar], peaks: int, slow: Scalar
 ) -> tuple[Float[Array, " k"], Bool[Array, " k"], Bool[Array, " k"]]:
     """The highest inner local maxima over the nodes, those next to both ends and to `slow`; which there are and move.
 
     Where a path nearly stops its curvature may rise to a needle between the nodes: it stands where the speed, which is
     smooth, is least.
     """
-    g = _at_path(problem, z, name, limit)
-    nodes = jnp.linspace(0.0, 1.0, NODES, dtype=z.dtype)
+    nodes = jnp.linspace(0.0, 1.0, NODES, dtype=slow.dtype)
     picked, present = _highest_nodes(jax.vmap(g)(nodes), nodes, peaks)
     u = jnp.concatenate([picked, jnp.stack([slow, jnp.zeros_like(slow), jnp.ones_like(slow)])])
     times, moving = _polished(g, u, REACH)
@@ -190,14 +229,14 @@ def _repeated(times: Float[Array, " k"], present: Bool[Array, " k"]) -> Bool[Arr
     return jnp.any(earlier & present[None] & (jnp.abs(times[None] - times[:, None]) < SAME), axis=1)
 
 
-def _slowest(problem: Problem, z: Variables) -> Scalar:
+def _slowest(problem: Problem, shape: Shape) -> Scalar:
     """Where the speed is least: the lowest of its inner local minima over the nodes, polished."""
-    path = problem.unit_path(z)
+    path = problem.unit_path(shape)
 
     def slowness(u: Scalar) -> Scalar:
         return -squared(path, u, "speed")
 
-    nodes = jnp.linspace(0.0, 1.0, NODES, dtype=z.dtype)
+    nodes = jnp.linspace(0.0, 1.0, NODES, dtype=shape.duration.dtype)
     picked, _ = _highest_nodes(jax.vmap(slowness)(nodes), nodes, 1)
     return climb(slowness, picked, picked - REACH, picked + REACH, NEWTON_STEPS)[0]
 
