@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from qtraj.foundation.least import place_of_largest
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 
@@ -69,7 +70,7 @@ def highest(values: Float[Array, " n"], number: int) -> Int[Array, " {number}"]:
     """The places of the highest values, the highest first: a few passes are cheaper than sorting."""
     places = []
     for _ in range(number):
-        k = jnp.argmax(values)
+        k = place_of_largest(values)
         places.append(k)
         values = jnp.where(jnp.arange(values.shape[0]) == k, -jnp.inf, values)
     return jnp.stack(places)

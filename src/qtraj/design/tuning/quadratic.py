@@ -6,13 +6,15 @@ few steps at the solution, to rounding, however large the penalty and however sm
 bound is broken is measured by the Hessian: fewer turn out to be needless than by its own numbers.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from qtraj.foundation.types import Flag, Scalar, ScalarLike
+from qtraj.foundation.least import least
+from qtraj.foundation.types import Flag, Scalar
 
 MOST_STEPS = 60
 TOLERANCE = 1e-12  # to which bounds are kept, in programs scaled to numbers near one
@@ -88,7 +90,7 @@ class _Metric(NamedTuple):
     """What the Hessian's inverse says of sizes."""
 
     softness: Scalar  # its largest entry
-    normals: Float[Array, " k"]  # the lengths of the bounds' gradients in d
+    shortening: Float[Array, " k"]  # one over the lengths of the bounds' gradients in d
 
 
 class Solution(NamedTuple):
@@ -116,16 +118,17 @@ def minimise(program: Program) -> Solution:
     start = (first, jnp.asarray(0))
     end, steps = jax.lax.while_loop(lambda s: ~s[0].done & (s[1] < MOST_STEPS), step, start)
     of_rows = (end.bound[None] == jnp.arange(program.bounds.shape[0])[:, None]) & end.used[None]
-    multipliers = jnp.sum(jnp.where(of_rows, end.multiplier[None], 0.0), axis=1)
+    multipliers = of_rows.astype(end.x.dtype) @ end.multiplier
     return Solution(end.x[:-1], end.x[-1], multipliers, end.done & ~end.stuck & _balanced(program, end), steps)
 
 
 def _metric(program: Program, inverse: Matrix) -> _Metric:
     diagonal = jnp.diagonal(inverse)
     softness = jnp.maximum(jnp.max(diagonal), 1 / program.stiffness)
-    squares = jnp.concatenate([jnp.sum((program.rows @ inverse) * program.rows, axis=1), diagonal, diagonal])
-    lengths = jnp.sqrt(jnp.maximum(squares, jnp.finfo(squares.dtype).tiny))
-    return _Metric(softness, jnp.append(lengths, 1.0))
+    columns = [*program.rows.T]
+    of_rows = _dot([_dot([*line], columns) for line in inverse], columns)  # entry by entry, as in `_factor`
+    squares = jnp.concatenate([of_rows, diagonal, diagonal])
+    return _Metric(softness, jnp.append(jax.lax.rsqrt(jnp.maximum(squares, jnp.finfo(squares.dtype).tiny)), 1.0))
 
 
 def _balanced(program: Program, at: _Active) -> Flag:
@@ -160,16 +163,16 @@ def _advance(program: Program, metric: _Metric, at: _Active) -> _Active:
     """One bound made active, or one let go that stands in its way; `done` where none is broken."""
     room = program.room
     left = room - program.reached(at.x)
-    relative = left / (1 + jnp.abs(room))
-    farthest = jnp.argmin(jnp.where(relative < -TOLERANCE, left / metric.normals, 0.0))
+    broken = left < -TOLERANCE * (1 + jnp.abs(room))
+    most, farthest = least(jnp.where(broken, left * metric.shortening, 0.0))
     p = jnp.where(at.entering < 0, farthest, at.entering)
-    done = (at.entering < 0) & (relative[p] >= -TOLERANCE)
+    done = (at.entering < 0) & (most >= 0)
     way = _way(program, metric.softness, at, p)
     # As far as the bound is met, or until the multiplier of another one vanishes.
     whole = jnp.where(way.give > 0, jnp.maximum(-left[p], 0.0) / jnp.where(way.give > 0, way.give, 1.0), jnp.inf)
     shrinks = at.used & (way.force > 0)
     ratios = jnp.where(shrinks, at.multiplier / jnp.where(shrinks, way.force, 1.0), jnp.inf)
-    nearest = jnp.min(ratios)
+    nearest, hindering = least(ratios)
     far = jnp.minimum(whole, nearest)
     far = jnp.where(jnp.isfinite(far), far, 0.0)
     moved = at._replace(
@@ -180,7 +183,7 @@ def _advance(program: Program, metric: _Metric, at: _Active) -> _Active:
         stuck=~done & ~jnp.isfinite(jnp.minimum(whole, nearest)),
     )
     adds = whole <= nearest
-    slot = jnp.where(adds, jnp.argmin(at.used), jnp.argmin(ratios))
+    slot = jnp.where(adds, jnp.argmin(at.used), hindering)
     return _changed(program, moved, way, adds, slot)
 
 
@@ -251,5 +254,5 @@ def _inverse(matrix: Matrix) -> Matrix:
     return jnp.stack([jnp.stack([jnp.asarray(above[min(i, j)][abs(i - j)]) for j in range(n)]) for i in range(n)])
 
 
-def _dot(a: list[Scalar], b: list[Scalar]) -> ScalarLike:
+def _dot(a: Sequence[Array], b: Sequence[Array]) -> ArrayLike:
     return sum((p * q for p, q in zip(a, b, strict=False)), 0.0)

@@ -74,10 +74,9 @@ def best_move(
 
     The second knows the true values of the rows, their peaks followed, and their slopes as the Hessians foretell them.
     """
-    bends = _of_rows(model.hessians, model.rows)
 
     def correct(at: _Trial, last: Flag) -> tuple[_Trial, _Ended]:
-        near = _foretold(model, bends, at)
+        near = _foretold(model, at)
         program = _program(task, near, at.pulls, penalty)
         e, allowed, found, end = _solve(program, at.values, _box(task, z, at.d, trust), trust)
         d = at.d + e
@@ -113,15 +112,22 @@ def _left(size: Scalar, correction: Scalar) -> Scalar:
     return jnp.where(correction < size, correction**2 / jnp.where(size > 0, size, 1.0), size)
 
 
-def _of_rows(x: Float[Array, "limits k *rest"], rows: Rows) -> Float[Array, "m *rest"]:
-    """What belongs to peaks and ends as one for each row, zero for those at fixed times."""
-    each = rows.value.shape[0] // x.shape[0]
+def _of_rows(x: Float[Array, "limits k *rest"], rows: int) -> Float[Array, "m *rest"]:
+    """What belongs to peaks and ends as one for each of so many rows, zero for those at fixed times."""
+    each = rows // x.shape[0]
     return jnp.pad(x, ((0, 0), (0, each - x.shape[1]), *((0, 0),) * (x.ndim - 2))).reshape(-1, *x.shape[2:])
 
 
-def _foretold(model: Model, bends: Float[Array, "m n n"], at: _Trial) -> Model:
+def _of_peaks(x: Float[Array, "m *rest"], like: Float[Array, "limits k"]) -> Float[Array, "peaks *rest"]:
+    """Of what belongs to the rows, the part of peaks and ends, of which there are as many as of `like`."""
+    limits, peaks = like.shape
+    return x.reshape(limits, -1, *x.shape[1:])[:, :peaks].reshape(-1, *x.shape[1:])
+
+
+def _foretold(model: Model, at: _Trial) -> Model:
     """The model about the trial: its values are known, its slopes follow from the second derivatives."""
-    rows = model.rows._replace(value=at.values, slope=model.rows.slope + bends @ at.d)
+    bent = _of_rows(model.hessians @ at.d, at.values.shape[0])
+    rows = model.rows._replace(value=at.values, slope=model.rows.slope + bent)
     return model._replace(slope=model.slope + model.curvature @ at.d, rows=rows)
 
 
@@ -137,8 +143,9 @@ class _Program(NamedTuple):
     slope: Variables
     penalty: Scalar
     slopes: Float[Array, "m n"]  # J d − t ≤ −g
-    active: Float[Array, " m"]  # 1 for the active rows, else 0
-    squared: Scalar  # how much of the active rows' squares is in the Hessian
+    active: Float[Array, "limits k"]  # 1 for the active peaks and ends, else 0
+    centred: Float[Array, "peaks n"]  # their slopes
+    squared: Scalar  # how much of their squares is in the Hessian
     elastic: Scalar  # 1 where these are measured from their mean, which moves with t, or 0
 
 
@@ -147,17 +154,18 @@ def _program(task: Task, model: Model, multipliers: Float[Array, "limits k"], pe
     slopes = model.rows.slope * free[None]
     lagrangian = task.weight * model.curvature + jnp.einsum("lk,lkij->ij", multipliers, model.hessians)
     lagrangian = lagrangian * jnp.outer(free, free) + jnp.diag(1.0 - free)
-    active = _of_rows(jnp.where(multipliers > ACTIVE, 1.0, 0.0).astype(model.slope.dtype), model.rows)
+    active = jnp.where(multipliers > ACTIVE, 1.0, 0.0).astype(model.slope.dtype)
     elastic = jnp.where(jnp.sum(multipliers) > ELASTIC * penalty, 1.0, 0.0).astype(model.slope.dtype)
-    hessian, squared = _convex(lagrangian, _centred(slopes, active, elastic))
-    return _Program(hessian, task.weight * model.slope * free, penalty, slopes, active, squared, elastic)
+    centred = _centred(_of_peaks(slopes, active), active, elastic)
+    hessian, squared = _convex(lagrangian, centred)
+    return _Program(hessian, task.weight * model.slope * free, penalty, slopes, active, centred, squared, elastic)
 
 
-def _centred(x: Array, active: Float[Array, " m"], elastic: Scalar) -> Array:
-    """What belongs to active rows, and zero elsewhere; from their mean where t moves with them."""
-    weight = active.reshape(-1, *(1,) * (x.ndim - 1))
-    mean = jnp.sum(weight * x, axis=0) / jnp.maximum(jnp.sum(active), 1.0)
-    return weight * (x - elastic * mean[None])
+def _centred(x: Array, active: Float[Array, "limits k"], elastic: Scalar) -> Array:
+    """What belongs to active peaks, and zero elsewhere; from their mean where t moves with them."""
+    of_each = active.reshape(-1)
+    mean = of_each @ x / jnp.maximum(jnp.sum(of_each), 1.0)
+    return of_each.reshape(-1, *(1,) * (x.ndim - 1)) * (x - elastic * mean[None])
 
 
 def _solve(
@@ -169,9 +177,8 @@ def _solve(
     below = values - present
     low, high = box
     length, force = trust, jnp.maximum(program.penalty, 1.0)
-    slopes = _centred(program.slopes, program.active, program.elastic)
-    offset = _centred(below, program.active, program.elastic)
-    slope = program.slope + program.squared * (offset @ slopes)
+    offset = _centred(_of_peaks(below, program.active), program.active, program.elastic)
+    slope = program.slope + program.squared * (offset @ program.centred)
     hessian = program.hessian * (length / force)
     scaled = quadratic.minimise(
         quadratic.Program(
@@ -187,7 +194,8 @@ def _solve(
         )
     )
     d = jnp.where(high > low, jnp.clip(scaled.d * length, low, high), 0.0)
-    found = jnp.maximum(scaled.multipliers * force + program.squared * (offset + slopes @ d), 0.0)
+    of_squares = (program.squared * (offset + program.centred @ d)).reshape(program.active.shape)
+    found = jnp.maximum(scaled.multipliers * force + _of_rows(of_squares, values.shape[0]), 0.0)
     # No more than the penalty is ever needed: a program solved badly must not leave more behind.
     found = found * jnp.minimum(1.0, program.penalty / jnp.maximum(jnp.sum(found), program.penalty))
     return d, present + scaled.t * length, found, scaled
