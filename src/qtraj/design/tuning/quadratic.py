@@ -254,5 +254,5 @@ def _inverse(matrix: Matrix) -> Matrix:
     return jnp.stack([jnp.stack([jnp.asarray(above[min(i, j)][abs(i - j)]) for j in range(n)]) for i in range(n)])
 
 
-def _dot(a: Sequence[Array], b: Sequence[Array]) -> ArrayLike:
+def _dot(a: Sequence[ArrayLike], b: Sequence[Array]) -> ArrayLike:
     return sum((p * q for p, q in zip(a, b, strict=False)), 0.0)

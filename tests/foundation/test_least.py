@@ -1,0 +1,28 @@
+"""The least of some numbers, against NumPy."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from qtraj.foundation.least import least, place_of_largest
+
+
+def test_the_least_its_place_and_what_stands_there():
+    values = np.random.default_rng(3).normal(size=(100, 33))
+    others = np.arange(values.size).reshape(values.shape)
+    lowest, place, other = jax.vmap(least)(jnp.asarray(values), jnp.asarray(others))
+    np.testing.assert_array_equal(place, np.argmin(values, axis=1))
+    np.testing.assert_array_equal(lowest, np.min(values, axis=1))
+    np.testing.assert_array_equal(other, others[np.arange(100), place])
+    np.testing.assert_array_equal(jax.vmap(place_of_largest)(jnp.asarray(values)), np.argmax(values, axis=1))
+
+
+def test_nan_is_passed_over():
+    assert least(jnp.asarray([jnp.nan, 2.0, 1.0, jnp.nan]))[1] == 2
+    lowest, place = least(jnp.asarray([jnp.nan, jnp.nan]))
+    assert lowest == jnp.inf
+    assert place == 0
+
+
+def test_nothing_is_differentiated():
+    assert jax.grad(lambda x: least(jnp.stack([x, 2 * x]))[0])(1.0) == 0
