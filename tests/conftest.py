@@ -4,7 +4,8 @@ import os
 import tempfile
 
 import jax
-from jaxtyping import install_import_hook
+import jaxtyping
+import pytest
 
 # Most of the time goes into compiling what runs once: compile quickly rather than well, unless told otherwise.
 QUICKLY = ["--xla_backend_optimization_level=0"]
@@ -21,6 +22,14 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
     compiled = tempfile.TemporaryDirectory(prefix="qtraj-tests-")
     os.environ["QTRAJ_TESTS_COMPILED"] = compiled.name
 jax.config.update("jax_compilation_cache_dir", os.environ["QTRAJ_TESTS_COMPILED"])
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
 
-install_import_hook("qtraj", "beartype.beartype")
+jaxtyping.install_import_hook("qtraj", "beartype.beartype")
+
+
+@pytest.fixture(scope="module")
+def as_a_user_runs_it():
+    """Without the checks of shapes, under which the tests of the library itself run: here they cost a quarter."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)

@@ -12,6 +12,11 @@ from typer.testing import CliRunner
 from qtraj.cli.app import app
 
 
+@pytest.fixture(scope="module", autouse=True)
+def unchecked(as_a_user_runs_it):
+    """The command line runs as it does for a user."""
+
+
 @pytest.fixture(scope="session")
 def qtraj():
     """Run the command line in this process."""

@@ -26,6 +26,8 @@ from qtraj.cli.app import app
 ROOT = Path(__file__).parents[2]
 PAGES = {str(file.relative_to(ROOT)): file for file in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))}
 
+pytestmark = pytest.mark.usefixtures("as_a_user_runs_it")
+
 FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```$", flags=re.S | re.M)
 TITLE = re.compile(r'title="([^"]+)"')
 LIKE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE

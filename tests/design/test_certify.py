@@ -24,19 +24,19 @@ def test_no_proof_is_contradicted_in_50_digits(motion):
     count = 16
     paths = random_turns(count, motion)
     certify = jax.jit(jax.vmap(qt.certify))  # compiled once, for the peaks as for the limits about them
-    loose = jax.vmap(lambda x: qt.Limits(**dict.fromkeys(POLYNOMIAL, x)))(jnp.full(count, 1e3))
+    loose = jax.vmap(lambda x: qt.Limits(**dict.fromkeys(POLYNOMIAL, x)))(jnp.full(count, 1e3, float))
     found = certify(paths, loose)
     peaks = dict(zip(found.names, found.values.T, strict=True))
     hair = jnp.asarray(np.resize([1e-3, 1e-8, -1e-8, -1e-3], count))
     limits = jax.vmap(lambda peaks, hair: qt.Limits(**{n: p * (1 + hair) for n, p in peaks.items()}))(peaks, hair)
     found = certify(paths, limits)
-    for k, name in enumerate(found.names):
-        for j in range(count):
-            status = found[j].status[name]
+    for j in range(count):
+        path, statuses = lane(paths, j), found[j].status
+        for k, name in enumerate(found.names):
+            status = statuses[name]
             assert status == ("proved" if hair[j] > 0 else "broken"), (name, j)
             with mpmath.workdps(50):
                 bound = mpmath.mpf(float(found.limits[j, k])) ** 2
-                path = lane(paths, j)
                 worst = exact_square(path, name, float(found.times[j, k]))
                 assert (worst > bound) == (status == "broken")
                 assert float(mpmath.sqrt(worst)) == pytest.approx(float(found.values[j, k]), rel=1e-9)
