@@ -18,7 +18,7 @@ PATH = qt.SpiralHelix([20.0, 1.0, 0.3, -0.05], [0.2, 0.35, 0.02], [1.0, 0.4, 0.0
 POLYNOMIAL = ("curvature", "torsion", "lateral_acceleration", "longitudinal_acceleration")
 
 
-@pytest.mark.parametrize("motion", ["uniform", "hermite"])
+@pytest.mark.parametrize("motion", ["uniform", pytest.param("hermite", marks=pytest.mark.slow)])
 def test_no_proof_is_contradicted_in_50_digits(motion):
     """Limits a hair above and below the peaks, on paths of every kind."""
     count = 16
@@ -45,6 +45,7 @@ def test_no_proof_is_contradicted_in_50_digits(motion):
                     assert all(exact_square(path, name, t) <= bound for t in times)
 
 
+@pytest.mark.slow
 def test_the_rate_of_the_natural_frame_and_its_acceleration_are_proved_for_uniform_cubics():
     path = lane(random_turns(3, "uniform"), 1)
     times = path.duration * jnp.linspace(0.0, 1.0, 4001)

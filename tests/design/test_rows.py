@@ -33,7 +33,7 @@ def test_a_unit_of_time_changes_no_excess(motion, placement):
         np.testing.assert_allclose(2 * found + 1, squares / limit**2, rtol=1e-9, atol=1e-14, err_msg=name)
 
 
-@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("motion", ["uniform", pytest.param("hermite", marks=pytest.mark.slow)])
 def test_slopes_and_hessians_are_those_of_peaks_that_move(motion):
     """Against differences of the rows about the points next to it, whose peaks are sought anew."""
     problem, z = posed(motion)

@@ -61,8 +61,8 @@ CASES = [
     ("nearest", "uniform", None),
     ("fastest", "uniform", None),
     ("smoothest", "uniform", 6.5),
-    ("nearest", "hermite", None),
-    ("smoothest", "hermite", 4.0),
+    pytest.param("nearest", "hermite", None, marks=pytest.mark.slow),
+    pytest.param("smoothest", "hermite", 4.0, marks=pytest.mark.slow),
 ]
 
 
@@ -137,6 +137,7 @@ def test_sense_and_whole_turns(sense, turns):
         assert best.objective == pytest.approx(float(qt.tune(START, END, LIMITS).objective), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_placement_changes_nothing_but_the_place():
     placement = qt.Placement([623000.0, 4848000.0, 150.0])
     start = qt.BoundaryState(START.position + placement.origin, START.velocity)

@@ -69,6 +69,7 @@ def test_integrate():
     check_gradient(goal, [np.concatenate([end, state]) for end in TURNS.values()])
 
 
+@pytest.mark.slow
 def test_simulate():
     """In the program, the gains, the state, and a disturbance."""
 
