@@ -165,6 +165,7 @@ def test_the_terminal_shows_it_all_within_80_columns(default_run):
         f"{np.degrees(numbers['direction_rms']):.2f}° RMS",
         f"{numbers['radius_min']:.2f} to {numbers['radius_max']:.2f} m",
         "V_φ at B",
+        f"leaves the path before by {default_run.content['departure']:.3g} m at most",
         "mean rate",
         "standing passengers",
         "out/paths.nc",

@@ -1,6 +1,7 @@
 """The report in a real browser, headless: no errors, no network, a trihedral that moves."""
 
 import json
+import re
 import shutil
 import time
 
@@ -142,6 +143,15 @@ def page(browser, report):
     return browser
 
 
+def test_the_tools_of_the_picture_are_small_and_share_nothing(page):
+    tools = page.find_elements(By.CSS_SELECTOR, "#space .modebar-btn")
+    assert tools
+    assert not any("hare" in tool.get_attribute("data-title") for tool in tools)
+    assert max(tool.size["width"] for tool in tools) < 40
+    colour = page.execute_script("return getComputedStyle(arguments[0].querySelector('path')).fill", tools[0])
+    assert max(map(int, re.findall(r"\d+", colour)[:3])) < 160, colour  # on white
+
+
 def test_names_of_the_input_are_text(page):
     assert page.execute_script("return window.hacked") is None
     assert page.find_element(By.TAG_NAME, "h1").get_property("textContent") == HOSTILE
@@ -209,11 +219,15 @@ def test_another_path_can_be_looked_at_and_its_gap_is_told(page):
 
 def test_play_runs_and_pause_stops(page):
     button = page.find_element(By.ID, "play")
+
+    def says(text):
+        WebDriverWait(page, PATIENCE).until(lambda _: button.text == text)
+
     button.click()
-    assert button.text == "Pause"
+    says("Pause")
     until(page, "return Number(document.getElementById('slider').value) > 0.3")
     button.click()
-    assert button.text == "Play"
+    says("Play")
     stopped = now(page)
     time.sleep(0.4)
     assert now(page) == stopped
@@ -221,7 +235,7 @@ def test_play_runs_and_pause_stops(page):
     button.click()
     until(page, f"return Number(document.getElementById('slider').value) > {stopped + 0.2}")
     page.find_element(By.ID, "slider").send_keys(Keys.END)  # a hand on the slider stops it
-    assert button.text == "Play"
+    says("Play")
 
 
 def test_zooming_one_panel_zooms_all(browser, tmp_path):

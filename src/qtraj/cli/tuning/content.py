@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import xarray
+
 from qtraj._version import __version__
 from qtraj.cli.content import finite, scenario_content
 from qtraj.cli.tuning.job import Job
@@ -10,14 +12,18 @@ from qtraj.design.proof.certificate import Certificate
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.scenario import ScenarioFile
 from qtraj.path.boundary import BoundaryState, cylindrical
+from qtraj.path.departure import departure
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
 
 COMPONENTS = ("V_rho", "V_phi", "V_h")
 
 
-def tune_content(given: ScenarioFile, job: Job, before: Certificate, best: Tuned) -> dict[str, Any]:
+def tune_content(
+    given: ScenarioFile, job: Job, before: Certificate, best: Tuned, dataset: xarray.Dataset
+) -> dict[str, Any]:
     """The whole outcome of a tuning, of JSON's types only (None where a number is not finite)."""
+    was, now = (dataset["position"].sel(path=name).values for name in ("before", "after"))
     content = {
         "qtraj": __version__,
         "command": "tune",
@@ -25,6 +31,7 @@ def tune_content(given: ScenarioFile, job: Job, before: Certificate, best: Tuned
         "fit": fit_content(job),
         "limits": {name: _limit(name, before, best.certificate, given.scenario.purpose) for name in before.status},
         "boundary": _boundary(job, best),
+        "departure": departure(now, was),
         "tuning": {
             "objective": job.objective,
             "motion": job.motion,

@@ -19,7 +19,7 @@ def print_tuning(console: Console, content: dict[str, Any]) -> None:
     if content["fit"] is not None:
         print_fit(console, content["fit"])
     _print_limits(console, content["limits"])
-    _print_boundary(console, content["boundary"])
+    _print_boundary(console, content["boundary"], content["departure"])
     tuning = content["tuning"]
     heading(console, f"Result: objective '{tuning['objective']}', motion '{tuning['motion']}'")
     console.print(Text(tuning["result"]))
@@ -36,8 +36,9 @@ def print_fit(console: Console, fit: dict[str, Any]) -> None:
         ("vertical distance", f"{fit['vertical_rms']:.3f} m RMS"),
         ("largest distance", f"{fit['maximum']:.3f} m"),
         ("samples", f"{fit['samples']} in {fit['duration']:.2f} s"),
-        ("turn", f"{degrees(fit['turn']):.2f}° about the axis, {degrees(fit['recorded_turn']):.2f}° of the travel"),
-        ("radius", f"{fit['radius_min']:.2f} to {fit['radius_max']:.2f} m"),
+        ("direction of travel", f"turns by {degrees(fit['recorded_turn']):.2f}°"),
+        ("angle about the axis", f"{degrees(fit['turn']):.2f}°"),
+        ("distance from the axis", f"{fit['radius_min']:.2f} to {fit['radius_max']:.2f} m"),
         ("axis", f"vertical through ({x:.2f}, {y:.2f}) m"),
     ]
     if fit["direction_rms"] is not None:
@@ -63,7 +64,7 @@ def _print_limits(console: Console, limits: dict[str, dict[str, Any]]) -> None:
             console.print(Text(f"{name}: {entry['purpose']}"))
 
 
-def _print_boundary(console: Console, boundary: dict[str, Any]) -> None:
+def _print_boundary(console: Console, boundary: dict[str, Any], departure: float | None) -> None:
     heading(console, "Boundary velocities before and after")
     before, after = boundary["before"], boundary["after"]
     table = plain_table("", right=("before", "after", "change"), last=("unit",))
@@ -75,6 +76,9 @@ def _print_boundary(console: Console, boundary: dict[str, Any]) -> None:
     _compare(table, "mean rate", before["mean_rate"], after["mean_rate"], "rad/s")
     _compare(table, "length", before["length"], after["length"], "m")
     console.print(table)
+    console.print(Text("A: start, B: end. V_ρ: away from the axis, V_φ: about it, V_h: along it."))
+    if departure is not None:
+        console.print(Text(f"The path after leaves the path before by {departure:.3g} m at most."))
     given = [boundary["given"][end][name] for end in ENDS for name in COMPONENTS]
     used = [before[end][name] for end in ENDS for name in COMPONENTS]
     if not all(math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-6) for a, b in zip(given, used, strict=True)):

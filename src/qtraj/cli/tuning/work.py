@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+import xarray
+
 from qtraj.cli.content import provenance, scenario_content
 from qtraj.cli.output import Writer, check_folder, write_all
 from qtraj.cli.terminal import Watch, watching
@@ -31,9 +33,10 @@ def run(file: Path | None, out: Path, choice: Choice) -> tuple[dict[str, Any], b
             )
         given = read_scenario(DEFAULT if file is None else file, Scenario)
         job, before, best = solve(given, choice, watch)
-        content = tune_content(given, job, before, best)
+        dataset = _dataset(given, job, best)
+        content = tune_content(given, job, before, best, dataset)
         watch.say("writing")
-        content["files"] = [str(file) for file in write_all(out, _writers(given, job, best))]
+        content["files"] = [str(file) for file in write_all(out, _writers(dataset, best))]
     return content, best.converged and best.certificate.met
 
 
@@ -56,8 +59,8 @@ def solve(given: ScenarioFile[Scenario], choice: Choice, watch: Watch) -> tuple[
     return job, before, best
 
 
-def _writers(given: ScenarioFile[Scenario], job: Job, best: Tuned) -> dict[str, Writer]:
-    """The files to write, by name."""
+def _dataset(given: ScenarioFile[Scenario], job: Job, best: Tuned) -> xarray.Dataset:
+    """Both paths, sampled."""
     attributes = provenance(given.file, scenario_content(given)) | {
         "tuning_objective": job.objective,
         "tuning_motion": job.motion,
@@ -65,7 +68,11 @@ def _writers(given: ScenarioFile[Scenario], job: Job, best: Tuned) -> dict[str, 
         "tuning_result": best.result,
     }
     paths = {"before": job.path, "after": best.path}
-    dataset = path_dataset(paths, job.limits, job.track, attributes=attributes)
+    return path_dataset(paths, job.limits, job.track, attributes=attributes)
+
+
+def _writers(dataset: xarray.Dataset, best: Tuned) -> dict[str, Writer]:
+    """The files to write, by name."""
 
     def draw(file: Path) -> None:
         from qtraj.viz.figures import save, tuning_figure  # here, so that matplotlib is loaded when all else is done

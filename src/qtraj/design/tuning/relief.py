@@ -63,7 +63,7 @@ def advice(tasks: Task, found: Found, most_steps: int, tell: Tell | None) -> str
     remedies += _move(tasks, found, most_steps, tell)
     problem = tasks.problem
     if problem.motion == "uniform":
-        remedies.append("take motion='hermite', whose angle need not turn uniformly")
+        remedies.append("take motion 'hermite', whose angle need not turn uniformly")
     if problem.holds_duration:
         remedies.append("give a longer duration, which this objective holds fixed")
     return " ".join([*lines, "What would help: " + "; or ".join(remedies) + "."])

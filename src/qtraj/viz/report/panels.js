@@ -30,7 +30,7 @@ function drawPanels() {
       y: series.values,
       visible: shown(series),
       connectgaps: false,
-      line: { color: series.colour, width: series.width, dash: series.dash },
+      line: { color: series.colour, width: series.width, dash: series.dash, simplify: false },
       hovertemplate: "%{y:.6g} at %{x:.4g} s<extra>%{fullData.name}</extra>",
     }));
     panel.limits

@@ -8,6 +8,7 @@ import xarray
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset import MAGNITUDES
 from qtraj.path.boundary import cylindrical
+from qtraj.path.departure import departure
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.viz.report.model import Table, number, unit
 from qtraj.viz.report.provenance import provenance_table
@@ -87,9 +88,12 @@ def _cylindrical(tuned: Tuned | None) -> Table:
 
 
 def _extent(paths: Mapping[str, xarray.Dataset]) -> Table:
-    rows = []
+    """Duration, length, and how far each path leaves the first one."""
+    rows, (first, line) = [], next(iter(paths.items()))
     for label, path in paths.items():
-        time, row = path["time"].values, [label, number(float(path["time"].values[-1]))]
+        time = path["time"].values
         length = np.trapezoid(path["speed"].values, time) if "speed" in path else np.nan
-        rows.append([*row, number(float(length), 5), str(len(time))])
-    return Table("Duration and length", ["path", "duration [s]", "length [m]", "instants"], rows)
+        apart = departure(path["position"].values, line["position"].values)
+        rows.append([label, number(float(time[-1])), number(float(length), 5), number(apart, 3), str(len(time))])
+    header = ["path", "duration [s]", "length [m]", f"farthest from {first} [m]", "instants"]
+    return Table("Duration and length", header, rows)

@@ -62,7 +62,7 @@ function still() {
   );
   if (data.recorded) {
     traces.unshift(
-      line3d(data.recorded, { name: "recorded", mode: "markers", marker: { size: 2.2, color: "#737373" } }),
+      line3d(data.recorded, { name: "recorded", mode: "markers", marker: { size: 1.8, color: "#737373" } }),
     );
   }
   const body = bodies[state.looked];
@@ -94,7 +94,7 @@ function moving() {
     thin = arrows.map(() => []);
   bodies.forEach((body, k) => {
     const at = pose(body, state.time);
-    if (body.position !== null && known(at.origin)) dots.push(at.origin);
+    dots.push(body.position !== null && known(at.origin) ? at.origin : [null, null, null]);
     if (body.ghost && k !== state.looked && at.axes !== null) {
       at.axes.forEach((axis, n) => thin[n].push(at.origin, plus(at.origin, axis, space.length)));
     }
@@ -142,7 +142,7 @@ function movingTraces() {
         mode: "markers",
         hoverinfo: "skip",
         showlegend: false,
-        marker: { size: 4.5, color: "#1c2733" },
+        marker: { size: 5, color: bodies.map((body) => body.colour), line: { color: "#1c2733", width: 1.5 } },
       },
       updates[n + 1],
     ),
@@ -193,14 +193,14 @@ function spaceLayout() {
     paper_bgcolor: "#fff",
     legend: { x: 0.01, y: 0.01, yanchor: "bottom", itemsizing: "constant", bgcolor: "rgba(255,255,255,0.8)" },
     showlegend: !attitude && (bodies.length > 1 || data.recorded !== null),
-    modebar: { orientation: "v", bgcolor: "rgba(0,0,0,0)" },
+    modebar: { orientation: "v", bgcolor: "rgba(255,255,255,0)", color: "#5b6b7a", activecolor: "#0072b2" },
     scene: {
       aspectmode: "manual",
       aspectratio: { x: wide, y: deep, z: high },
       xaxis: axis("x", 0),
       yaxis: axis("y", 1),
       zaxis: axis("z", 2),
-      camera: { eye: { x: -0.95, y: -1.25, z: 0.95 }, up: { x: 0, y: 0, z: 1 }, projection: { type: "orthographic" } },
+      camera: { eye: { x: -0.75, y: -1.1, z: 1.3 }, up: { x: 0, y: 0, z: 1 }, projection: { type: "orthographic" } },
     },
   };
 }
@@ -213,6 +213,7 @@ function drawSpace() {
   return Plotly.react(byId("space"), fixed.concat(traces), spaceLayout(), {
     responsive: true,
     displaylogo: false,
+    showSendToCloud: false, // the page is private
     modeBarButtonsToRemove: ["resetCameraLastSave3d", "hoverClosest3d"],
   });
 }

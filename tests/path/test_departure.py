@@ -1,0 +1,19 @@
+"""The distance between paths, against circles about one centre."""
+
+import numpy as np
+import pytest
+
+from qtraj.path.departure import departure
+
+ANGLES = np.linspace(0.0, 2.0, 2001)
+CIRCLE = np.stack([np.cos(ANGLES), np.sin(ANGLES), 0.0 * ANGLES], axis=1)
+
+
+def test_circles_about_one_centre_and_planes_apart():
+    assert departure(1.5 * CIRCLE, CIRCLE) == pytest.approx(0.5, abs=1e-6)
+    assert departure(1.5 * CIRCLE + [0.0, 0.0, 1.2], CIRCLE) == pytest.approx(1.3, abs=1e-6)
+
+
+def test_times_do_not_matter_and_a_point_that_stands_still_is_a_line():
+    assert departure(CIRCLE[::-7], CIRCLE) == pytest.approx(0.0, abs=1e-12)
+    assert departure(np.array([[3.0, 4.0, 0.0]]), np.zeros((2, 3))) == 5.0
