@@ -1,4 +1,4 @@
-"""A strict session: float64, no silent broadcasting or promotion, shapes checked at run time, warnings as errors."""
+"""A strict session: float64, no silent broadcasting or promotion, shapes checked, warnings as errors."""
 
 import os
 import tempfile
@@ -30,6 +30,7 @@ jaxtyping.install_import_hook("qtraj", "beartype.beartype")
 @pytest.fixture(scope="module")
 def as_a_user_runs_it():
     """Without the checks of shapes, under which the tests of the library itself run: here they cost a quarter."""
+    before = jaxtyping.config.jaxtyping_disable
     jaxtyping.config.update("jaxtyping_disable", True)
     yield
-    jaxtyping.config.update("jaxtyping_disable", False)
+    jaxtyping.config.update("jaxtyping_disable", before)

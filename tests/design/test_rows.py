@@ -33,7 +33,34 @@ def test_a_unit_of_time_changes_no_excess(motion, placement):
         np.testing.assert_allclose(2 * found + 1, squares / limit**2, rtol=1e-9, atol=1e-14, err_msg=name)
 
 
-@pytest.mark.parametrize("motion", ["uniform", pytest.param("hermite", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("motion", "placement"), [("uniform", None), ("hermite", AXIS)])
+def test_rows_have_the_derivatives_of_the_excess(motion, placement):
+    """With the motion of their peaks, by the implicit function theorem."""
+    problem, z = posed(motion, placement)
+    limits = qt.Limits(curvature=0.05)
+
+    @jax.jit
+    def both(z):
+        def g(z, u):
+            return excess(problem, z, u, "curvature", limits.curvature)
+
+        def exact(u):
+            mixed, bend = jax.jacfwd(jax.grad(g), 1)(z, u), jax.jacfwd(jax.jacfwd(g, 1), 1)(z, u)
+            return jax.grad(g)(z, u), jax.hessian(g)(z, u), jnp.outer(mixed, mixed) / bend, bend
+
+        peaks = jax.tree.map(lambda x: x[0], find_peaks(problem, limits, z))
+        return *rows_at(problem, limits, z, jax.tree.map(lambda x: x[None], peaks)), peaks, jax.vmap(exact)(peaks.time)
+
+    rows, hessians, peaks, (slopes, seconds, moved, bends) = both(0.1 * z)
+    there = np.asarray(peaks.present)
+    assert np.any(there & peaks.moving)
+    moved = np.where((peaks.moving & (bends < 0))[:, None, None], moved, 0.0)
+    np.testing.assert_allclose(rows.slope[: there.size][there], slopes[there], rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(hessians[0][there], (seconds - moved)[there], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("motion", MOTIONS)
 def test_slopes_and_hessians_are_those_of_peaks_that_move(motion):
     """Against differences of the rows about the points next to it, whose peaks are sought anew."""
     problem, z = posed(motion)

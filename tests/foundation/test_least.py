@@ -7,21 +7,21 @@ import numpy as np
 from qtraj.foundation.least import least, place_of_largest
 
 
-def test_the_least_its_place_and_what_stands_there():
+def test_the_least_and_its_place():
     values = np.random.default_rng(3).normal(size=(100, 33))
-    others = np.arange(values.size).reshape(values.shape)
-    lowest, place, other = jax.vmap(least)(jnp.asarray(values), jnp.asarray(others))
+    lowest, place = jax.vmap(least)(jnp.asarray(values))
     np.testing.assert_array_equal(place, np.argmin(values, axis=1))
     np.testing.assert_array_equal(lowest, np.min(values, axis=1))
-    np.testing.assert_array_equal(other, others[np.arange(100), place])
     np.testing.assert_array_equal(jax.vmap(place_of_largest)(jnp.asarray(values)), np.argmax(values, axis=1))
 
 
-def test_nan_is_passed_over():
+def test_nan_counts_as_infinite():
     assert least(jnp.asarray([jnp.nan, 2.0, 1.0, jnp.nan]))[1] == 2
-    lowest, place = least(jnp.asarray([jnp.nan, jnp.nan]))
-    assert lowest == jnp.inf
-    assert place == 0
+    assert place_of_largest(jnp.asarray([jnp.nan, 2.0, 1.0])) == 1
+    for number in (1, 2, 40):
+        lowest, place = least(jnp.full(number, jnp.nan))
+        assert lowest == jnp.inf
+        assert place == 0
 
 
 def test_nothing_is_differentiated():

@@ -67,8 +67,11 @@ def summit(f: OfPath, path: AbstractHodograph, hints: Float[Array, " n"]) -> tup
 
 
 def highest(values: Float[Array, " n"], number: int) -> Int[Array, " {number}"]:
-    """The places of the highest values, the highest first: a few passes are cheaper than sorting."""
-    places = []
+    """The places of the highest values, the highest first: a few passes are cheaper than sorting.
+
+    NaN counts as highest, so that it is seen in what is found there.
+    """
+    places, values = [], jnp.where(jnp.isnan(values), jnp.inf, values)
     for _ in range(number):
         k = place_of_largest(values)
         places.append(k)

@@ -63,10 +63,11 @@ def each(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], device:
     yield from map(one, arguments[:alone])
     _compiled.add(kind)
     rest = arguments[alone:]
-    if len(rest) < 2:
+    if len(rest) < 2:  # no two can share the cores
         yield from map(one, rest)
         return
-    with ThreadPoolExecutor(CORES) as pool:
+    # Threads that stayed would be lost in a forked process, which would wait for them for ever; new ones cost 0.1 ms.
+    with ThreadPoolExecutor(CORES, thread_name_prefix="qtraj") as pool:
         yield from pool.map(one, rest)
 
 

@@ -18,14 +18,12 @@ Triple = tuple[Any, Any, Any]
 
 def times(a: Any, b: Any) -> Any:
     """a·b, or the integer 0 where one of them is that."""
-    if (isinstance(a, int) and a == 0) or (isinstance(b, int) and b == 0):
-        return 0
-    return a * b
+    return 0 if _vanishes(a) or _vanishes(b) else a * b
 
 
 def total(terms: Sequence[Any]) -> Any:
     """The sum of the terms that do not vanish identically, or the integer 0."""
-    kept = [term for term in terms if not (isinstance(term, int) and term == 0)]
+    kept = [term for term in terms if not _vanishes(term)]
     if not kept:
         return 0
     result = kept[0]
@@ -68,3 +66,7 @@ def jet(coefficients: Sequence[Array], t: Array, order: int) -> list[Component]:
         for i in range(len(c) - 2, k - 1, -1):
             c[i] = c[i] + t * c[i + 1]
     return [*c[: order + 1], *[0] * (order + 1 - len(c))]
+
+
+def _vanishes(x: Any) -> bool:
+    return isinstance(x, int) and x == 0

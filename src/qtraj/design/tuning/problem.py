@@ -35,7 +35,7 @@ DURATION = "duration"
 JERK_NODES = 16  # Gauss–Legendre, exact for |r⃛|² of cubics with a cubic angle (degree 18 ≤ 31)
 
 
-class Shape(NamedTuple):
+class Course(NamedTuple):
     """A path of the problem: its polynomials in the fraction of the duration, and the duration [s]."""
 
     radius: Float[Array, " n_radius"]
@@ -79,16 +79,16 @@ class Problem(eqx.Module):
         duration = self.time(z)
         return self._between(*self._velocities(z, duration), duration)
 
-    def shape(self, z: Variables) -> Shape:
-        """What the path of these variables consists of."""
+    def course(self, z: Variables) -> Course:
+        """What the path of these variables consists of; limits are formed from it, and objectives from `path`."""
         duration = self.time(z)
         va, vb = self._velocities(z, duration)
         unit = self._between(va * duration, vb * duration, jnp.ones_like(duration))
-        return Shape(unit.radius, unit.angle, unit.height, duration)
+        return Course(unit.radius, unit.angle, unit.height, duration)
 
-    def unit_path(self, shape: Shape) -> SpiralHelix:
+    def unit_path(self, course: Course) -> SpiralHelix:
         """A path run through in a unit of time: its derivatives are those in the fraction of the duration."""
-        return SpiralHelix(shape.radius, shape.angle, shape.height, jnp.ones_like(shape.duration), self.placement)
+        return SpiralHelix(course.radius, course.angle, course.height, jnp.ones_like(course.duration), self.placement)
 
     def time(self, z: Variables) -> Scalar:
         """The duration [s] of the path of these variables."""

@@ -4,10 +4,12 @@ A row is g(z, u) = ½((value/limit)² − 1) ≤ 0 at a fraction u of the durati
 ∂g/∂u = 0: the gradient of the peak is ∂g/∂z (envelope theorem), its Hessian g_zz − g_zu g_uz/g_uu. At an end it stands
 still. Fixed times between them, with gradients alone, foretell the peaks that a step would raise.
 
-The rows are differentiated in the few numbers that make up the path, its shape, and the shape in z: once for all rows.
+The rows are differentiated in the few numbers that make up the path, its course, and the course in z: once for all of
+them.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -17,7 +19,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from qtraj.design.limits import Limits
 from qtraj.design.magnitudes import PER_TIME, squared
 from qtraj.design.peaks import climb, highest
-from qtraj.design.tuning.problem import Problem, Shape, Variables
+from qtraj.design.tuning.problem import Course, Problem, Variables
 from qtraj.foundation.types import Scalar
 
 NODES = 65
@@ -66,9 +68,10 @@ def peaks_of_each(limits: Limits) -> int:
 def find_peaks(problem: Problem, limits: Limits, z: Variables) -> Peaks:
     """The peaks and ends of all limits at `z`."""
     number = peaks_of_each(limits)
-    shape = problem.shape(z)
-    slow = _slowest(problem, shape)
-    found = [_peaks(_at_shape(problem, shape, name, limit), number, slow) for name, limit in limits.given().items()]
+    course = problem.course(z)
+    slow = _slowest(problem, course)
+    excesses = [partial(_Excess(problem, name, limit), course) for name, limit in limits.given().items()]
+    found = [_peaks(g, number, slow) for g in excesses]
     return Peaks(*(jnp.stack(column) for column in zip(*found, strict=True)))
 
 
@@ -84,12 +87,12 @@ def values_at(problem: Problem, limits: Limits, z: Variables, peaks: Peaks) -> F
 
 def values_nearby(problem: Problem, limits: Limits, z: Variables, rows: Rows) -> Float[Array, " m"]:
     """The values at `z` of rows that stand elsewhere, their peaks followed to where they are; absent ones stay so."""
-    given, shape = limits.given(), problem.shape(z)
+    given, course = limits.given(), problem.course(z)
     times, moving = (x.reshape(len(given), -1) for x in (rows.time, rows.moving))
     number = peaks_of_each(limits) + ALWAYS
     values = []
     for k, (name, limit) in enumerate(given.items()):
-        g = _at_shape(problem, shape, name, limit)
+        g = partial(_Excess(problem, name, limit), course)
         peaks = times[k, :number]
         followed, _ = _polished(g, peaks, jnp.where(moving[k, :number], FOLLOWED, REACH))
         values.append(jax.vmap(g)(jnp.concatenate([followed, times[k, number:]])))
@@ -112,56 +115,59 @@ def rows_at(problem: Problem, limits: Limits, z: Variables, peaks: Peaks) -> tup
 
 def excess(problem: Problem, z: Variables, u: Scalar, name: str, limit: Scalar) -> Scalar:
     """g = ½((value/limit)² − 1) at the fraction `u` of the duration."""
-    return _Excess(problem, name, limit)(problem.shape(z), u)
+    return _Excess(problem, name, limit)(problem.course(z), u)
 
 
 class _Excess(NamedTuple):
-    """g of one limit, in the shape of the path and the fraction of its duration."""
+    """g of one limit, in the course of the path and the fraction of its duration."""
 
     problem: Problem
     name: str
     limit: Scalar
 
-    def __call__(self, shape: Shape, u: Scalar) -> Scalar:
+    def __call__(self, course: Course, u: Scalar) -> Scalar:
         # In unit time, which is simpler to differentiate: the limit is scaled instead.
-        scaled = self.limit * shape.duration ** PER_TIME[self.name]
-        return 0.5 * (squared(self.problem.unit_path(shape), u, self.name) / scaled**2 - 1.0)
+        scaled = self.limit * course.duration ** PER_TIME[self.name]
+        return 0.5 * (squared(self.problem.unit_path(course), u, self.name) / scaled**2 - 1.0)
 
 
 class _Made(NamedTuple):
-    """A shape and its derivatives in the variables, all its numbers in a row."""
+    """A course and its derivatives in the variables, all its numbers in a row."""
 
-    shape: Shape
-    directions: Shape  # (n, …): what each variable does to it
+    course: Course
+    directions: Course  # (n, …): what each variable does to it
     slopes: Float[Array, "q n"]
     bends: Float[Array, "q n n"]
 
 
 def _made(problem: Problem, z: Variables) -> _Made:
-    slopes, bends = jax.jacfwd(problem.shape)(z), jax.jacfwd(jax.jacfwd(problem.shape))(z)
+    slopes, bends = jax.jacfwd(problem.course)(z), jax.jacfwd(jax.jacfwd(problem.course))(z)
     directions = jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), slopes)
     n = z.shape[0]
-    return _Made(problem.shape(z), directions, _in_a_row(slopes, n), _in_a_row(bends, n, n))
+    return _Made(problem.course(z), directions, _in_a_row(slopes, n), _in_a_row(bends, n, n))
 
 
-def _in_a_row(shape: Shape, *rest: int) -> Float[Array, "q *rest"]:
-    """All numbers of a shape, or what belongs to each of them."""
-    return jnp.concatenate([x.reshape(-1, *rest) for x in shape])
+def _in_a_row(course: Course, *rest: int) -> Float[Array, "q *rest"]:
+    """All numbers of a course, or what belongs to each of them."""
+    return jnp.concatenate([x.reshape(-1, *rest) for x in course])
 
 
 def _highest(g: _Excess, made: _Made, peaks: Peaks) -> tuple[Rows, Float[Array, "k n n"]]:
     """The rows of one limit's peaks and ends, and their Hessians."""
     u, present, moves = peaks
-    shape, directions = made.shape, made.directions
+    course = made.course
+
+    def pair(course: Course, u: Scalar) -> tuple[Scalar, Course]:
+        return jax.value_and_grad(g)(course, u)
+
+    def turned_by(direction: Course, u: Scalar) -> Course:
+        return jax.jvp(lambda course: pair(course, u)[1], (course,), (direction,))[1]
 
     def at(u: Scalar) -> tuple[Array, ...]:
-        def pair(shape: Shape, u: Scalar) -> tuple[Scalar, Shape]:
-            return jax.value_and_grad(g)(shape, u)
-
         one = jnp.ones_like(u)
-        (value, slope), (_, mixed) = jax.jvp(lambda u: pair(shape, u), (u,), (one,))
-        bend = jax.jvp(lambda u: jax.jvp(lambda u: g(shape, u), (u,), (one,))[1], (u,), (one,))[1]
-        turned = jax.vmap(lambda d: jax.jvp(lambda shape: pair(shape, u)[1], (shape,), (d,))[1])(directions)
+        (value, slope), (_, mixed) = jax.jvp(lambda u: pair(course, u), (u,), (one,))
+        bend = jax.jvp(lambda u: jax.jvp(lambda u: g(course, u), (u,), (one,))[1], (u,), (one,))[1]
+        turned = jax.vmap(turned_by, (0, None))(made.directions, u)
         return value, _in_a_row(slope), _in_a_row(mixed), bend, jnp.concatenate([_columns(x) for x in turned], axis=1)
 
     value, slope, mixed, bend, turned = jax.vmap(at)(u)
@@ -181,19 +187,14 @@ def _columns(x: Float[Array, "n *part"]) -> Float[Array, "n part"]:
 
 def _fixed(g: _Excess, made: _Made, times: Float[Array, " r"]) -> Rows:
     """The rows of one limit at fixed times."""
-    value, of_shape = jax.vmap(jax.value_and_grad(g), (None, 0))(made.shape, times)
-    slope = jax.vmap(_in_a_row)(of_shape) @ made.slopes
+    value, of_course = jax.vmap(jax.value_and_grad(g), (None, 0))(made.course, times)
+    slope = jax.vmap(_in_a_row)(of_course) @ made.slopes
     sound = jnp.isfinite(value) & jnp.all(jnp.isfinite(slope), 1)
     return Rows(jnp.where(sound, value, ABSENT), _keep(slope, sound[:, None]), times, jnp.zeros(times.shape, bool))
 
 
 def _keep(x: Array, keep: Array) -> Array:
     return jnp.where(keep, x, jnp.zeros_like(x))
-
-
-def _at_shape(problem: Problem, shape: Shape, name: str, limit: Scalar) -> Callable[[Scalar], Scalar]:
-    g = _Excess(problem, name, limit)
-    return lambda u: g(shape, u)
 
 
 def _peaks(
@@ -229,14 +230,14 @@ def _repeated(times: Float[Array, " k"], present: Bool[Array, " k"]) -> Bool[Arr
     return jnp.any(earlier & present[None] & (jnp.abs(times[None] - times[:, None]) < SAME), axis=1)
 
 
-def _slowest(problem: Problem, shape: Shape) -> Scalar:
+def _slowest(problem: Problem, course: Course) -> Scalar:
     """Where the speed is least: the lowest of its inner local minima over the nodes, polished."""
-    path = problem.unit_path(shape)
+    path = problem.unit_path(course)
 
     def slowness(u: Scalar) -> Scalar:
         return -squared(path, u, "speed")
 
-    nodes = jnp.linspace(0.0, 1.0, NODES, dtype=shape.duration.dtype)
+    nodes = jnp.linspace(0.0, 1.0, NODES, dtype=course.duration.dtype)
     picked, _ = _highest_nodes(jax.vmap(slowness)(nodes), nodes, 1)
     return climb(slowness, picked, picked - REACH, picked + REACH, NEWTON_STEPS)[0]
 

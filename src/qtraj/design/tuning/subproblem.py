@@ -84,7 +84,7 @@ def best_move(
         there = jax.lax.cond(
             last, lambda: at.values, lambda: values_nearby(task.problem, task.limits, z + d, model.rows)
         )
-        pulls = found.reshape(multipliers.shape[0], -1)[:, : multipliers.shape[1]]
+        pulls = _of_peaks(found, multipliers).reshape(multipliers.shape)
         ended = _Ended(d, found, allowed, excess, jnp.max(jnp.abs(e)), near.rows.slope, end.solved, end.steps)
         return _Trial(d, there, pulls), ended
 
@@ -112,9 +112,9 @@ def _left(size: Scalar, correction: Scalar) -> Scalar:
     return jnp.where(correction < size, correction**2 / jnp.where(size > 0, size, 1.0), size)
 
 
-def _of_rows(x: Float[Array, "limits k *rest"], rows: int) -> Float[Array, "m *rest"]:
+def _of_rows(x: Float[Array, "limits k *rest"], number: int) -> Float[Array, "m *rest"]:
     """What belongs to peaks and ends as one for each of so many rows, zero for those at fixed times."""
-    each = rows // x.shape[0]
+    each = number // x.shape[0]
     return jnp.pad(x, ((0, 0), (0, each - x.shape[1]), *((0, 0),) * (x.ndim - 2))).reshape(-1, *x.shape[2:])
 
 
