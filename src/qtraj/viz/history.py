@@ -11,11 +11,12 @@ from mpl_toolkits.mplot3d import Axes3D  # registers the projection
 
 from qtraj.io.dataset import MAGNITUDES
 from qtraj.viz.space import draw_space
-from qtraj.viz.style import BOUND, RC, WIDTH, head, path_line, title
+from qtraj.viz.style import BAND, BOUND, LIMIT, RC, WIDTH, head, path_line, title
 
 ALWAYS = ("curvature", "lateral_acceleration")
 UNITS = {"m-1": "1/m", "m s-1": "m/s", "m s-2": "m/s²", "rad s-1": "rad/s", "rad s-2": "rad/s²", "1": "–"}
 PANEL = 1.7  # [inch] of height
+FLAT = 0.85  # of the largest value: where the least is larger, the zero would only squeeze what there is to see
 
 
 def tuning_figure(dataset: xarray.Dataset) -> Figure:
@@ -24,17 +25,18 @@ def tuning_figure(dataset: xarray.Dataset) -> Figure:
     `dataset` is one of `qtraj.io.dataset.path_dataset`: every path in it is drawn, trihedra stand on the last, and
     each variable with a limit has its own panel.
     """
-    panels = _panels(dataset)
+    panels, name = _panels(dataset), dataset.attrs.get("title", "")
     with mpl.rc_context(RC):
-        height = max(5.0, PANEL * len(panels) + 0.8)
+        band = BAND if name else 0.0
+        height = max(4.65, PANEL * len(panels) + 0.45) + band
         figure = Figure(figsize=(WIDTH, height))
         # The space keeps its own shape however many panels stand beside it, and hangs below the title.
-        space: Any = figure.add_axes((-0.045, 0.92 - 4.6 / height, 0.575, 4.6 / height), projection=Axes3D.name)
+        space: Any = figure.add_axes((-0.045, 1 - (4.65 + band) / height, 0.575, 4.6 / height), projection=Axes3D.name)
         draw_space(space, dataset)
-        margins = {"left": 0.63, "right": 0.985, "top": 1 - 0.5 / height, "bottom": 0.55 / height}
+        margins = {"left": 0.63, "right": 0.985, "top": 1 - (0.15 + band) / height, "bottom": 0.55 / height}
         _draw_panels(figure, dataset, panels, margins)
         figure.legend(handles=space.get_legend_handles_labels()[0], loc="upper left", fontsize=8)
-        figure.suptitle(dataset.attrs.get("title", ""), y=1 - 0.08 / height, va="top", fontsize=11, fontweight="bold")
+        head(figure, name, 1 - 0.08 / height)
     return figure
 
 
@@ -51,9 +53,10 @@ def limits_figure(dataset: xarray.Dataset, names: Sequence[str] | None = None) -
         raise ValueError(f"unknown magnitude {min(unknown)!r}; known are {', '.join(MAGNITUDES)}")
     panels = _panels(dataset) if names is None else [MAGNITUDES[name] for name in names]
     with mpl.rc_context(RC):
-        height = PANEL * len(panels) + 1.0
+        band = BAND if title(dataset) else 0.0
+        height = PANEL * len(panels) + 0.65 + band
         figure = Figure(figsize=(0.75 * WIDTH, height))
-        margins = {"left": 0.12, "right": 0.98, "top": 1 - 0.45 / height, "bottom": 0.55 / height}
+        margins = {"left": 0.12, "right": 0.98, "top": 1 - (0.1 + band) / height, "bottom": 0.55 / height}
         _draw_panels(figure, dataset, panels, margins)
         head(figure, title(dataset))
     return figure
@@ -82,8 +85,12 @@ def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> 
     if (limit := variable.attrs.get("limit")) is not None:
         axes.axhline(limit, label=f"limit {limit:.4g}", **BOUND)
     drawn = [y for line in axes.lines for y in line.get_ydata()]
-    if min(drawn) < 0.5 * max(drawn):  # else the zero would only squeeze what there is to see
-        axes.set_ylim(bottom=0)
+    if min(drawn) < FLAT * max(drawn):
+        axes.set_ylim(-0.03 * max(drawn), 1.08 * max(drawn))  # lines at both ends are seen
+    if limit is not None:
+        top = axes.get_ylim()[1]
+        axes.axhspan(limit, top, color=LIMIT, alpha=0.05, lw=0)
+        axes.set_ylim(top=top)
     axes.set_xlim(left=0)
     axes.set_ylabel(f"{name.removesuffix('_magnitude').replace('_', ' ')} [{UNITS[variable.attrs['units']]}]")
     axes.grid(alpha=0.25, lw=0.5)

@@ -27,6 +27,7 @@ BOUND = {"color": LIMIT, "lw": 1.0, "ls": (0, (1, 1.5))}
 """Of a limit."""
 
 WIDTH = 10.0  # [inch]
+BAND = 0.35  # [inch] of height for a title
 LEAST_ANGLE = 1e-7  # [°] below it there is round-off only
 ANGLE_LABEL, RATE_LABEL = r"angle $\Phi$ [°]", r"rate $\dot\Phi$ [°/s]"
 BEND_LABEL = r"acceleration $\ddot\Phi$ [°/s²]"
@@ -66,7 +67,7 @@ def head(figure: Figure, text: str, y: float = 0.985) -> None:
         figure.suptitle(text, y=y, va="top", fontsize=11, fontweight="bold")
 
 
-def above(axes: Any, columns: int = 6) -> None:
+def above(axes: Any, columns: int = 6, handle: float = 1.7) -> None:
     """A legend above the panel, so that it hides nothing."""
     axes.legend(
         loc="lower left",
@@ -74,7 +75,7 @@ def above(axes: Any, columns: int = 6) -> None:
         ncols=columns,
         fontsize=7.5,
         borderaxespad=0.1,
-        handlelength=1.7,
+        handlelength=handle,
         columnspacing=1.0,
         handletextpad=0.5,
     )
