@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from qtraj.algebra import rotation
 from qtraj.foundation.arrays import as_float
-from qtraj.viz.style import MARK, RC, SUBSCRIPTS, above, component, frame, head
+from qtraj.viz.style import BAND, MARK, RC, SUBSCRIPTS, above, component, frame, head
 
-SIZE = (7.6, 6.4)  # [inch]
+SIZE = (7.6, 6.05)  # [inch] without a title
 JUMP = np.cos(np.pi / 4)
 """Neighbours whose |⟨λ, λ⟩| is smaller differ by more than 90°: the frame flips between them."""
 HALF_TURN = 1e-9
@@ -36,8 +36,11 @@ def orientation_figure(
     flips = np.abs(np.sum(q[1:] * q[:-1], axis=1)) < JUMP
     crossings = (q[1:, 0] * q[:-1, 0] < 0) & ~flips & exists[1:] & exists[:-1]
     with mpl.rc_context(RC):
-        figure = Figure(figsize=SIZE)
-        grid = figure.add_gridspec(3, 1, hspace=0.34, left=0.1, right=0.98, top=0.9, bottom=0.075)
+        band = BAND if title else 0.0
+        height = SIZE[1] + band
+        figure = Figure(figsize=(SIZE[0], height))
+        margins = {"top": 1 - (0.29 + band) / height, "bottom": 0.48 / height}
+        grid = figure.add_gridspec(3, 1, hspace=0.34, left=0.1, right=0.98, **margins)
         axes = [figure.add_subplot(grid[0])]
         axes += [figure.add_subplot(grid[row], sharex=axes[0]) for row in (1, 2)]
         q = np.where(exists[:, None], q, np.nan)

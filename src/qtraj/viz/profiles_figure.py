@@ -9,12 +9,13 @@ import matplotlib as mpl
 import numpy as np
 from jaxtyping import Array, Float
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from qtraj.foundation.arrays import as_float
 from qtraj.motion.profiles.profile import Profile
-from qtraj.viz.style import ANGLE_LABEL, BEND_LABEL, BOUND, RATE_LABEL, RC, WIDTH, frame, head, series
+from qtraj.viz.style import ANGLE_LABEL, BAND, BEND_LABEL, BOUND, RATE_LABEL, RC, WIDTH, frame, head, series
 
-HEIGHT = 5.6  # [inch]
+HEIGHT = 5.3  # [inch] without a title
 SAMPLES = 1001
 HEADROOM = 1.12
 
@@ -34,8 +35,10 @@ def profiles_figure(
     if not profiles:
         raise ValueError("a figure of turns needs at least one profile")
     with mpl.rc_context(RC):
-        figure = Figure(figsize=(WIDTH, HEIGHT))
-        margins = {"top": 0.88, "bottom": 0.09}
+        band = BAND if title else 0.0
+        height = HEIGHT + band
+        figure = Figure(figsize=(WIDTH, height))
+        margins = {"top": 1 - (0.35 + band) / height, "bottom": 0.5 / height}
         left = figure.add_gridspec(3, 1, hspace=0.2, left=0.095, right=0.52, **margins)
         right = figure.add_gridspec(1, 1, left=0.615, right=0.975, **margins)
         histories = [figure.add_subplot(left[0])]
@@ -52,13 +55,14 @@ def profiles_figure(
         histories[2].set_xlabel("time [s]")
         phase.set_xlabel(ANGLE_LABEL)
         phase.set_ylabel(RATE_LABEL)
+        phase.yaxis.set_major_locator(MaxNLocator("auto", steps=(1, 2, 5, 10)))
         for axes in (*histories, phase):
             frame(axes)
         for axes, limit in ((histories[1], max_rate), (histories[2], max_acceleration), (phase, max_rate)):
             _bound(axes, limit)
         figure.align_ylabels(histories)
         handles, labels = phase.get_legend_handles_labels()
-        figure.legend(handles, labels, loc="upper left", bbox_to_anchor=(0.06, 0.955), ncols=7, fontsize=8)
+        figure.legend(handles, labels, loc="upper left", bbox_to_anchor=(0.06, 1 - band / height), ncols=7, fontsize=8)
         head(figure, title)
     return figure
 
