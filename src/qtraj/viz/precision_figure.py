@@ -8,9 +8,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, NullLocator, ScalarFormatter
 from numpy.typing import ArrayLike
 
-from qtraj.viz.style import MARKERS, RC, above, head, series
+from qtraj.viz.style import BAND, MARKERS, RC, above, head, series
 
 SIZE = (6.4, 4.6)  # [inch]
+COLUMNS, ROW = 3, 0.17  # of the legend; [inch] of height
 FEW = 8  # works that are named on the axis
 
 
@@ -30,9 +31,11 @@ def precision_figure(
     """
     if not series_by_name:
         raise ValueError("a figure of work against precision needs at least one method")
+    entries = len(series_by_name) + (round_off is not None)
     with mpl.rc_context(RC):
+        top = 1 - (0.1 + ROW * -(-entries // COLUMNS) + (BAND if title else 0.0)) / SIZE[1]
         figure = Figure(figsize=SIZE)
-        axes = figure.add_axes((0.125, 0.115, 0.855, 0.755 if title else 0.815))
+        axes = figure.add_axes((0.125, 0.115, 0.855, top - 0.115))
         works = set()
         for k, (name, (x, y)) in enumerate(series_by_name.items()):
             x, y = np.asarray(x, float), np.asarray(y, float)
@@ -54,6 +57,6 @@ def precision_figure(
         axes.set_xlabel(work)
         axes.set_ylabel(error)
         axes.grid(alpha=0.25, lw=0.5)
-        above(axes, 3)
+        above(axes, COLUMNS, handle=3.0)
         head(figure, title)
     return figure
