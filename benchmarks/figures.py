@@ -2,6 +2,7 @@
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullLocator
 
 from qtraj.viz.figures import precision_figure, save
 from qtraj.viz.style import MARKERS, RC, series
@@ -22,9 +23,17 @@ def throughput(race):
             axes.loglog(sizes, rates, marker=MARKERS[k], ms=5, label=label, **series(k))
         axes.set_xlabel("instants in one call")
         axes.set_ylabel("instants per second [1/s]")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.yaxis.set_major_formatter(LogFormatterSciNotation(minor_thresholds=(9, 9)))
+        axes.yaxis.set_minor_locator(NullLocator())
         axes.grid(alpha=0.25, lw=0.5)
-        axes.legend(fontsize=8)
+        axes.legend(fontsize=8, loc="lower right", title=_device(race["made"]), alignment="left", handlelength=3)
     return figure
+
+
+def _device(made):
+    machine = made["machine"]
+    return f"{made['device']}: {machine['processor']}, {machine['cores']} cores"
 
 
 def precision(race):
