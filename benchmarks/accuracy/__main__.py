@@ -41,7 +41,9 @@ def main():
             file = DOCS / "accuracy.md"
             file.write_text(put(file.read_text(encoding="utf-8"), name, body), encoding="utf-8")
     if given.write:
-        from .figures import FIGURES, save
+        from qtraj.viz.figures import save
+
+        from .figures import FIGURES
 
         for name, draw in FIGURES.items():
             if not given.names or name in given.names:
