@@ -60,6 +60,24 @@ BAD = {
         ["'tune.motion' holds 'circular'", "'uniform' or 'hermite'"],
     ),
     "a negative turn": (STATES + "[tune]\nturns = -1\n", ["'tune.turns' holds -1", "a whole number, 0 or more"]),
+    "a fixed name that is none": (
+        STATES + "[tune]\nfixed = ['end.V_z']\n",
+        ["'end.V_z' is no variable of this problem", "start.V_rho"],
+    ),
+    "a bounded name that is none": (STATES + "[tune.bounds]\nspeed = [1, 2]\n", ["'speed' is no variable"]),
+    "bounds that contradict": (
+        STATES + "[tune.bounds]\nduration = [8.0, 4.0]\n",
+        ["the bounds of duration contradict: 8.0 is not below 4.0"],
+    ),
+    "fixed and bounded": (
+        STATES + "[tune]\nfixed = ['end.V_h']\nbounds = {'end.V_h' = [0, 1]}\n",
+        ["end.V_h is both fixed and bounded"],
+    ),
+    "one bound": (STATES + "[tune.bounds]\nduration = [4.0]\n", ["'tune.bounds.duration' holds [4.0]", "[low, high]"]),
+    "a bound without quotes": (
+        STATES + "[tune.bounds]\nend.V_h = [0, 1]\n",
+        ["'tune.bounds.end' holds {'V_h': [0, 1]}", "a name with a dot stands in quotes"],
+    ),
     "turns twice": ("turns = 1\n" + STATES + "[tune]\nturns = 1\n", ["turns and tune.turns are the same thing"]),
     "turns of a track": (TRACK + "[tune]\nturns = 1\n", ["tune.turns belongs to [start] and [end]"]),
     "a fit of nothing": (STATES + "[fit]\nmotion = 'uniform'\n", ["[fit] belongs to a [track]"]),

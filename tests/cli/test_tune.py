@@ -201,6 +201,21 @@ def test_boundary_states_that_disagree_are_tuned_from_the_nearest_rate(qtraj, tm
     assert boundary["before"]["start"]["V_phi"] == pytest.approx(4.75)
 
 
+def test_what_the_scenario_fixes_and_bounds_holds(qtraj, tmp_path):
+    text = (EXAMPLES / "ramp_from_states.toml").read_text(encoding="utf-8")
+    assert "[tune]" in text
+    held = text.replace(
+        "[tune]", '[tune]\nfixed = ["end.V_h"]\nbounds = {duration = [6.0, 6.5], "start.V_h" = [0.1, 0.3]}'
+    )
+    (tmp_path / "held.toml").write_text(held, encoding="utf-8")
+    result = qtraj("tune", tmp_path / "held.toml", "--out", tmp_path / "out", "--json")
+    boundary = json.loads(result.stdout)["boundary"]
+    after = boundary["after"]
+    assert after["end"]["V_h"] == pytest.approx(boundary["given"]["end"]["V_h"], abs=ROUND_OFF)
+    assert 6.0 - ROUND_OFF <= after["duration"] <= 6.5 + ROUND_OFF
+    assert 0.1 - ROUND_OFF <= after["start"]["V_h"] <= 0.3 + ROUND_OFF
+
+
 @pytest.mark.parametrize("name", ["turn_from_recording", "helix_slower"])
 def test_the_examples_run(qtraj, tmp_path, name):
     result = qtraj("tune", EXAMPLES / f"{name}.toml", "--out", tmp_path / "out")

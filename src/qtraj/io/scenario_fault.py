@@ -61,7 +61,7 @@ def _within(location: Location, root: type[BaseModel]) -> Location:
         elif model is not None:
             kept.append(step)
             model = _table(model, step)
-        elif kept[-1] in ("columns", "purpose") and step != "[key]":
+        elif kept[-1] in ("columns", "purpose", "bounds") and step != "[key]":
             kept.append(step)
     return kept
 
@@ -101,7 +101,10 @@ def _expected(location: Location, root: type[BaseModel]) -> str:
         if field is None:
             break
         description = field.description or description
-        model = _table(model, step) or model
+        inner = _table(model, step)
+        if inner is None:
+            break  # what stands below a plain value, as in [tune.bounds], may have the name of a key beside it
+        model = inner
     return description
 
 

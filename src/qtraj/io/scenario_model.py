@@ -12,7 +12,7 @@ from qtraj.io.scenario_part import (
     TEXT,
     THREE,
     Counts,
-    Number,
+    Pair,
     Part,
     Positive,
     Quaternion,
@@ -25,6 +25,7 @@ Motion = Literal["uniform", "hermite"]
 Objective = Literal["nearest", "fastest", "smoothest"]
 
 MOTION = "'uniform' or 'hermite'"
+VARIABLES = "'start.V_rho', 'start.V_phi' (hermite), 'start.V_h', the same of 'end', 'duration'"
 OBJECTIVE = "'nearest', 'fastest' or 'smoothest'"
 
 
@@ -35,7 +36,7 @@ class TrackPart(Part):
         title="the recording: CSV with a header, or TUM",
         description="the name of a text file, relative to the scenario",
     )
-    window: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = Field(
+    window: Pair | None = Field(
         default=None,
         title="the part of it that counts; all if left out",
         description="two finite times [t0, t1] in seconds on the recording's own clock",
@@ -147,7 +148,8 @@ class TunePart(Part):
 
     objective: Objective = Field(
         default="nearest",
-        title="what is sought within the limits: the least change of the states, the least duration, or the least jerk",
+        title="what is sought within the limits: the least change of the boundary velocities (not of the path), "
+        "the least duration, or the least jerk",
         description=OBJECTIVE,
     )
     motion: Motion = Field(
@@ -160,6 +162,17 @@ class TunePart(Part):
     )
     turns: Wholes | None = Field(
         default=None, title="whole turns about the axis besides", description="a whole number, 0 or more"
+    )
+    fixed: list[Text] = Field(
+        default_factory=list,
+        title=f"variables that keep their given value: {VARIABLES}",
+        description='a list of names, as in fixed = ["end.V_h"]',
+    )
+    bounds: dict[str, Pair] = Field(
+        default_factory=dict,
+        title="between which values a variable must stay; what is not named may go as far as the search does",
+        description="a table [tune.bounds] of [low, high] in m/s or s: duration = [4.0, 8.0]; a name with a dot stands "
+        'in quotes: "end.V_h" = [-0.5, 0.5]',
     )
     starts: Counts = Field(
         default=8, title="searches, from the given states and about them", description="a whole number, 1 or more"

@@ -1,6 +1,6 @@
 """From a scenario to what the commands work on: the path before tuning, and what tuning needs besides."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,8 @@ class Job:
     duration: float | None
     turns: int
     starts: int
+    fixed: tuple[str, ...] = ()
+    bounds: dict[str, tuple[float, float]] = field(default_factory=dict)
     turn: float | None = None
     track: Track | None = None
     residual: Residual | None = None
@@ -57,6 +59,8 @@ class Job:
             "turns": self.turns,
             "turn": self.turn,
             "starts": self.starts,
+            "fixed": self.fixed,
+            "bounds": self.bounds,
             "placement": self.path.placement,
         }
 
@@ -146,6 +150,8 @@ def _along(
         duration=duration,
         turns=0,
         starts=starts,
+        fixed=tuple(scenario.tune.fixed),
+        bounds=_bounds(scenario),
         turn=float(path.turn),
         track=track,
         residual=path.residual,
@@ -161,4 +167,9 @@ def _between(scenario: Scenario, limits: Limits, objective: str, motion: str, st
     duration = scenario.tune.duration or scenario.duration
     turns = scenario.tune.turns or scenario.turns or 0
     path = given_path(start, end, objective, motion, duration, turns, placement)
-    return Job(path, start, end, limits, objective, motion, duration, turns, starts)
+    fixed, bounds = tuple(scenario.tune.fixed), _bounds(scenario)
+    return Job(path, start, end, limits, objective, motion, duration, turns, starts, fixed, bounds)
+
+
+def _bounds(scenario: Scenario) -> dict[str, tuple[float, float]]:
+    return {name: (low, high) for name, (low, high) in scenario.tune.bounds.items()}
