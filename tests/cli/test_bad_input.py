@@ -97,6 +97,10 @@ BAD = {
         TRACK.replace("[limits]", "columns = {time = 'clock'}\n[limits]"),
         ["there is no column 'clock'", "t, x, y, z"],
     ),
+    "a misspelt column": (
+        TRACK.replace("track.csv", "misspelt.csv"),
+        ["found x, y, missing z", 'position = ["x", "y", "altitud"] under [track.columns]'],
+    ),
     "an unknown part": (
         TRACK.replace("[limits]", "columns = {tyme = 't'}\n[limits]"),
         ["track.columns.tyme", "'time', 'position', 'velocity' or 'attitude'"],
@@ -132,6 +136,7 @@ BAD = {
 def folder(tmp_path):
     (tmp_path / "track.csv").write_text(CSV)
     (tmp_path / "straight.csv").write_text("t,x,y,z\n" + "\n".join(f"{k},{k},0,0" for k in range(12)))
+    (tmp_path / "misspelt.csv").write_text(CSV.replace("z", "altitud"))
     (tmp_path / "broken.csv").write_text(CSV.replace("1,1,0.01,0", "1,?,0.01,0"))
     return tmp_path
 

@@ -111,7 +111,13 @@ HEAD = "# first\ntime,x,y,z\n"
             r"line 5: times must increase strictly, but column 'time' holds 0.1.* after",
         ),
         (HEAD + TEXT.replace("0.2,", "0.05,"), r"line 5: times must increase strictly"),
-        ("time,x,y,h\n" + TEXT, r"no columns for the position.*The columns are time, x, y, h; .*columns="),
+        (
+            "time,x,y,h\n" + TEXT,
+            r"position are incomplete: found x, y, missing z\. The columns are time, x, y, h; "
+            r'.*position = \["x", "y", "\.\.\."\] under \[track\.columns\]',
+        ),
+        ("time,x,y,altitud [m]\n" + TEXT, r'columns=\{"position": \["x", "y", "altitud \[m\]"\]\}'),
+        ("time,a,b,c\n" + TEXT, r"no columns for the position.*The columns are time, a, b, c; .*columns="),
         ("when,x,y,z\n" + TEXT, r"no columns for the time"),
         (TEXT, r"line 1: a header row with column names was expected"),
         ("", r"the file is empty"),

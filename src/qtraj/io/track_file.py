@@ -2,37 +2,13 @@
 
 import csv
 import os
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from qtraj.io.track_columns import choose
 from qtraj.path.track import FEWEST_SAMPLES, Track
-
-COMMON = {
-    "time": ("time", "t", "timestamp", "seconds"),
-    "position": (
-        "x,y,z",
-        "px,py,pz",
-        "pos_x,pos_y,pos_z",
-        "position_x,position_y,position_z",
-        "easting,northing,altitude",
-        "east,north,up",
-        "tx,ty,tz",
-    ),
-    "velocity": (
-        "vx,vy,vz",
-        "vel_x,vel_y,vel_z",
-        "velocity_x,velocity_y,velocity_z",
-        "vel_east,vel_north,vel_up",
-        "ve,vn,vu",
-    ),
-    "attitude": ("qw,qx,qy,qz", "q_w,q_x,q_y,q_z", "quaternion_w,quaternion_x,quaternion_y,quaternion_z"),
-}
-"""Column names that are recognised without being told, in lower case and without units in brackets."""
-
-COUNTS = {"time": 1, "position": 3, "velocity": 3, "attitude": 4}
 
 TUM_COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 TUM_SCALAR_FIRST = [7, 4, 5, 6]
@@ -98,48 +74,13 @@ def _read_csv(path: Path, lines: Lines, columns: Mapping[str, str | Sequence[str
     header = [cell.strip() for cell in next(parse(lines))]
     if all(_is_number(cell) for cell in header):
         raise ValueError(f"{path}, line {line}: a header row with column names was expected, but it holds numbers")
-    chosen = _choose(path, header, {} if columns is None else columns)
+    chosen = choose(path, header, {} if columns is None else columns)
     used = [name for part in chosen.values() for name in part]
     table = _numbers(path, lines[1:], parse, [header.index(name) for name in used], used)
     _require_increasing(path, lines[1:], table[:, 0], used[0])
     ends = np.cumsum([len(part) for part in chosen.values()])[:-1]
     parts = dict(zip(chosen, np.split(table, ends, axis=1), strict=True))
     return _track(path, table[:, 0], parts["position"], parts.get("velocity"), parts.get("attitude"))
-
-
-def _choose(
-    path: Path, header: list[str], columns: Mapping[str, str | Sequence[str] | None]
-) -> dict[str, tuple[str, ...]]:
-    """The columns of each part that is there: those told, else common ones."""
-    if unknown := sorted(set(columns) - set(COUNTS)):
-        raise ValueError(f"columns= knows the keys {', '.join(COUNTS)}, but {unknown[0]!r} was given")
-    listed = ", ".join(header)
-    chosen: dict[str, tuple[str, ...]] = {}
-    for part, count in COUNTS.items():
-        told = columns.get(part)
-        names = _common(part, header) if part not in columns else (told,) if isinstance(told, str) else told
-        if names is None:
-            if count == 1 or part == "position":
-                raise ValueError(
-                    f"{path}: no columns for the {part} were found. The columns are {listed}; "
-                    f'name those of the {part} with columns={{"{part}": ...}}.'
-                )
-            continue
-        if len(names) != count:
-            raise ValueError(f"columns[{part!r}] must name {count} column(s), but {list(names)!r} was given")
-        if missing := [name for name in names if name not in header]:
-            raise ValueError(f"{path}: there is no column {missing[0]!r}. The columns are {listed}.")
-        chosen[part] = tuple(names)
-    return chosen
-
-
-def _common(part: str, header: list[str]) -> tuple[str, ...] | None:
-    plain = {re.sub(r"\s*[\[(].*$", "", name).strip().lower(): name for name in reversed(header)}
-    for choice in COMMON[part]:
-        names = choice.split(",")
-        if all(name in plain for name in names):
-            return tuple(plain[name] for name in names)
-    return None
 
 
 def _split(lines: Lines) -> Iterator[list[str]]:

@@ -1,0 +1,99 @@
+"""Which columns of a recording hold what: those told, else common names, and what to say where they are not there."""
+
+import difflib
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+COMMON = {
+    "time": ("time", "t", "timestamp", "seconds"),
+    "position": (
+        "x,y,z",
+        "px,py,pz",
+        "pos_x,pos_y,pos_z",
+        "position_x,position_y,position_z",
+        "easting,northing,altitude",
+        "east,north,up",
+        "tx,ty,tz",
+    ),
+    "velocity": (
+        "vx,vy,vz",
+        "vel_x,vel_y,vel_z",
+        "velocity_x,velocity_y,velocity_z",
+        "vel_east,vel_north,vel_up",
+        "ve,vn,vu",
+    ),
+    "attitude": ("qw,qx,qy,qz", "q_w,q_x,q_y,q_z", "quaternion_w,quaternion_x,quaternion_y,quaternion_z"),
+}
+"""Column names that are recognised without being told, in lower case and without units in brackets."""
+
+COUNTS = {"time": 1, "position": 3, "velocity": 3, "attitude": 4}
+
+LIKE = 0.7
+"""A column less alike a common name than this, from 0 to 1, is not taken for it misspelt."""
+
+Columns = Mapping[str, str | Sequence[str] | None]
+
+
+def choose(path: Path, header: list[str], columns: Columns) -> dict[str, tuple[str, ...]]:
+    """The columns of each part that is there: those told, else common ones.
+
+    **Raises:** ValueError naming the file for columns that are not there, and for a part that none are found for.
+    """
+    if unknown := sorted(set(columns) - set(COUNTS)):
+        raise ValueError(f"columns= knows the keys {', '.join(COUNTS)}, but {unknown[0]!r} was given")
+    listed = ", ".join(header)
+    chosen: dict[str, tuple[str, ...]] = {}
+    for part, count in COUNTS.items():
+        told = columns.get(part)
+        names = _common(part, header) if part not in columns else (told,) if isinstance(told, str) else told
+        if names is None:
+            if count == 1 or part == "position":
+                raise ValueError(f"{path}: {_not_found(part, header)}")
+            continue
+        if len(names) != count:
+            raise ValueError(f"columns[{part!r}] must name {count} column(s), but {list(names)!r} was given")
+        if missing := [name for name in names if name not in header]:
+            raise ValueError(f"{path}: there is no column {missing[0]!r}. The columns are {listed}.")
+        chosen[part] = tuple(names)
+    return chosen
+
+
+def _common(part: str, header: list[str]) -> tuple[str, ...] | None:
+    plain = _plain(header)
+    for choice in COMMON[part]:
+        names = choice.split(",")
+        if all(name in plain for name in names):
+            return tuple(plain[name] for name in names)
+    return None
+
+
+def _plain(header: list[str]) -> dict[str, str]:
+    """The columns by their names in lower case and without units."""
+    return {re.sub(r"\s*[\[(].*$", "", name).strip().lower(): name for name in reversed(header)}
+
+
+def _not_found(part: str, header: list[str]) -> str:
+    """What there is of a part and what is missing, and how to name its columns, in Python and in a scenario."""
+    plain = _plain(header)
+    common = [choice.split(",") for choice in COMMON[part]]
+    best = max(common, key=lambda names: sum(name in plain for name in names))
+    found = [plain[name] for name in best if name in plain]
+    missing = [name for name in best if name not in plain]
+    what, example = f"no columns for the {part} were found", "..."
+    if found and missing:
+        what = f"the columns for the {part} are incomplete: found {', '.join(found)}, missing {', '.join(missing)}"
+        likely = [plain.get(name) or _likely(part, k, plain) for k, name in enumerate(best)]
+        example = "[" + ", ".join(f'"{name}"' for name in likely) + "]"
+    return (
+        f"{what}. The columns are {', '.join(header)}; name those of the {part}: "
+        f'in a scenario with {part} = {example} under [track.columns], in Python with columns={{"{part}": {example}}}.'
+    )
+
+
+def _likely(part: str, k: int, plain: Mapping[str, str]) -> str:
+    """The column whose name is nearly a common one of the k-th component; dots where there is none."""
+    kin = [choice.split(",")[k] for choice in COMMON[part]]
+    known = {name for choices in COMMON.values() for choice in choices for name in choice.split(",")}
+    like = [plain[name] for name in plain if name not in known and difflib.get_close_matches(name, kin, 1, LIKE)]
+    return like[0] if like else "..."
