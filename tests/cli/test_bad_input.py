@@ -178,6 +178,22 @@ def test_an_out_that_is_a_file_is_refused_before_any_work(qtraj, folder, command
     assert (folder / "out").read_text() == "mine"
 
 
+@pytest.mark.parametrize(
+    ("command", "fragment"),
+    [
+        ("tune", 'write a .toml file with file = "track.csv" under [track], and with [limits]'),
+        ("evaluate", 'write a .toml file with file = "track.csv" under [track]'),
+        ("turn", "`qtraj tune` and `qtraj evaluate` read one"),
+    ],
+)
+def test_a_recording_is_no_scenario(qtraj, folder, command, fragment):
+    result = qtraj(command, folder / "track.csv", "--out", folder / "out")
+    assert result.exit_code == 2
+    assert "track.csv: this is a recording, not a scenario" in result.stderr
+    assert fragment in result.stderr
+    assert not (folder / "out").exists()
+
+
 def test_a_saved_path_has_nothing_to_tune_for(qtraj, folder):
     file = folder / "path.toml"
     file.write_text('format = "qtraj/1"\ntype = "SpiralHelix"\n')

@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 from pydantic import ValidationError
 
 from qtraj.io.scenario_fault import explain
-from qtraj.io.scenario_kind import misplaced
+from qtraj.io.scenario_kind import misplaced, recorded
 from qtraj.io.scenario_part import Part
 
 DATA = Path(__file__).parent / "data"
@@ -46,6 +46,8 @@ def read_scenario(file: Path | str, model: type[S]) -> ScenarioFile[S]:
     """
     path = Path(file)
     content = path.read_bytes()
+    if (advice := recorded(path, model)) is not None:
+        raise ValueError(f"{path}: {advice}")
     data = _parse(path, content)
     try:
         scenario = model.model_validate(data)

@@ -1,6 +1,7 @@
 """Which command a file belongs to, where it was given to another."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from qtraj.io.scenario_model import Scenario
@@ -13,6 +14,8 @@ COMMANDS: dict[type[Part], str] = {
     TurnScenario: "`qtraj turn`",
     TrackingScenario: "`qtraj track`",
 }
+RECORDINGS = (".csv", ".tsv", ".tum")
+"""How the names of recordings end."""
 PATHS = ("track", "start", "path")
 """A path scenario has one of these; no key of it must be there."""
 
@@ -28,6 +31,16 @@ def misplaced(data: Mapping[str, Any], model: type[Part]) -> str | None:
     if model in fitting or not fitting:
         return None
     return f"this is a scenario of {COMMANDS[fitting[0]]}"
+
+
+def recorded(file: Path, model: type[Part]) -> str | None:
+    """What to do with a recording that was given in place of a scenario of this kind; None for another file."""
+    if file.suffix.lower() not in RECORDINGS:
+        return None
+    what, table = "this is a recording, not a scenario", f'file = "{file.name}" under [track]'
+    if model is Scenario:
+        return f"{what}: write a .toml file with {table}, and with [limits]"
+    return f"{what}: {COMMANDS[Scenario]} read one, from a .toml file with {table}"
 
 
 def _fits(data: Mapping[str, Any], model: type[Part]) -> bool:
