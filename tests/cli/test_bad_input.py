@@ -125,6 +125,13 @@ BAD = {
     ),
     "a duration that is not free": (STATES + "[tune]\nduration = 4\n", ["a duration was given", "motion='hermite'"]),
     "bad syntax": ("[start]\nposition = [1, 2\nvelocity = 3", ["not valid TOML", "line 3"]),
+    "a text without quotes": (
+        TRACK.replace('"track.csv"', "track.csv  # here"),
+        ["line 3, column 8", "in 'file = track.csv  # here'", 'a text needs quotes: file = "track.csv"'],
+    ),
+    "a file with a date and without quotes": ("path = 2024.csv\n", ["in 'path = 2024.csv'", 'path = "2024.csv"']),
+    "names without quotes": ("a = [x, y]\n", ["in 'a = [x, y]'; a text needs quotes\n"]),
+    "a number with a unit": ("duration = 0.5 s\n", ["in 'duration = 0.5 s'\n"]),
     "an unclosed array": ("[limits]\ncurvature = [1,", ["not valid TOML", "line 2, column 16"]),
     "a key twice": ("name = 'a'\nname = 'b'\n", ["not valid TOML", "line 2"]),
     "no text": (b"\xff\xfe\x00", ["not a text file in UTF-8"]),

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from qtraj.io.scenario_fault import explain
 from qtraj.io.scenario_kind import misplaced, recorded
 from qtraj.io.scenario_part import Part
+from qtraj.io.scenario_syntax import syntax_fault
 
 DATA = Path(__file__).parent / "data"
 DEFAULT = DATA / "default.toml"
@@ -72,7 +73,4 @@ def _parse(path: Path, content: bytes) -> dict[str, object]:
     except RecursionError:
         raise ValueError(f"{path}: not a scenario: its tables or arrays are nested too deep") from None
     except tomllib.TOMLDecodeError as error:
-        lines = text.splitlines() or [""]
-        end = f"at line {len(lines)}, column {len(lines[-1]) + 1}, the end of the file"
-        message = str(error).replace("at end of document", end)
-        raise ValueError(f"{path}: not valid TOML: {message}") from None
+        raise ValueError(f"{path}: not valid TOML: {syntax_fault(text, error)}") from None

@@ -34,7 +34,7 @@ def _fault(fault: dict[str, Any], root: type[BaseModel]) -> str:
     expected = _expected(where, root)
     if fault["type"] == "missing":
         return f"the key '{_dotted(where)}' is missing: expected {expected}"
-    return f"the key '{_dotted(where)}' holds {_quoted(fault['input'])}, but expected {expected}"
+    return f"the key '{_dotted(where)}' holds {quoted(fault['input'])}, but expected {expected}"
 
 
 def _unknown(where: Location, root: type[BaseModel]) -> str:
@@ -108,6 +108,7 @@ def _expected(location: Location, root: type[BaseModel]) -> str:
     return description
 
 
-def _quoted(value: Any) -> str:
+def quoted(value: Any) -> str:
+    """A value as Python writes it, cut where it is long."""
     text = repr(value)
     return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
