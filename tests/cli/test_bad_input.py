@@ -32,6 +32,10 @@ BAD = {
         ["unknown key 'limits.curvatur'", "did you mean 'curvature'?"],
     ),
     "a misspelt table": (STATES.replace("[limits]", "[limit]"), ["unknown key 'limit'", "did you mean 'limits'?"]),
+    "a key of another table": (
+        STATES + "duration = 4.0\n",
+        ["unknown key 'limits.duration'", "known here: curvature, torsion, speed"],
+    ),
     "a strange key": (STATES + "[tune]\nxyzzy = 1\n", ["unknown key 'tune.xyzzy'", "known here: objective, motion"]),
     "a text for a number": (
         STATES.replace("0.1", "'0.1'"),

@@ -9,8 +9,8 @@ from pydantic import BaseModel, ValidationError
 
 LONGEST = 60
 """A value given is quoted up to so many characters."""
-LIKE = 0.6
-"""Keys less alike than this, from 0 to 1, are not taken for one another."""
+LIKE = 0.7
+"""Keys less alike than this, from 0 to 1, are not taken for one another: 'duration' is no 'acceleration' (0.6)."""
 
 Location = Sequence[int | str]
 
