@@ -71,7 +71,8 @@ def at_the_wall(names: Sequence[str], z: Variables, named: Collection[str]) -> s
     there = [name for name, at in zip(names, far, strict=True) if at and name not in named]
     if not there:
         return ""
-    return f"Mind: {', '.join(there)} went as far as the search goes. Bounds by name allow more, or less."
+    how = "Bounds by name (bounds=, or [tune.bounds] in a scenario) allow more, or less."
+    return f"Mind: {', '.join(there)} went as far as the search goes. {how}"
 
 
 def _stacked(values: list[Scalar], problem: Problem) -> Variables:
