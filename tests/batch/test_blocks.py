@@ -152,7 +152,7 @@ def short_lanes(monkeypatch):
     monkeypatch.setattr(long_rows, "WINDOW", 3)
 
 
-@pytest.mark.parametrize("count", [24, 29])
+@pytest.mark.parametrize("count", [24, pytest.param(29, marks=pytest.mark.slow)])
 def test_long_rows_are_reduced_as_their_samples_are(stack, short_lanes, count):
     shared = np.linspace(0.0, 4.0, count) ** 1.1
     for times in (shared, np.stack([shared, 0.5 * shared, 4.0 - shared])):

@@ -172,6 +172,7 @@ def test_a_limit_that_is_not_met_does_not_bind():
     assert found.unmet == ["slope"]
 
 
+@pytest.mark.slow
 def test_quintics_are_proved_up_to_the_highest_degree():
     start = qt.BoundaryState([20.0, 0.0, 0.0], [0.5, 8.0, 0.3], [0.2, 0.1, 0.0])
     end = qt.BoundaryState([0.0, 25.0, 1.0], [-8.0, 0.3, 0.2], [0.0, -0.3, 0.0])

@@ -60,7 +60,7 @@ def best_of_slsqp(objective, motion, limits=LIMITS, duration=None, starts=3):
 CASES = [
     ("nearest", "uniform", None),
     ("fastest", "uniform", None),
-    ("smoothest", "uniform", 6.5),
+    pytest.param("smoothest", "uniform", 6.5, marks=pytest.mark.slow),
     pytest.param("nearest", "hermite", None, marks=pytest.mark.slow),
     pytest.param("smoothest", "hermite", 4.0, marks=pytest.mark.slow),
 ]
@@ -181,7 +181,7 @@ FAR_APART = (
 )
 
 
-@pytest.mark.parametrize("limit", [1e-3, 1e-6, 1e-300])
+@pytest.mark.parametrize("limit", [pytest.param(1e-3, marks=pytest.mark.slow), 1e-6, 1e-300])
 def test_a_limit_far_out_of_reach_is_infeasible_not_a_runaway(limit):
     best = qt.tune(*FAR_APART, qt.Limits(curvature=limit))
     assert best.status == "infeasible", best.result
@@ -361,6 +361,7 @@ def test_a_fault_in_a_batch_is_named_by_its_place():
         qt.tune(bad, ends, limits)
 
 
+@pytest.mark.slow
 def test_the_solution_is_differentiable_in_its_data():
     """By the implicit function theorem, against differences of problems solved again."""
 

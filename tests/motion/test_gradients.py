@@ -55,6 +55,7 @@ def test_propagate():
     check_gradient(goal, [np.concatenate([end, START]) for end in TURNS.values()])
 
 
+@pytest.mark.slow
 def test_integrate():
     def goal(x):
         program = turn(x[:4])

@@ -163,7 +163,7 @@ def test_the_first_attitude_may_be_chosen():
 
 @pytest.mark.parametrize(
     ("name", "mode"),
-    [("natural", jax.jacrev), ("upright", jax.jacfwd), ("minimizing", jax.jacrev)],
+    [("natural", jax.jacrev), ("upright", jax.jacfwd), pytest.param("minimizing", jax.jacrev, marks=pytest.mark.slow)],
 )
 def test_gradients_with_respect_to_the_path(name, mode):
     def f(pitch):
