@@ -4,6 +4,7 @@ Degrees are static and small, so the loops below unroll into a few multiplicatio
 """
 
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -26,13 +27,13 @@ def taylor(coefficients: Float[Array, " n"], t: ScalarLike, order: int) -> Float
     return jnp.stack([jnp.asarray(c, coefficients.dtype) for c in terms(coefficients, t, order)])
 
 
-def terms(coefficients: Float[Array, " n"], t: ScalarLike, order: int) -> list[ScalarLike]:
+def terms(coefficients: Float[Array, "n *rest"], t: ScalarLike, order: int) -> list[Any]:
     """As `taylor`, one number each: what is computed from them then stays apart, which compiles to faster loops.
 
     Repeated synthetic division (Ruffini–Horner). Orders above the degree are the integer 0, so that what is computed
-    from them can be left out.
+    from them can be left out. Polynomials side by side, each coefficient an array, are taken together.
     """
-    c = [x.reshape(()) for x in jax.lax.split(coefficients, (1,) * coefficients.shape[0])]
+    c = [x.reshape(x.shape[1:]) for x in jax.lax.split(coefficients, (1,) * coefficients.shape[0])]
     t = as_float(t).astype(coefficients.dtype)
     for k in range(min(order + 1, len(c) - 1)):
         for i in range(len(c) - 2, k - 1, -1):

@@ -5,11 +5,12 @@ from collections.abc import Callable
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from qtraj.algebra import polynomial
 from qtraj.design.peaks import largest
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.components import Triple, cross, dot
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.invariants import Jets, rotating_components
+from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.trihedral import Natural
 
@@ -59,8 +60,22 @@ def peak(path: AbstractHodograph, name: str) -> tuple[Scalar, Scalar]:
 def squared(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
     """The square of one limited magnitude at one instant: a ratio of polynomials in t for a spiral-helix."""
     order, formula = _SQUARES[name]
-    r, up = moving_components(path, t, order)
-    return jnp.asarray(formula(r, up, path.duration), path.duration.dtype)
+    if isinstance(path, SpiralHelix):
+        return squared_of_spiral(name, path.jets(t, order), path.duration, path.placement)
+    return jnp.asarray(
+        formula(moving_components(path, t, order), lambda: (0, 0, 1), path.duration), path.duration.dtype
+    )
+
+
+def squared_of_spiral(name: str, jets: Jets, duration: Scalar, placement: Placement | None) -> Scalar:
+    """As `squared`, from the Taylor coefficients of ρ, φ and h there: up to `order_of(name)`."""
+    r, formula = rotating_components(*jets), _SQUARES[name][1]
+    return jnp.asarray(formula(r, lambda: _upwards(placement, jets[1][0]), duration), duration.dtype)
+
+
+def order_of(name: str) -> int:
+    """The highest derivative that a magnitude needs."""
+    return _SQUARES[name][0]
 
 
 def magnitude(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
@@ -71,51 +86,54 @@ def magnitude(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
 
 
 Derivatives = list[Triple]
+Upwards = Callable[[], Triple]
+"""What gives the world's vertical in the basis of the derivatives."""
 
 
-def _curvature(r: Derivatives, up: Triple, duration: Scalar) -> ScalarLike:
+def _curvature(r: Derivatives, up: Upwards, duration: Scalar) -> ScalarLike:
     area, speed = _area_and_speed(r)
     return _over(area, speed**3)
 
 
-def _torsion(r: Derivatives, up: Triple, duration: Scalar) -> ScalarLike:
+def _torsion(r: Derivatives, up: Upwards, duration: Scalar) -> ScalarLike:
     area = cross(r[1], r[2])
     return _over(dot(area, r[3]) ** 2, dot(area, area) ** 2)
 
 
-def _speed(r: Derivatives, up: Triple, duration: Scalar) -> ScalarLike:
+def _speed(r: Derivatives, up: Upwards, duration: Scalar) -> ScalarLike:
     return dot(r[1], r[1])
 
 
-def _acceleration(r: Derivatives, up: Triple, duration: Scalar) -> ScalarLike:
+def _acceleration(r: Derivatives, up: Upwards, duration: Scalar) -> ScalarLike:
     return dot(r[2], r[2])
 
 
-def _lateral(r: Derivatives, up: Triple, duration: Scalar) -> ScalarLike:
+def _lateral(r: Derivatives, up: Upwards, duration: Scalar) -> ScalarLike:
     return _over(*_area_and_speed(r))
 
 
-def _longitudinal(r: Derivatives, up: Triple, duration: Scalar) -> ScalarLike:
+def _longitudinal(r: Derivatives, up: Upwards, duration: Scalar) -> ScalarLike:
     return _over(dot(r[1], r[2]) ** 2, dot(r[1], r[1]))
 
 
-def _slope(r: Derivatives, up: Triple, duration: Scalar) -> ScalarLike:
-    rise = dot(r[1], up)
-    x, y, z = (v - rise * u for v, u in zip(r[1], up, strict=True))
+def _slope(r: Derivatives, up: Upwards, duration: Scalar) -> ScalarLike:
+    vertical = up()
+    rise = dot(r[1], vertical)
+    x, y, z = (v - rise * u for v, u in zip(r[1], vertical, strict=True))
     return _over(rise**2, x**2 + y**2 + z**2)
 
 
-def _angular_rate(r: Derivatives, up: Triple, duration: Scalar) -> ScalarLike:
+def _angular_rate(r: Derivatives, up: Upwards, duration: Scalar) -> ScalarLike:
     area, speed = _area_and_speed(r)
     return speed * _torsion(r, up, duration) + _over(area, speed**2)
 
 
-def _angular_acceleration(r: Derivatives, up: Triple, duration: Scalar) -> ScalarLike:
+def _angular_acceleration(r: Derivatives, up: Upwards, duration: Scalar) -> ScalarLike:
     acceleration = Natural().trihedral(_stacked(r, duration), duration).acceleration
     return acceleration @ acceleration
 
 
-_SQUARES: dict[str, tuple[int, Callable[[Derivatives, Triple, Scalar], ScalarLike]]] = {
+_SQUARES: dict[str, tuple[int, Callable[[Derivatives, Upwards, Scalar], ScalarLike]]] = {
     "curvature": (2, _curvature),
     "torsion": (3, _torsion),
     "speed": (1, _speed),
@@ -143,24 +161,26 @@ def _over(part: ScalarLike, whole: ScalarLike) -> ScalarLike:
     return jnp.where(positive, ratio, jnp.where(part > 0, jnp.inf, 0.0))
 
 
-def moving_components(path: AbstractHodograph, t: ScalarLike, order: int) -> tuple[Derivatives, Triple]:
-    """Derivatives in a basis of the path's own choice, and the world's vertical in that basis, by components."""
-    if not isinstance(path, SpiralHelix):
-        r = path.derivatives(t, order)
-        return [(row[0], row[1], row[2]) for row in r], (0, 0, 1)
-    r = path.rotating_components(t, order)
-    if path.placement is None:
-        return r, (0, 0, 1)
-    zero = jnp.zeros_like(path.duration)
-    x, y, z = path.placement.to_local(jnp.stack([zero, zero, jnp.ones_like(zero)]))
-    phi = polynomial.evaluate(path.angle, t)
-    cos, sin = jnp.cos(phi), jnp.sin(phi)
-    return r, (x * cos + y * sin, y * cos - x * sin, z)
+def _upwards(placement: Placement | None, azimuth: ScalarLike) -> Triple:
+    """The world's vertical in the rotating basis at one azimuth."""
+    if placement is None:
+        return (0, 0, 1)
+    zero = jnp.zeros_like(azimuth)
+    x, y, z = placement.to_local(jnp.stack([zero, zero, jnp.ones_like(zero)]))
+    cos, sin = jnp.cos(azimuth), jnp.sin(azimuth)
+    return (x * cos + y * sin, y * cos - x * sin, z)
+
+
+def moving_components(path: AbstractHodograph, t: ScalarLike, order: int) -> Derivatives:
+    """Derivatives in a basis of the path's own choice, by components."""
+    if isinstance(path, SpiralHelix):
+        return path.rotating_components(t, order)
+    return [(row[0], row[1], row[2]) for row in path.derivatives(t, order)]
 
 
 def moving_derivatives(path: AbstractHodograph, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
     """Derivatives in a basis of the path's own choice."""
-    return _stacked(moving_components(path, t, order)[0], path.duration)
+    return _stacked(moving_components(path, t, order), path.duration)
 
 
 def _stacked(r: Derivatives, like: Scalar) -> Float[Array, "n 3"]:

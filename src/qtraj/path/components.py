@@ -2,7 +2,7 @@
 
 A triple holds x, y and z apart, each over all instants, so that products are elementwise and nothing is interleaved.
 `dot` and `cross` take a triple or one vector (3,), and `jet` a list of coefficients that broadcast with the instants.
-A term that is known to vanish is the integer 0, and costs nothing.
+A term that is known to vanish is the integer 0, and a factor known to be one the integer 1: they cost nothing.
 """
 
 from collections.abc import Sequence
@@ -17,8 +17,12 @@ Triple = tuple[Any, Any, Any]
 
 
 def times(a: Any, b: Any) -> Any:
-    """a·b, or the integer 0 where one of them is that."""
-    return 0 if _vanishes(a) or _vanishes(b) else a * b
+    """a·b, or the integer 0 where one of them is that; the integer 1 leaves the other as it is."""
+    if _vanishes(a) or _vanishes(b):
+        return 0
+    if _is_one(a):
+        return b
+    return a if _is_one(b) else a * b
 
 
 def total(terms: Sequence[Any]) -> Any:
@@ -70,3 +74,7 @@ def jet(coefficients: Sequence[Array], t: Array, order: int) -> list[Component]:
 
 def _vanishes(x: Any) -> bool:
     return isinstance(x, int) and x == 0
+
+
+def _is_one(x: Any) -> bool:
+    return isinstance(x, int) and x == 1

@@ -19,6 +19,9 @@ from jaxtyping import Array, Float
 from qtraj.foundation.types import Scalar, Vec3
 from qtraj.path.components import Triple, cross, dot, times, total
 
+Jets = tuple[Sequence[Any], Sequence[Any], Sequence[Any]]
+"""Taylor coefficients (k-th derivative / k!) of ρ [m], φ [rad] and h [m]; the integer 0 for one that vanishes."""
+
 
 def rotating_components(radius: Sequence[Any], angle: Sequence[Any], height: Sequence[Any]) -> list[Triple]:
     """Derivatives of ρ(i cos φ + j sin φ) + k h in the rotating basis (e_ρ, e_φ, k), orders 0 … n−1, a triple each.
@@ -32,8 +35,9 @@ def rotating_components(radius: Sequence[Any], angle: Sequence[Any], height: Seq
     sin: list[Any] = [0]
     for k in range(count - 1):
         slopes = [times(j + 1, angle[j + 1]) for j in range(k + 1)]
-        cos.append(times(-1 / (k + 1), _cauchy(slopes, sin, k)))
-        sin.append(times(1 / (k + 1), _cauchy(slopes, cos, k)))
+        part = 1 / (k + 1) if k else 1
+        cos.append(times(-part, _cauchy(slopes, sin, k)))
+        sin.append(times(part, _cauchy(slopes, cos, k)))
     rows = []
     for k in range(count):
         scale = math.factorial(k)

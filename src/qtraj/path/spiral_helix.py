@@ -16,7 +16,7 @@ from qtraj.path import boundary_problem as problem
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.components import Triple
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.invariants import rotating_components
+from qtraj.path.invariants import Jets, rotating_components
 from qtraj.path.placement import Placement
 
 
@@ -98,7 +98,12 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
 
     def rotating_components(self, t: ScalarLike, order: int) -> list[Triple]:
         """As `rotating_derivatives`, a triple of numbers for each order."""
-        return rotating_components(*(polynomial.terms(c, t, order) for c in (self.radius, self.angle, self.height)))
+        return rotating_components(*self.jets(t, order))
+
+    def jets(self, t: ScalarLike, order: int) -> Jets:
+        """Taylor coefficients of ρ, φ and h at `t`, up to `order`, one number each."""
+        radius, angle, height = (polynomial.terms(c, t, order) for c in (self.radius, self.angle, self.height))
+        return radius, angle, height
 
     @property
     def turn(self) -> Scalar:

@@ -86,10 +86,6 @@ class Problem(eqx.Module):
         unit = self._between(va * duration, vb * duration, jnp.ones_like(duration))
         return Course(unit.radius, unit.angle, unit.height, duration)
 
-    def unit_path(self, course: Course) -> SpiralHelix:
-        """A path run through in a unit of time: its derivatives are those in the fraction of the duration."""
-        return SpiralHelix(course.radius, course.angle, course.height, jnp.ones_like(course.duration), self.placement)
-
     def time(self, z: Variables) -> Scalar:
         """The duration [s] of the path of these variables."""
         return self.duration if self.holds_duration else self.duration * jnp.exp(z[-1])
@@ -105,14 +101,13 @@ class Problem(eqx.Module):
 
     def attained(self, z: Variables) -> Scalar:
         """The objective in its own units."""
-        path = self.path(z)
         if self.objective == "nearest":
-            return self._distance(z, path)
+            return self._distance(z)
         if self.objective == "fastest":
-            return path.duration
+            return self.time(z)
         if self.objective == "smoothest":
-            return integrated_squared_jerk(path)
-        return jnp.asarray(self.objective(path))  # type: ignore[operator]
+            return integrated_squared_jerk(self.path(z))
+        return jnp.asarray(self.objective(self.path(z)))  # type: ignore[operator]
 
     def _velocities(self, z: Variables, duration: Scalar) -> tuple[Vec3, Vec3]:
         a, b, v = self.start.velocity, self.end.velocity, self.speed
@@ -129,12 +124,13 @@ class Problem(eqx.Module):
         radius, angle, height = polynomials(a, b, self.turn, duration, uniform=self.motion == "uniform")
         return SpiralHelix(radius, angle, height, duration, self.placement)
 
-    def _distance(self, z: Variables, path: SpiralHelix) -> Scalar:
-        va, vb = self._velocities(z, path.duration)
+    def _distance(self, z: Variables) -> Scalar:
+        duration = self.time(z)
+        va, vb = self._velocities(z, duration)
         changes = jnp.concatenate([va - self.start.velocity, vb - self.end.velocity])
         total = self.weights[:6] @ changes**2
         if self.motion == "hermite":
-            total = total + self.weights[6] * ((path.duration - self.duration) / self.duration * self.speed) ** 2
+            total = total + self.weights[6] * ((duration - self.duration) / self.duration * self.speed) ** 2
         return total
 
 

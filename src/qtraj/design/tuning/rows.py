@@ -4,8 +4,7 @@ A row is g(z, u) = ½((value/limit)² − 1) ≤ 0 at a fraction u of the durati
 ∂g/∂u = 0: the gradient of the peak is ∂g/∂z (envelope theorem), its Hessian g_zz − g_zu g_uz/g_uu. At an end it stands
 still. Fixed times between them, with gradients alone, foretell the peaks that a step would raise.
 
-The rows are differentiated in the few numbers that make up the path, its course, and the course in z: once for all of
-them.
+The course of the path, the few numbers that make it up, is differentiated in z once for all rows.
 """
 
 from collections.abc import Callable
@@ -17,9 +16,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from qtraj.design.limits import Limits
-from qtraj.design.magnitudes import PER_TIME, squared
 from qtraj.design.peaks import climb, highest
+from qtraj.design.tuning.excess import Excess, Moves, in_a_row
 from qtraj.design.tuning.problem import Course, Problem, Variables
+from qtraj.foundation.derivatives import with_derivatives
 from qtraj.foundation.types import Scalar
 
 NODES = 65
@@ -70,16 +70,17 @@ def find_peaks(problem: Problem, limits: Limits, z: Variables) -> Peaks:
     number = peaks_of_each(limits)
     course = problem.course(z)
     slow = _slowest(problem, course)
-    excesses = [partial(_Excess(problem, name, limit), course) for name, limit in limits.given().items()]
+    excesses = [partial(Excess(problem, name, limit), course) for name, limit in limits.given().items()]
     found = [_peaks(g, number, slow) for g in excesses]
     return Peaks(*(jnp.stack(column) for column in zip(*found, strict=True)))
 
 
 def values_at(problem: Problem, limits: Limits, z: Variables, peaks: Peaks) -> Float[Array, "limits k"]:
     """The values at peaks and ends."""
+    course = problem.course(z)
 
     def of(name: str, limit: Scalar, times: Float[Array, " k"]) -> Float[Array, " k"]:
-        return jax.vmap(lambda u: excess(problem, z, u, name, limit))(times)
+        return jax.vmap(partial(Excess(problem, name, limit), course))(times)
 
     values = jnp.stack([of(name, limit, peaks.time[k]) for k, (name, limit) in enumerate(limits.given().items())])
     return jnp.where(peaks.present, jnp.where(jnp.isfinite(values), values, TOO_MUCH), ABSENT)
@@ -92,7 +93,7 @@ def values_nearby(problem: Problem, limits: Limits, z: Variables, rows: Rows) ->
     number = peaks_of_each(limits) + ALWAYS
     values = []
     for k, (name, limit) in enumerate(given.items()):
-        g = partial(_Excess(problem, name, limit), course)
+        g = partial(Excess(problem, name, limit), course)
         peaks = times[k, :number]
         followed, _ = _polished(g, peaks, jnp.where(moving[k, :number], FOLLOWED, REACH))
         values.append(jax.vmap(g)(jnp.concatenate([followed, times[k, number:]])))
@@ -103,92 +104,43 @@ def values_nearby(problem: Problem, limits: Limits, z: Variables, rows: Rows) ->
 def rows_at(problem: Problem, limits: Limits, z: Variables, peaks: Peaks) -> tuple[Rows, Float[Array, "limits k n n"]]:
     """All rows of all limits at `z`, peaks and ends before fixed times, and the Hessians of peaks and ends."""
     fixed = jnp.linspace(0.0, 1.0, NODES, dtype=z.dtype)[STRIDE:-1:STRIDE]
-    made = _made(problem, z)
+    moves = _moves(problem, z)
     rows, hessians = [], []
     for k, (name, limit) in enumerate(limits.given().items()):
-        g = _Excess(problem, name, limit)
-        highest, hessian = _highest(g, made, jax.tree.map(lambda x, k=k: x[k], peaks))
-        rows += [highest, _fixed(g, made, fixed)]
+        g = Excess(problem, name, limit)
+        highest, hessian = _highest(g, moves, jax.tree.map(lambda x, k=k: x[k], peaks))
+        rows += [highest, _fixed(g, moves, fixed)]
         hessians.append(hessian)
     return Rows(*(jnp.concatenate(field) for field in zip(*rows, strict=True))), jnp.stack(hessians)
 
 
 def excess(problem: Problem, z: Variables, u: Scalar, name: str, limit: Scalar) -> Scalar:
     """g = ½((value/limit)² − 1) at the fraction `u` of the duration."""
-    return _Excess(problem, name, limit)(problem.course(z), u)
+    return Excess(problem, name, limit)(problem.course(z), u)
 
 
-class _Excess(NamedTuple):
-    """g of one limit, in the course of the path and the fraction of its duration."""
-
-    problem: Problem
-    name: str
-    limit: Scalar
-
-    def __call__(self, course: Course, u: Scalar) -> Scalar:
-        # In unit time, which is simpler to differentiate: the limit is scaled instead.
-        scaled = self.limit * course.duration ** PER_TIME[self.name]
-        return 0.5 * (squared(self.problem.unit_path(course), u, self.name) / scaled**2 - 1.0)
-
-
-class _Made(NamedTuple):
-    """A course and its derivatives in the variables, all its numbers in a row."""
-
-    course: Course
-    directions: Course  # (n, …): what each variable does to it
-    slopes: Float[Array, "q n"]
-    bends: Float[Array, "q n n"]
-
-
-def _made(problem: Problem, z: Variables) -> _Made:
-    slopes, bends = jax.jacfwd(problem.course)(z), jax.jacfwd(jax.jacfwd(problem.course))(z)
-    directions = jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), slopes)
+def _moves(problem: Problem, z: Variables) -> Moves:
+    course, slopes, bends = with_derivatives(problem.course, z)
     n = z.shape[0]
-    return _Made(problem.course(z), directions, _in_a_row(slopes, n), _in_a_row(bends, n, n))
+    return Moves(course, slopes, in_a_row(slopes, n), in_a_row(bends, n, n))
 
 
-def _in_a_row(course: Course, *rest: int) -> Float[Array, "q *rest"]:
-    """All numbers of a course, or what belongs to each of them."""
-    return jnp.concatenate([x.reshape(-1, *rest) for x in course])
-
-
-def _highest(g: _Excess, made: _Made, peaks: Peaks) -> tuple[Rows, Float[Array, "k n n"]]:
+def _highest(g: Excess, moves: Moves, peaks: Peaks) -> tuple[Rows, Float[Array, "k n n"]]:
     """The rows of one limit's peaks and ends, and their Hessians."""
-    u, present, moves = peaks
-    course = made.course
-
-    def pair(course: Course, u: Scalar) -> tuple[Scalar, Course]:
-        return jax.value_and_grad(g)(course, u)
-
-    def turned_by(direction: Course, u: Scalar) -> Course:
-        return jax.jvp(lambda course: pair(course, u)[1], (course,), (direction,))[1]
-
-    def at(u: Scalar) -> tuple[Array, ...]:
-        one = jnp.ones_like(u)
-        (value, slope), (_, mixed) = jax.jvp(lambda u: pair(course, u), (u,), (one,))
-        bend = jax.jvp(lambda u: jax.jvp(lambda u: g(course, u), (u,), (one,))[1], (u,), (one,))[1]
-        turned = jax.vmap(turned_by, (0, None))(made.directions, u)
-        return value, _in_a_row(slope), _in_a_row(mixed), bend, jnp.concatenate([_columns(x) for x in turned], axis=1)
-
-    value, slope, mixed, bend, turned = jax.vmap(at)(u)
-    slope, mixed, pulled = slope @ made.slopes, mixed @ made.slopes, jnp.tensordot(slope, made.bends, 1)
-    bends = moves & (bend < 0)
-    moving = jnp.where(bends, 1 / jnp.where(bends, bend, 1.0), 0.0)
-    curvature = turned @ made.slopes + pulled - moving[:, None, None] * mixed[:, :, None] * mixed[:, None, :]
-    sound = jnp.isfinite(value) & jnp.all(jnp.isfinite(slope), 1) & jnp.all(jnp.isfinite(curvature), (1, 2))
-    height = jnp.where(present, jnp.where(sound, value, TOO_MUCH), ABSENT)
+    u, present, moving = peaks
+    found = jax.vmap(lambda u: g.derivatives(moves, u))(u)
+    bends = moving & (found.bend < 0)
+    follows = jnp.where(bends, 1 / jnp.where(bends, found.bend, 1.0), 0.0)
+    curvature = found.curvature - follows[:, None, None] * found.mixed[:, :, None] * found.mixed[:, None, :]
+    sound = jnp.isfinite(found.value) & jnp.all(jnp.isfinite(found.slope), 1) & jnp.all(jnp.isfinite(curvature), (1, 2))
+    height = jnp.where(present, jnp.where(sound, found.value, TOO_MUCH), ABSENT)
     kept = present & sound
-    return Rows(height, _keep(slope, kept[:, None]), u, moves), _keep(curvature, kept[:, None, None])
+    return Rows(height, _keep(found.slope, kept[:, None]), u, moving), _keep(curvature, kept[:, None, None])
 
 
-def _columns(x: Float[Array, "n *part"]) -> Float[Array, "n part"]:
-    return x.reshape(x.shape[0], -1)
-
-
-def _fixed(g: _Excess, made: _Made, times: Float[Array, " r"]) -> Rows:
+def _fixed(g: Excess, moves: Moves, times: Float[Array, " r"]) -> Rows:
     """The rows of one limit at fixed times."""
-    value, of_course = jax.vmap(jax.value_and_grad(g), (None, 0))(made.course, times)
-    slope = jax.vmap(_in_a_row)(of_course) @ made.slopes
+    value, slope = jax.vmap(lambda u: g.slope(moves, u))(times)
     sound = jnp.isfinite(value) & jnp.all(jnp.isfinite(slope), 1)
     return Rows(jnp.where(sound, value, ABSENT), _keep(slope, sound[:, None]), times, jnp.zeros(times.shape, bool))
 
@@ -232,10 +184,10 @@ def _repeated(times: Float[Array, " k"], present: Bool[Array, " k"]) -> Bool[Arr
 
 def _slowest(problem: Problem, course: Course) -> Scalar:
     """Where the speed is least: the lowest of its inner local minima over the nodes, polished."""
-    path = problem.unit_path(course)
+    speed = Excess(problem, "speed", jnp.ones_like(course.duration))
 
     def slowness(u: Scalar) -> Scalar:
-        return -squared(path, u, "speed")
+        return -speed(course, u)
 
     nodes = jnp.linspace(0.0, 1.0, NODES, dtype=course.duration.dtype)
     picked, _ = _highest_nodes(jax.vmap(slowness)(nodes), nodes, 1)

@@ -20,6 +20,7 @@ from qtraj.design.tuning.problem import Variables
 from qtraj.design.tuning.rows import Peaks, find_peaks, rows_at, values_at
 from qtraj.design.tuning.subproblem import ELASTIC, Model, Move, best_move
 from qtraj.design.tuning.task import Task
+from qtraj.foundation.derivatives import with_derivatives
 from qtraj.foundation.types import Flag, Scalar
 
 FIRST_TRUST, LARGEST_TRUST, LEAST_TRUST = 0.5, 2.0, 1e-11
@@ -166,9 +167,8 @@ def _arrives(s: State, move: Move, judged: _Judgement) -> Flag:
 
 
 def _model(task: Task, s: State) -> Model:
-    cost = task.problem.cost
-    rows, hessians = rows_at(task.problem, task.limits, s.z, s.peaks)
-    return Model(s.cost, jax.jacfwd(cost)(s.z), jax.jacfwd(jax.jacfwd(cost))(s.z), rows, hessians)
+    _, slope, curvature = with_derivatives(task.problem.cost, s.z)
+    return Model(s.cost, slope, curvature, *rows_at(task.problem, task.limits, s.z, s.peaks))
 
 
 def _trust(s: State, move: Move, judged: _Judgement) -> Scalar:
