@@ -95,6 +95,13 @@ def test_a_csv_file_may_be_called_txt(tmp_path):
     check(read_track(written(tmp_path, "time,x,y,z\n" + TEXT, "track.txt")))
 
 
+def test_a_part_that_is_not_whole_may_be_left_out(tmp_path):
+    text = "time,x,y,z,vx\n" + "\n".join(",".join(map(str, [*row, 1.0])) for row in ROWS)
+    track = read_track(written(tmp_path, text), {"velocity": None})
+    check(track)
+    assert track.velocities is None
+
+
 HEAD = "# first\ntime,x,y,z\n"
 
 
@@ -119,6 +126,13 @@ HEAD = "# first\ntime,x,y,z\n"
         ("time,x,y,altitud [m]\n" + TEXT, r'columns=\{"position": \["x", "y", "altitud \[m\]"\]\}'),
         ("time,a,b,c\n" + TEXT, r"no columns for the position.*The columns are time, a, b, c; .*columns="),
         ("when,x,y,z\n" + TEXT, r"no columns for the time"),
+        (
+            "time,x,y,z,vx,vy\n",
+            r"velocity are incomplete: found vx, vy, missing vz\. .*velocity = \[\"vx\", \"vy\", \"\.\.\.\"\] under "
+            r'\[track\.columns\].*To do without: velocity = \[\], in Python \{"velocity": None\}\.',
+        ),
+        ("time,x,y,z,vel_up [m/s]\n", r"velocity are incomplete: found vel_up \[m/s\], missing vel_east, vel_north\. "),
+        ("time,x,y,z,qw,qx,qy\n", r"attitude are incomplete: found qw, qx, qy, missing qz"),
         (TEXT, r"line 1: a header row with column names was expected"),
         ("", r"the file is empty"),
         ("# only a comment\n\n", r"the file is empty"),

@@ -28,6 +28,7 @@ COMMON = {
 """Column names that are recognised without being told, in lower case and without units in brackets."""
 
 COUNTS = {"time": 1, "position": 3, "velocity": 3, "attitude": 4}
+NEEDED = ("time", "position")
 
 LIKE = 0.7
 """A column less alike a common name than this, from 0 to 1, is not taken for it misspelt."""
@@ -38,7 +39,8 @@ Columns = Mapping[str, str | Sequence[str] | None]
 def choose(path: Path, header: list[str], columns: Columns) -> dict[str, tuple[str, ...]]:
     """The columns of each part that is there: those told, else common ones.
 
-    **Raises:** ValueError naming the file for columns that are not there, and for a part that none are found for.
+    **Raises:** ValueError naming the file for columns that are not there, for a part that must be there and is not, and
+    for one of which only some columns have common names.
     """
     if unknown := sorted(set(columns) - set(COUNTS)):
         raise ValueError(f"columns= knows the keys {', '.join(COUNTS)}, but {unknown[0]!r} was given")
@@ -48,7 +50,7 @@ def choose(path: Path, header: list[str], columns: Columns) -> dict[str, tuple[s
         told = columns.get(part)
         names = _common(part, header) if part not in columns else (told,) if isinstance(told, str) else told
         if names is None:
-            if count == 1 or part == "position":
+            if part in NEEDED or (part not in columns and _begun(part, header)):
                 raise ValueError(f"{path}: {_not_found(part, header)}")
             continue
         if len(names) != count:
@@ -68,6 +70,12 @@ def _common(part: str, header: list[str]) -> tuple[str, ...] | None:
     return None
 
 
+def _begun(part: str, header: list[str]) -> bool:
+    """Whether there is any column of a part, by its common names."""
+    plain = _plain(header)
+    return any(name in plain for choice in COMMON[part] for name in choice.split(","))
+
+
 def _plain(header: list[str]) -> dict[str, str]:
     """The columns by their names in lower case and without units."""
     return {re.sub(r"\s*[\[(].*$", "", name).strip().lower(): name for name in reversed(header)}
@@ -85,9 +93,11 @@ def _not_found(part: str, header: list[str]) -> str:
         what = f"the columns for the {part} are incomplete: found {', '.join(found)}, missing {', '.join(missing)}"
         likely = [plain.get(name) or _likely(part, k, plain) for k, name in enumerate(best)]
         example = "[" + ", ".join(f'"{name}"' for name in likely) + "]"
+    without = "" if part in NEEDED else f" To do without: {part} = [], in Python {{\"{part}\": None}}."
     return (
         f"{what}. The columns are {', '.join(header)}; name those of the {part}: "
         f'in a scenario with {part} = {example} under [track.columns], in Python with columns={{"{part}": {example}}}.'
+        f"{without}"
     )
 
 

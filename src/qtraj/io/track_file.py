@@ -22,7 +22,8 @@ def read_track(file: str | os.PathLike[str], columns: Mapping[str, str | Sequenc
     A CSV file (commas, semicolons or tabs; UTF-8; lines that start with # are comments) has a header row. `columns`
     tells the names of its columns: {"time": "t", "position": ["e", "n", "u"], "velocity": [...], "attitude": [...]},
     attitude as a quaternion, body to world, scalar first; None leaves a part out. Parts that are not named are taken
-    from common names (time, t; x, y, z; easting, northing, altitude; vx, vy, vz; vel_east, …; qw, qx, qy, qz).
+    from common names (time, t; x, y, z; easting, northing, altitude; vx, vy, vz; vel_east, …; qw, qx, qy, qz), all
+    columns of a part or none.
     A TUM trajectory (eight numbers "timestamp tx ty tz qx qy qz qw" to a line, no header) is known by its content;
     its quaternions, scalar last, are reordered. Units are those of `Track`: s, m, m/s.
 
