@@ -205,6 +205,24 @@ def test_a_recording_is_no_scenario(qtraj, folder, command, fragment):
     assert not (folder / "out").exists()
 
 
+@pytest.mark.parametrize(
+    "text",
+    [CSV, f"# by hand\n{CSV.replace(',', ';')}", "# timestamp tx ty tz qx qy qz qw\n0.5 1e1 -2 .3 0 0 0 1\n", ROWS],
+    ids=["csv", "semicolons", "tum", "no header"],
+)
+@pytest.mark.parametrize("name", ["track.txt", "track", "track.toml"])
+def test_a_recording_is_known_by_what_it_holds(qtraj, tmp_path, text, name):
+    (tmp_path / name).write_text(text)
+    result = qtraj("tune", tmp_path / name, "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert f'{name}: this is a recording, not a scenario: write a .toml file with file = "{name}"' in result.stderr
+
+
+def test_a_scenario_with_a_fault_among_numbers_is_no_recording(qtraj, tmp_path):
+    (tmp_path / "s.txt").write_text("quaternion = [\n1, 0, 0, 0\nend = 3\n")
+    assert "not valid TOML" in qtraj("tune", tmp_path / "s.txt").stderr
+
+
 def test_a_saved_path_has_nothing_to_tune_for(qtraj, folder):
     file = folder / "path.toml"
     file.write_text('format = "qtraj/1"\ntype = "SpiralHelix"\n')

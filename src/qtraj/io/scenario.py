@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 from pydantic import ValidationError
 
 from qtraj.io.scenario_fault import explain
-from qtraj.io.scenario_kind import misplaced, recorded
+from qtraj.io.scenario_kind import is_recording, misplaced, recorded
 from qtraj.io.scenario_part import Part
 from qtraj.io.scenario_syntax import syntax_fault
 
@@ -47,9 +47,9 @@ def read_scenario(file: Path | str, model: type[S]) -> ScenarioFile[S]:
     """
     path = Path(file)
     content = path.read_bytes()
-    if (advice := recorded(path, model)) is not None:
-        raise ValueError(f"{path}: {advice}")
-    data = _parse(path, content)
+    if is_recording(path):
+        raise ValueError(f"{path}: {recorded(path, model)}")
+    data = _parse(path, content, model)
     try:
         scenario = model.model_validate(data)
     except ValidationError as error:
@@ -63,7 +63,7 @@ def content_hash(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:HASH_DIGITS]
 
 
-def _parse(path: Path, content: bytes) -> dict[str, object]:
+def _parse(path: Path, content: bytes, model: type[Part]) -> dict[str, object]:
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -73,4 +73,6 @@ def _parse(path: Path, content: bytes) -> dict[str, object]:
     except RecursionError:
         raise ValueError(f"{path}: not a scenario: its tables or arrays are nested too deep") from None
     except tomllib.TOMLDecodeError as error:
+        if is_recording(path, text):
+            raise ValueError(f"{path}: {recorded(path, model)}") from None
         raise ValueError(f"{path}: not valid TOML: {syntax_fault(text, error)}") from None
