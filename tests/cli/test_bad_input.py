@@ -78,6 +78,23 @@ BAD = {
         ["end.V_h is both fixed and bounded"],
     ),
     "one bound": (STATES + "[tune.bounds]\nduration = [4.0]\n", ["'tune.bounds.duration' holds [4.0]", "[low, high]"]),
+    "a bound of another word": (
+        STATES + "[tune.bounds]\nduration = {low = 4.0}\n",
+        ["'tune.bounds.duration' holds {'low': 4.0}", "duration = {max = 8.0}, or {min = 4.0}"],
+    ),
+    "no bound": (STATES + "[tune.bounds]\nduration = {}\n", ["'tune.bounds.duration' holds {}", "{max = 8.0}"]),
+    "an infinite bound": (
+        STATES + "[tune.bounds]\nduration = [4.0, inf]\n",
+        ["'tune.bounds.duration[1]' holds inf", "or of one of them alone: duration = {max = 8.0}, or {min = 4.0}"],
+    ),
+    "one bound that is infinite": (
+        STATES + "[tune.bounds]\nduration = {max = inf}\n",
+        ["'tune.bounds.duration' holds inf", "{max = 8.0}"],
+    ),
+    "one-sided bounds that contradict": (
+        STATES + "[tune.bounds]\nduration = {max = 4.0, min = 8.0}\n",
+        ["the bounds of duration contradict: 8.0 is not below 4.0"],
+    ),
     "a bound without quotes": (
         STATES + "[tune.bounds]\nend.V_h = [0, 1]\n",
         ["'tune.bounds.end' holds {'V_h': [0, 1]}", "a name with a dot stands in quotes"],
@@ -164,6 +181,7 @@ def test_bad_scenarios(qtraj, folder, content):
     assert result.stderr.startswith("error: ")
     assert result.stderr.count("\n") == 1
     assert str(file) in result.stderr or "gone" in result.stderr
+    assert " more)" not in result.stderr
     for fragment in fragments:
         assert fragment in result.stderr
     assert sorted(folder.iterdir()) == before

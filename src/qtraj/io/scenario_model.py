@@ -16,6 +16,7 @@ from qtraj.io.scenario_part import (
     Part,
     Positive,
     Quaternion,
+    RangeMap,
     Text,
     Vector,
     Wholes,
@@ -168,11 +169,11 @@ class TunePart(Part):
         title=f"variables that keep their given value: {VARIABLES}",
         description='a list of names, as in fixed = ["end.V_h"]',
     )
-    bounds: dict[str, Pair] = Field(
+    bounds: RangeMap = Field(
         default_factory=dict,
         title="between which values a variable must stay; what is not named may go as far as the search does",
-        description="a table [tune.bounds] of [low, high] in m/s or s: duration = [4.0, 8.0]; a name with a dot stands "
-        'in quotes: "end.V_h" = [-0.5, 0.5]',
+        description="a table [tune.bounds] of [low, high] in m/s or s: duration = [4.0, 8.0], or of one of them alone: "
+        'duration = {max = 8.0}, or {min = 4.0}; a name with a dot stands in quotes: "end.V_h" = [-0.5, 0.5]',
     )
     starts: Counts = Field(
         default=8, title="searches, from the given states and about them", description="a whole number, 1 or more"

@@ -7,12 +7,19 @@ The `title` of a key says what it means. Its `description` says what it may hold
 import sys
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
+
+
+def _form(value: Any) -> str:
+    """Which form of a range a value has; anything else is judged as a pair."""
+    return "open" if isinstance(value, dict) and value and value.keys() <= {"min", "max"} else "pair"
+
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
+OpenPair = Annotated[dict[Literal["min", "max"], Number], Field(min_length=1)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
 Wholes = Annotated[int, Field(ge=0)]
@@ -20,6 +27,9 @@ Counts = Annotated[int, Field(ge=1)]
 Text = Annotated[str, Field(min_length=1)]
 
 Angles = Literal["deg", "rad"]
+
+RangeMap = dict[str, Annotated[Annotated[Pair, Tag("pair")] | Annotated[OpenPair, Tag("open")], Discriminator(_form)]]
+"""Lowest and highest values by name: [low, high], or {min = low}, {max = high} for one of them."""
 
 NAME = "a name for titles"
 ABOUT = "what the scenario is about"

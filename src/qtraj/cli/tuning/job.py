@@ -42,7 +42,7 @@ class Job:
     turns: int
     starts: int
     fixed: tuple[str, ...] = ()
-    bounds: dict[str, tuple[float, float]] = field(default_factory=dict)
+    bounds: dict[str, tuple[float | None, float | None]] = field(default_factory=dict)
     turn: float | None = None
     track: Track | None = None
     residual: Residual | None = None
@@ -171,5 +171,7 @@ def _between(scenario: Scenario, limits: Limits, objective: str, motion: str, st
     return Job(path, start, end, limits, objective, motion, duration, turns, starts, fixed, bounds)
 
 
-def _bounds(scenario: Scenario) -> dict[str, tuple[float, float]]:
-    return {name: (low, high) for name, (low, high) in scenario.tune.bounds.items()}
+def _bounds(scenario: Scenario) -> dict[str, tuple[float | None, float | None]]:
+    """Lowest and highest value by name, None for none."""
+    given = scenario.tune.bounds.items()
+    return {name: (x.get("min"), x.get("max")) if isinstance(x, dict) else (x[0], x[1]) for name, x in given}
