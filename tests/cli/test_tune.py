@@ -4,20 +4,23 @@ import csv
 import io
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray
 from rich.console import Console
 from scipy.interpolate import CubicSpline
 
 import qtraj as qt
 from qtraj.cli.tuning.job import Choice, lay, saved_path
+from qtraj.cli.tuning.remarks import far_off
 from qtraj.cli.tuning.report import print_tuning
 from qtraj.io.scenario import DEFAULT, read_scenario
-from qtraj.io.scenario_model import Scenario
+from qtraj.io.scenario_model import Scenario, TunePart
 
 ROOT = Path(__file__).parents[2]
 DATA, EXAMPLES = ROOT / "src" / "qtraj" / "io" / "data", ROOT / "examples"
@@ -84,6 +87,8 @@ def test_the_json_is_what_the_library_says(default_run):
     assert tuning == {
         "objective": "nearest",
         "motion": "uniform",
+        "fixed": [],
+        "bounds": {},
         "value": tuned.objective,
         "status": tuned.status,
         "iterations": int(tuned.iterations),
@@ -151,10 +156,15 @@ def test_the_boundary_velocities_follow_from_the_dataset(default_run, when):
     assert told["mean_rate"] == pytest.approx(np.mod(angles[1] - angles[0], 2 * np.pi) / told["duration"], abs=1e-8)
 
 
-def test_the_terminal_shows_it_all_within_80_columns(default_run):
+def printed(content):
+    """What the terminal shows of an outcome, at 80 columns."""
     console = Console(file=io.StringIO(), width=80, highlight=False)
-    print_tuning(console, default_run.content | {"files": ["out/paths.nc"]})
-    text = console.file.getvalue()
+    print_tuning(console, content)
+    return console.file.getvalue()
+
+
+def test_the_terminal_shows_it_all_within_80_columns(default_run):
+    text = printed(default_run.content | {"files": ["out/paths.nc"]})
     numbers = default_run.content["fit"]
     for fragment in (
         "Right-angle turn for a city bus",
@@ -172,6 +182,8 @@ def test_the_terminal_shows_it_all_within_80_columns(default_run):
     ):
         assert fragment in text
     assert len(re.findall(r"broken", text)) == 2
+    assert default_run.content["warning"] is None
+    assert not re.findall(r"Mind|Fixed|Bounded", text)
     assert len(re.findall(r"binds ", text)) >= 2
     wide = [line for line in text.splitlines() if len(line) > 80 and not line.startswith("Scenario:")]
     assert wide == []
@@ -187,7 +199,11 @@ def test_what_cannot_be_met_is_written_and_explained(qtraj, tmp_path):
     assert "What would help" in content["tuning"]["result"]
     assert content["limits"]["curvature"]["after"]["status"] == "broken"
     assert content["fit"] is None
-    assert {file.name for file in out.iterdir()} == FILES
+    assert content["warning"].startswith("Mind: against the path before, the tuned one is ")
+    assert " ".join(content["warning"].split()) in " ".join(printed(content).split())
+    assert qtraj("report", out).exit_code == 0
+    assert f'<p class="note">{content["warning"]}</p>' in (out / "report.html").read_text(encoding="utf-8")
+    assert {file.name for file in out.iterdir()} == FILES | {"report.html"}
 
 
 def test_boundary_states_that_disagree_are_tuned_from_the_nearest_rate(qtraj, tmp_path):
@@ -205,15 +221,49 @@ def test_what_the_scenario_fixes_and_bounds_holds(qtraj, tmp_path):
     text = (EXAMPLES / "ramp_from_states.toml").read_text(encoding="utf-8")
     assert "[tune]" in text
     held = text.replace(
-        "[tune]", '[tune]\nfixed = ["end.V_h"]\nbounds = {duration = [6.0, 6.5], "start.V_h" = [0.1, 0.3]}'
+        "[tune]", '[tune]\nfixed = ["end.V_h"]\nbounds = {duration = [6.0, 6.5], "start.V_h" = {min = 0.1}}'
     )
     (tmp_path / "held.toml").write_text(held, encoding="utf-8")
     result = qtraj("tune", tmp_path / "held.toml", "--out", tmp_path / "out", "--json")
-    boundary = json.loads(result.stdout)["boundary"]
+    content = json.loads(result.stdout)
+    boundary, tuning = content["boundary"], content["tuning"]
     after = boundary["after"]
     assert after["end"]["V_h"] == pytest.approx(boundary["given"]["end"]["V_h"], abs=ROUND_OFF)
     assert 6.0 - ROUND_OFF <= after["duration"] <= 6.5 + ROUND_OFF
-    assert 0.1 - ROUND_OFF <= after["start"]["V_h"] <= 0.3 + ROUND_OFF
+    assert after["start"]["V_h"] >= 0.1 - ROUND_OFF
+    assert (tuning["fixed"], tuning["bounds"]) == (["end.V_h"], {"duration": [6.0, 6.5], "start.V_h": [0.1, None]})
+    text = printed(content)
+    assert "Fixed: end.V_h.\n" in text
+    assert "Bounded: duration from 6 to 6.5 s, start.V_h at least 0.1 m/s.\n" in text
+    notes = xarray.load_dataset(tmp_path / "out" / "paths.nc").attrs
+    assert (notes["tuning_fixed"], notes["tuning_bounds"][:8]) == ("end.V_h", "duration")
+
+
+@pytest.mark.parametrize(
+    ("given", "job"), [({"max": 0.0}, (None, 0.0)), ({"min": 1}, (1.0, None)), ([0.0, 1.0], (0.0, 1.0))]
+)
+def test_a_scenario_may_bound_a_variable_on_one_side(given, job):
+    ramp = read_scenario(EXAMPLES / "ramp_from_states.toml", Scenario)
+    tune = TunePart.model_validate({"bounds": {"end.V_rho": given}})
+    scenario = ramp.scenario.model_copy(update={"tune": tune})
+    assert lay(replace(ramp, scenario=scenario)).bounds == {"end.V_rho": job}
+
+
+@pytest.mark.parametrize(
+    ("length", "duration", "departure", "words"),
+    [
+        (29.0, 14.0, 9.0, None),
+        (31.0, 14.0, 9.0, "is 3.1 times as long (31 m, before 10 m). A limit may be"),
+        (29.0, 16.0, 9.0, "takes 3.2 times the time (16 s, before 5 s). A"),
+        (29.0, 14.0, 11.0, "leaves it by 11 m, more than its own size of 10 m. A"),
+        (31.0, 16.0, 11.0, "(31 m, before 10 m), takes 3.2 times the time (16 s, before 5 s) and leaves it by 11 m"),
+    ],
+)
+def test_a_path_far_from_the_given_one_is_told(length, duration, departure, words):
+    ends = {"before": {"length": 10.0, "duration": 5.0}, "after": {"length": length, "duration": duration}}
+    told = far_off({"boundary": ends, "departure": departure}, np.array([[0.0, 0, 0], [3.0, 4.0, 0], [6.0, 8.0, 0]]))
+    assert (told is None) == (words is None)
+    assert words is None or words in told
 
 
 @pytest.mark.parametrize("name", ["turn_from_recording", "helix_slower"])

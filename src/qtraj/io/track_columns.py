@@ -93,7 +93,7 @@ def _not_found(part: str, header: list[str]) -> str:
         what = f"the columns for the {part} are incomplete: found {', '.join(found)}, missing {', '.join(missing)}"
         likely = [plain.get(name) or _likely(part, k, plain) for k, name in enumerate(best)]
         example = "[" + ", ".join(f'"{name}"' for name in likely) + "]"
-    without = "" if part in NEEDED else f" To do without: {part} = [], in Python {{\"{part}\": None}}."
+    without = "" if part in NEEDED else f' To do without: {part} = [], in Python {{"{part}": None}}.'
     return (
         f"{what}. The columns are {', '.join(header)}; name those of the {part}: "
         f'in a scenario with {part} = {example} under [track.columns], in Python with columns={{"{part}": {example}}}.'

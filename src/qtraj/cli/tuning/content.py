@@ -7,6 +7,7 @@ import xarray
 from qtraj._version import __version__
 from qtraj.cli.content import finite, scenario_content
 from qtraj.cli.tuning.job import Job
+from qtraj.cli.tuning.remarks import far_off, held
 from qtraj.design.magnitudes import UNITS
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.tuning.outcome import Tuned
@@ -35,13 +36,14 @@ def tune_content(
         "tuning": {
             "objective": job.objective,
             "motion": job.motion,
+            **held(job),
             "value": float(best.objective),
             "status": best.status,
             "iterations": int(best.iterations),
             "result": best.result,
         },
     }
-    return finite(content)
+    return finite(content | {"warning": far_off(content, was)})
 
 
 def fit_content(job: Job) -> dict[str, Any] | None:

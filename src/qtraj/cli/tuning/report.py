@@ -8,6 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from qtraj.cli.layout import facts_table, heading, number, plain_table, print_files, print_scenario, verdict
+from qtraj.cli.tuning.remarks import bounds_text, fixed_text
 
 COMPONENTS = {"V_rho": "V_ρ", "V_phi": "V_φ", "V_h": "V_h"}
 ENDS = {"start": "A", "end": "B"}
@@ -22,7 +23,12 @@ def print_tuning(console: Console, content: dict[str, Any]) -> None:
     _print_boundary(console, content["boundary"], content["departure"])
     tuning = content["tuning"]
     heading(console, f"Result: objective '{tuning['objective']}', motion '{tuning['motion']}'")
+    for what, text in (("Fixed", fixed_text(tuning)), ("Bounded", bounds_text(tuning))):
+        if text:
+            console.print(Text(f"{what}: {text}."))
     console.print(Text(tuning["result"]))
+    if content["warning"]:
+        console.print(Text(content["warning"], style="yellow"))
     print_files(console, content["files"])
 
 

@@ -10,6 +10,7 @@ from qtraj.cli.output import Writer, check_folder, write_all
 from qtraj.cli.terminal import Watch, watching
 from qtraj.cli.tuning.content import tune_content
 from qtraj.cli.tuning.job import Choice, Job, is_saved, lay
+from qtraj.cli.tuning.remarks import bounds_text, fixed_text
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.proof.certify import certify
 from qtraj.design.tuning.outcome import Tuned
@@ -35,6 +36,7 @@ def run(file: Path | None, out: Path, choice: Choice) -> tuple[dict[str, Any], b
         job, before, best = solve(given, choice, watch)
         dataset = _dataset(given, job, best)
         content = tune_content(given, job, before, best, dataset)
+        dataset.attrs |= _remarks(content)
         watch.say("writing")
         content["files"] = [str(file) for file in write_all(out, _writers(dataset, best))]
     return content, best.converged and best.certificate.met
@@ -69,6 +71,13 @@ def _dataset(given: ScenarioFile[Scenario], job: Job, best: Tuned) -> xarray.Dat
     }
     paths = {"before": job.path, "after": best.path}
     return path_dataset(paths, job.limits, job.track, attributes=attributes)
+
+
+def _remarks(content: dict[str, Any]) -> dict[str, str]:
+    """What was held and bounded, and the warning, where there is any."""
+    tuning = content["tuning"]
+    texts = {"fixed": fixed_text(tuning), "bounds": bounds_text(tuning), "warning": content["warning"]}
+    return {f"tuning_{name}": text for name, text in texts.items() if text}
 
 
 def _writers(dataset: xarray.Dataset, best: Tuned) -> dict[str, Writer]:

@@ -41,7 +41,8 @@ def path_report(dataset: xarray.Dataset, tuned: Tuned | None = None) -> Report:
         raise ValueError("a report needs the attitude along the path: the variable quaternion, or dcm, is missing")
     paths = separate(dataset)
     drawn = dict(list(paths.items())[:MOST_PATHS])
-    notes = [f"{len(drawn)} of {len(paths)} paths are shown."] if len(drawn) < len(paths) else []
+    notes = [str(dataset.attrs["tuning_warning"])] if "tuning_warning" in dataset.attrs else []
+    notes += [f"{len(drawn)} of {len(paths)} paths are shown."] if len(drawn) < len(paths) else []
     bodies = [_body(name, k, path) for k, (name, path) in enumerate(drawn.items())]
     recorded = dataset["recorded_position"].values if "recorded_position" in dataset else None
     return Report(

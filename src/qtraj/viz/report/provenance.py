@@ -6,7 +6,7 @@ import xarray
 from qtraj._version import __version__
 from qtraj.viz.report.model import Table
 
-SHOWN_ELSEWHERE = ("title", "tuning_result", "result")
+SHOWN_ELSEWHERE = ("title", "tuning_result", "tuning_warning", "result")
 
 
 def provenance_table(dataset: xarray.Dataset) -> Table:
