@@ -50,7 +50,8 @@ def test_a_folder_is_reported_with_the_certificate_that_lies_in_it(qtraj, result
     ]
     assert {"Limits", "Boundary velocities about the axis of the path"} <= set(content["tables"])
     text = (tmp_path / "new" / "report.html").read_text(encoding="utf-8")
-    assert "exceeded at the time given" in text  # what "broken", the certificate's finding, means
+    assert '<td class="bad">broken</td>' in text
+    assert "broken: the limit does not hold at the time given" in text
     assert [file.name for file in (tmp_path / "new").iterdir()] == ["report.html"]
 
 

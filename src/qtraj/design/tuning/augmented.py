@@ -112,7 +112,7 @@ def _solve(
         last, iterate = iterate, advance(problem, limits, iterate)
         violation = float(iterate.violation)
         if tell is not None:
-            tell(f"round {count}, " + ("limits met" if violation == 0 else f"exceeded by {100 * violation:.2g} %"))
+            tell(f"round {count}, " + ("limits met" if violation == 0 else f"limits broken by {100 * violation:.2g} %"))
         if violation <= FEASIBLE and float(iterate.gradient) <= STATIONARY:
             return iterate, True
         if not math.isfinite(violation):

@@ -75,7 +75,7 @@ def tune(
     `starts` searches begin at the given states and about them, and the best is kept. `method` is "sqp" (sequential
     quadratic programming on polished peaks, with exact second derivatives) or "lbfgs" (augmented Lagrangian, optax);
     by default the first, and the second for a callable objective, which then need not be twice differentiable, from the
-    given states alone. Where no path meets the limits, the one that exceeds them least is given, with advice. What is
+    given states alone. Where no path meets the limits, the one that breaks them least is given, with advice. What is
     being done is told to `progress`, in a few words.
 
     **Batches**: states with lanes in front (`jax.vmap(BoundaryState)(positions, velocities)`), and limits, duration,

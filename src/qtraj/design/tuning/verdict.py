@@ -35,7 +35,7 @@ def not_converged(certificate: Certificate, steps: int) -> str:
 def infeasible(certificate: Certificate, steps: int) -> str:
     """What to say where no boundary velocities were found that meet the limits."""
     found = "; ".join(f"{name} is {certificate.describe(name)}" for name in certificate.unmet)
-    return f"infeasible: no boundary velocities were found that meet the limits. The path exceeds them least: {found}."
+    return f"infeasible: no boundary velocities were found that meet the limits. The path breaks them least: {found}."
 
 
 def remark(path: SpiralHelix) -> str:

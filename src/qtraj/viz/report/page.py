@@ -29,7 +29,6 @@ VERDICTS = {
     "sampled": "fair",
     "binds": "good",
     "broken": "bad",
-    "exceeded": "bad",
     "undecided": "fair",
     "undefined": "bad",
 }

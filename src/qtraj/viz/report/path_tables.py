@@ -16,7 +16,7 @@ from qtraj.viz.report.provenance import provenance_table
 PROOFS = {
     "proved": "proved on the whole path",
     "sampled": "met on a refined grid whose peaks were polished; evidence, no proof",
-    "broken": "exceeded at the time given",
+    "broken": "the limit does not hold at the time given",
     "undecided": "too near to the limit to be decided in float64",
     "undefined": "the quantity does not exist at the time given",
 }
@@ -41,7 +41,7 @@ def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
                 rows.append([heading, label, *found])
     findings = {} if tuned is None else tuned.certificate.status
     known = [f"{status}: {PROOFS[status]}" for status in dict.fromkeys(findings.values())]
-    note = "; ".join([*known, "within, exceeded: judged at the instants of the table alone"])
+    note = "; ".join([*known, "without a certificate, within and broken are judged at the instants of the table alone"])
     return Table("Limits", ["limit", "path", "largest", "limit", "margin", "at [s]", ""], rows, 2, note + ".")
 
 
@@ -58,7 +58,7 @@ def _sampled(path: xarray.Dataset, name: str) -> list[str]:
         return ["–", number(limit), "–", "–", "undefined"]
     worst = int(np.nanargmax(values))
     value, time = float(values[worst]), float(path["time"].values[worst])
-    verdict = "within" if value <= limit else "exceeded"
+    verdict = "within" if value <= limit else "broken"
     return [number(value), number(limit), number(limit - value, 3), number(time, 4), verdict]
 
 
