@@ -1,5 +1,6 @@
 """The report in a real browser, headless: no errors, no network, a trihedral that moves."""
 
+import base64
 import json
 import re
 import shutil
@@ -38,6 +39,20 @@ OPTIONS = [
 ]
 PATIENCE = 30  # [s] a loaded machine draws slowly
 MILLIMETRE = 1e-3
+CORNERS = """
+const { model, view, projection } = document.getElementById('space')._fullLayout.scene._scene.glplot.cameraParams;
+const axes = document.getElementById('space')._fullLayout.scene;
+const apply = (m, v) => [0, 1, 2, 3].map((r) => v.reduce((sum, x, c) => sum + m[4 * c + r] * x, 0));
+const scale = document.getElementById('space')._fullLayout.scene._scene.dataScale;
+const points = [];
+for (let k = 0; k < 8; k++) {
+  const corner = ['x', 'y', 'z'].map((letter, n) => axes[letter + 'axis'].range[(k >> n) & 1] * scale[n]);
+  const [x, y, , w] = apply(projection, apply(view, apply(model, [...corner, 1])));
+  points.push([x / w, y / w]);
+}
+const of = (pick) => [0, 1].map((n) => pick(...points.map((point) => point[n])));
+return [of(Math.min), of(Math.max)];
+"""
 COLOURS = {"tangent": (0, 158, 115), "normal": (204, 121, 167), "binormal": (230, 159, 0)}
 
 
@@ -160,7 +175,7 @@ def test_names_of_the_input_are_text(page):
     assert options == list(TIMES)
     names = page.execute_script("return document.querySelector('.plot').data.map((trace) => trace.name)")
     assert not any("<" in name for name in names)
-    assert [image.get_property("id") for image in page.find_elements(By.TAG_NAME, "img")] == ["picture"]
+    assert page.find_elements(By.TAG_NAME, "img") == []
     keys = page.find_elements(By.CSS_SELECTOR, ".head .legend li")
     assert IMAGE.strip() in [key.get_property("textContent").strip() for key in keys]
 
@@ -262,11 +277,67 @@ def test_the_picture_shows_the_arrows(page, tmp_path):
         assert near.sum() > 20, name
 
 
+def arrow_colours(browser):
+    """How many points of the picture for paper have the colour of each arrow."""
+    pixels = browser.execute_script(
+        "const p = document.getElementById('picture');"
+        "return Array.from(p.getContext('2d').getImageData(0, 0, p.width, p.height).data);"
+    )
+    seen = np.array(pixels).reshape(-1, 4)
+    near = [np.abs(seen[:, :3] - np.array(colour)).max(axis=1) < 40 for colour in COLOURS.values()]
+    return [int((found & (seen[:, 3] > 200)).sum()) for found in near]
+
+
 def test_paper_shows_a_picture_of_the_scene(page):
-    page.execute_script("window.print = () => { window.printed = true; }")
+    page.execute_script("window.printing = window.print; window.print = () => { window.printed = true; }")
     page.find_element(By.ID, "print").click()
     until(page, "return window.printed === true")
-    width, data = page.execute_script("const p = document.getElementById('picture'); return [p.naturalWidth, p.src]")
+    width = page.execute_script("return document.getElementById('picture').width")
     assert width == 2 * page.execute_script("return document.getElementById('space').clientWidth")
-    assert data.startswith("data:image/png;base64,")
+    assert min(arrow_colours(page)) > 80
     assert not page.find_element(By.ID, "picture").is_displayed()  # on paper alone
+    page.execute_script("window.print = window.printing; window.dispatchEvent(new Event('afterprint'))")
+
+
+def test_paper_shows_it_also_where_the_browser_prints_by_itself(browser, report, tmp_path):
+    """By its own menu or keys: there is no click on the button."""
+    _, file, *_ = report
+    opened(browser, file)
+    until(browser, "return document.documentElement.dataset.ready === 'yes'")
+    paper = base64.b64decode(browser.execute_cdp_cmd("Page.printToPDF", {})["data"])
+    assert min(arrow_colours(browser)) > 20
+    assert b"/Subtype /Image" in paper
+    assert "copied" in browser.find_element(By.TAG_NAME, "body").get_attribute("class")
+    listed = [item.get_property("textContent") for item in browser.find_elements(By.CSS_SELECTOR, "#arrows .paper")]
+    assert listed == ["recorded", *TIMES]
+    assert errors(browser) == []
+
+
+def test_the_letters_of_the_ends_keep_apart(page):
+    """That of the upper one stands above it."""
+    ends = page.execute_script(
+        "return document.getElementById('space').data.filter((t) => ['<b>A</b>', '<b>B</b>'].includes(t.text?.[0]))"
+        ".map((t) => [t.text[0], t.textposition, t.z[0]])"
+    )
+    assert sorted(end[:2] for end in ends) == [["<b>A</b>", "bottom center"], ["<b>B</b>", "top center"]]
+
+
+def test_time_is_called_time(page):
+    titles = "return Array.from(document.querySelectorAll('.plot')).map((p) => [p.layout.xaxis.title.text, p])"
+    assert {title for title, _ in page.execute_script(titles)} == {"time [s]"}
+    assert page.find_element(By.CSS_SELECTOR, "label[for=slider]").text == "Time"
+    ticks = page.find_elements(By.CSS_SELECTOR, ".plot .xtick text")
+    assert all(re.fullmatch(r"[\d.]+", tick.text) for tick in ticks if tick.text)
+
+
+@pytest.mark.parametrize("size", [1400, 900])
+def test_the_axes_fill_the_picture_and_no_more(browser, report, size):
+    """Their corners, in plotly's own projection, stay inside with room for the labels."""
+    _, file, *_ = report
+    browser.set_window_size(size, 1000)
+    opened(browser, file)
+    until(browser, "return document.documentElement.dataset.ready === 'yes'")
+    low, high = browser.execute_script(CORNERS)
+    browser.set_window_size(1400, 1000)
+    assert max(*np.abs(low), *np.abs(high)) < 0.95
+    assert max(high[0] - low[0], high[1] - low[1]) > 1.4

@@ -6,7 +6,7 @@ import numpy as np
 import xarray
 
 from qtraj.viz.report.frames import cosines
-from qtraj.viz.report.model import Arrow, Body, Panel, Report, Series, Table, number, unit
+from qtraj.viz.report.model import Arrow, Body, Panel, Report, Series, Table, number, unit, words
 from qtraj.viz.report.provenance import provenance_table
 from qtraj.viz.style import COMPONENTS, SUBSCRIPTS, title
 
@@ -65,7 +65,7 @@ def attitude_report(dataset: xarray.Dataset) -> Report:
     return Report(
         title=title(dataset) or "Attitude",
         kind="attitude",
-        facts=[str(notes["result"])] if "result" in notes else [],
+        facts=[words(str(notes["result"]))] if "result" in notes else [],
         arrows=[Arrow(name, f"body axis {name}", COMPONENTS[name]) for name in "xyz"],
         bodies=bodies,
         panels=[_panel(dataset, name) for name in _shown(dataset)],

@@ -88,24 +88,59 @@ function controls() {
   byId("body").addEventListener("change", (event) => look(event.target.value));
   new ResizeObserver(() => requestAnimationFrame(refit)).observe(byId("panels"));
   byId("print").addEventListener("click", print);
+  window.addEventListener("beforeprint", copySpace);
+  window.addEventListener("afterprint", () => (pictured = false));
 }
 
-/** A browser prints no WebGL: a picture takes the place of the scene on paper. */
+// A browser prints no WebGL: a picture takes the place of the scene on paper.
+let pictured = false;
+function picture(source, width, height, copied) {
+  const paper = byId("picture");
+  Object.assign(paper, { width, height, className: "drawn" });
+  paper.getContext("2d").drawImage(source, 0, 0, width, height);
+  paper.style.width = byId("space").clientWidth + "px";
+  document.body.classList.toggle("copied", copied);
+}
+
+/** The button draws the scene anew, twice as fine as on the screen, before it prints. */
 async function print() {
   play(false);
   const { clientWidth: width, clientHeight: height } = byId("space");
-  byId("picture").src = await Plotly.toImage(byId("space"), { format: "png", width, height, scale: 2 });
-  await byId("picture").decode();
+  const image = new Image();
+  image.src = await Plotly.toImage(byId("space"), { format: "png", width, height, scale: 2 });
+  await image.decode();
+  picture(image, image.naturalWidth, image.naturalHeight, false);
+  pictured = true;
   window.print();
 }
 
+/** Where the browser prints by itself it waits for nothing: the scene is copied as it stands, without its legend. */
+function copySpace() {
+  if (pictured) return;
+  play(false);
+  const scene = byId("space")._fullLayout?.scene?._scene; // plotly has no public way to draw at once
+  if (!scene?.glplot) return;
+  scene.glplot.redraw();
+  const { canvas } = scene.glplot.gl;
+  picture(canvas, canvas.width, canvas.height, true);
+}
+
+function entry(colour, name, use) {
+  const item = document.createElement("li"),
+    swatch = document.createElement("i");
+  swatch.style.background = colour;
+  item.className = use;
+  item.append(swatch, name);
+  byId("arrows").append(item);
+}
+
 function legend() {
-  for (const arrow of arrows) {
-    const item = document.createElement("li"),
-      swatch = document.createElement("i");
-    swatch.style.background = arrow.colour;
-    item.append(swatch, arrow.symbol === arrow.meaning ? arrow.symbol : arrow.symbol + " (" + arrow.meaning + ")");
-    byId("arrows").append(item);
+  for (const { colour, symbol, meaning } of arrows) {
+    entry(colour, symbol === meaning ? symbol : symbol + " (" + meaning + ")", "");
+  }
+  if (listed) {
+    if (data.recorded) entry(RECORDED, "recorded", "paper");
+    for (const body of bodies) entry(body.colour, body.name, "paper");
   }
   if (bodies.some((body) => body.ghost)) {
     const item = document.createElement("li");

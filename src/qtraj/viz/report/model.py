@@ -1,6 +1,7 @@
 """What a report consists of, as plain data that JSON can hold: bodies that move, panels over time, tables."""
 
 import math
+import re
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,6 +22,8 @@ UNITS = {
     "rad s-2": "rad/s²",
 }
 """Units of datasets as people write them."""
+NAMES = re.compile(r"\b(lateral|longitudinal|angular|max)_(?=(acceleration|rate|jerk)\b)")
+"""How the names of limits begin that consist of several words."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +108,11 @@ class Report:
 def unit(text: str) -> str:
     """A unit as people write it: "m s-2" is "m/s²"."""
     return UNITS.get(text, text)
+
+
+def words(text: str) -> str:
+    """A text with the names of limits as words: "lateral_acceleration binds" is "lateral acceleration binds"."""
+    return NAMES.sub(r"\1 ", text)
 
 
 def number(value: float, digits: int = 6) -> str:

@@ -112,7 +112,7 @@ function panelLayout(panel, drawn) {
     paper_bgcolor: "#fff",
     plot_bgcolor: "#fff",
     annotations: note,
-    xaxis: Object.assign({ range: state.range.slice(), ticksuffix: " s", showticksuffix: "last" }, axis),
+    xaxis: Object.assign({ range: state.range.slice(), title: { text: "time [s]", standoff: 2 } }, axis),
     yaxis: Object.assign(
       {
         type: panel.logarithmic ? "log" : "linear",

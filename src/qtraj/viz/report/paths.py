@@ -8,7 +8,7 @@ import xarray
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset import MAGNITUDES
 from qtraj.viz.report.frames import cosines
-from qtraj.viz.report.model import Arrow, Body, Panel, Report, Series, unit
+from qtraj.viz.report.model import Arrow, Body, Panel, Report, Series, unit, words
 from qtraj.viz.report.path_tables import path_tables
 from qtraj.viz.style import AXIS_COLOURS, COLOURS, COMPONENTS, SPARE, STYLES, SUBSCRIPTS, SYMBOLS, title
 
@@ -68,7 +68,7 @@ def separate(dataset: xarray.Dataset) -> dict[str, xarray.Dataset]:
 
 def _facts(dataset: xarray.Dataset) -> list[str]:
     notes = dataset.attrs
-    facts = [str(notes["tuning_result"])] if "tuning_result" in notes else []
+    facts = [words(str(notes["tuning_result"]))] if "tuning_result" in notes else []
     if "tuning_objective" in notes:
         facts.append(f"Objective '{notes['tuning_objective']}', motion '{notes.get('tuning_motion', '')}'.")
     return facts

@@ -4,7 +4,7 @@ import numpy as np
 import xarray
 
 from qtraj._version import __version__
-from qtraj.viz.report.model import Table
+from qtraj.viz.report.model import Table, words
 
 SHOWN_ELSEWHERE = ("title", "tuning_result", "tuning_warning", "result")
 
@@ -12,7 +12,7 @@ SHOWN_ELSEWHERE = ("title", "tuning_result", "tuning_warning", "result")
 def provenance_table(dataset: xarray.Dataset) -> Table:
     """The attributes of a dataset, conventions among them, and what wrote the report."""
     rows = [
-        [str(name).replace("_", " "), _text(value)]
+        [str(name).replace("_", " "), words(_text(value)) if str(name).endswith("_convention") else _text(value)]
         for name, value in dataset.attrs.items()
         if name not in SHOWN_ELSEWHERE
     ]

@@ -1,5 +1,16 @@
 // The scene: bodies, their arrows, what lies still and what moves.
 
+const RECORDED = "#737373";
+/** Whether the picture has a legend of its paths. */
+const listed = data.kind === "path" && (bodies.length > 1 || data.recorded !== null);
+
+// Where the scene is first looked at from, and what is to the right and upwards on the screen then.
+const EYE = [-0.75, -1.1, 1.3];
+const RIGHT = unit(cross([0, 0, 1], EYE));
+const UP = unit(cross(EYE, RIGHT));
+const VISIBLE = 2; // of plotly's units between the lower and the upper edge of the picture
+const ROOM = 90; // [px] for the labels of the axes
+
 const column = (rows, k) => rows.map((row) => (row === null ? null : row[k]));
 const line3d = (rows, style) =>
   Object.assign(
@@ -62,7 +73,7 @@ function still() {
   );
   if (data.recorded) {
     traces.unshift(
-      line3d(data.recorded, { name: "recorded", mode: "markers", marker: { size: 1.8, color: "#737373" } }),
+      line3d(data.recorded, { name: "recorded", mode: "markers", marker: { size: 1.8, color: RECORDED } }),
     );
   }
   const body = bodies[state.looked];
@@ -70,16 +81,12 @@ function still() {
     ["A", 0],
     ["B", body.position.length - 1],
   ].filter(([, k]) => known(body.position[k]));
-  traces.push({
-    type: "scatter3d",
-    mode: "text",
-    x: ends.map(([, k]) => body.position[k][0]),
-    y: ends.map(([, k]) => body.position[k][1]),
-    z: ends.map(([, k]) => body.position[k][2]),
-    text: ends.map(([name]) => "<b>" + name + "</b>"),
-    textposition: "bottom center",
-    hoverinfo: "skip",
-    showlegend: false,
+  const heights = ends.map(([, k]) => dot(body.position[k], UP));
+  ends.forEach(([name, k], n) => {
+    // The upper letter stands above its end, the lower one below: they keep apart where the ends meet.
+    const upper = heights.length > 1 && n === heights.indexOf(Math.max(...heights));
+    const place = { text: ["<b>" + name + "</b>"], textposition: upper ? "top center" : "bottom center" };
+    traces.push(line3d([body.position[k]], { mode: "text", showlegend: false, ...place }));
   });
   return traces;
 }
@@ -165,12 +172,18 @@ function movingTraces() {
   return traces;
 }
 
+/** What the box of the axes is multiplied by to fill the picture, first seen, with room for its labels. */
+function zoom(extent) {
+  const { clientWidth: width, clientHeight: height } = byId("space");
+  const seen = (side) => extent.reduce((sum, size, k) => sum + size * Math.abs(side[k]), 0);
+  const room = data.kind === "attitude" ? 0 : ROOM;
+  return (VISIBLE / height) * Math.min((width - room) / seen(RIGHT), (height - room) / seen(UP));
+}
+
 function spaceLayout() {
   const attitude = data.kind === "attitude";
-  const extent = space.range.map(([low, high]) => high - low),
-    largest = Math.max(...extent);
-  const zoom = 1.5 * Math.min(1, byId("space").clientWidth / 600);
-  const [wide, deep, high] = extent.map((size) => (zoom * size) / largest);
+  const extent = space.range.map(([low, high]) => high - low);
+  const [wide, deep, high] = extent.map((size) => zoom(extent) * size);
   const axis = (letter, k) => {
     if (attitude) return { visible: false, range: space.range[k] };
     const offset = space.centre[k];
@@ -179,6 +192,8 @@ function spaceLayout() {
       title: { text: letter + shift + " [m]" },
       range: space.range[k],
       nticks: 6,
+      tickangle: 0, // along the axis long numbers reach into its title
+      tickfont: { size: 11 },
       gridcolor: "#e6ebf0",
       zerolinecolor: "#c9d2da",
       showspikes: false,
@@ -192,7 +207,7 @@ function spaceLayout() {
     uirevision: "space",
     paper_bgcolor: "#fff",
     legend: { x: 0.01, y: 0.01, yanchor: "bottom", itemsizing: "constant", bgcolor: "rgba(255,255,255,0.8)" },
-    showlegend: !attitude && (bodies.length > 1 || data.recorded !== null),
+    showlegend: listed,
     modebar: { orientation: "v", bgcolor: "rgba(255,255,255,0)", color: "#5b6b7a", activecolor: "#0072b2" },
     scene: {
       aspectmode: "manual",
@@ -200,7 +215,7 @@ function spaceLayout() {
       xaxis: axis("x", 0),
       yaxis: axis("y", 1),
       zaxis: axis("z", 2),
-      camera: { eye: { x: -0.75, y: -1.1, z: 1.3 }, up: { x: 0, y: 0, z: 1 }, projection: { type: "orthographic" } },
+      camera: { eye: { x: EYE[0], y: EYE[1], z: EYE[2] }, up: { x: 0, y: 0, z: 1 }, projection: { type: "orthographic" } },
     },
   };
 }
