@@ -5,6 +5,7 @@ import pytest
 
 from qtraj.io.instants import Column, instants_dataset
 from qtraj.viz.figures import save
+from qtraj.viz.style import BAND
 from qtraj.viz.track_figure import track_figure
 from qtraj.viz.turn_figure import turn_figure
 
@@ -97,6 +98,21 @@ def test_a_rate_law_without_a_closed_form():
     assert legend(angle) == ["simulated", "2°"]
     assert legend(command) == ["ω₁", "ω₂", "ω₃", "length"]
     assert command.get_ylabel() == "command [°/s]"
+
+
+def room_above(figure):
+    """Inches between the topmost panel, its legend left aside, and the edge."""
+    return (1 - max(axes.get_position().y1 for axes in figure.axes)) * figure.get_figheight()
+
+
+def test_without_a_title_there_is_no_band_for_it(turn):
+    for draw, dataset in ((lambda x: turn_figure(x, {}), turn), (lambda x: track_figure(x, 0.01, 3.0), loop())):
+        titled, plain = draw(dataset), draw(dataset.drop_attrs(deep=False))
+        assert plain.get_suptitle() == ""
+        assert titled.get_figheight() - plain.get_figheight() == pytest.approx(BAND)
+        assert room_above(titled) - room_above(plain) == pytest.approx(BAND)
+        heights = [[axes.get_position().height * f.get_figheight() for axes in f.axes] for f in (titled, plain)]
+        assert heights[0] == pytest.approx(heights[1])
 
 
 def test_files(turn, tmp_path):

@@ -60,6 +60,20 @@ def test_the_path_is_drawn_about_its_centre_with_equal_axes(dataset):
     assert labels(axes) == ["turn", "τ (tangent)", "n (normal)", "b (binormal)"]
 
 
+def test_heads_of_arrows_are_seen_from_any_side(dataset):
+    """Looked at along any direction, some barb of each stands off its shaft by near a fifth of its own length."""
+    arrows = path_figure(dataset, velocities=True, reference=True).axes[0].collections
+    assert [len(lines._segments3d) for lines in arrows] == [6 * 5] * 3 + [5] * 3 + [5] * 2
+    for segments in np.concatenate([np.reshape(lines._segments3d, (-1, 5, 2, 3)) for lines in arrows]):
+        shaft, *barbs = segments[:, 1] - segments[:, 0]
+        assert np.all(segments[:, 1] == segments[0, 1])  # all end at the tip
+        directions = np.random.default_rng(1).normal(size=(200, 3))
+        across = np.cross(shaft, directions)
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        seen = np.max(np.abs(across @ np.array(barbs).T), axis=1)
+        assert seen.min() > 0.19 * np.linalg.norm(barbs[0])
+
+
 def test_the_reference_stands_at_the_origin(dataset):
     axes = path_figure(dataset, trihedra=0, velocities=True, reference=True, view=(20, 30)).axes[0]
     assert labels(axes) == ["turn", "radius vectors", "velocity"]

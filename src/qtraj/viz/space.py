@@ -8,12 +8,14 @@ import xarray
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D  # registers the projection
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from qtraj.viz.style import AXIS_COLOURS, RC, RECORD, SYMBOLS, head, path_line, title
 
 TRIHEDRA = 6
 LEAST_HEIGHT = 0.3  # of the extent of the path: a flat path leaves room for the ticks of z
 ARROW = 0.16  # of the extent of the path
+BARB = np.sin(np.radians(16))  # of an arrow's head, to its side
 SIZE = (7.6, 5.6)  # [inch]
 WORLD_COLOUR, VELOCITY_COLOUR, RADIUS_COLOUR = "0.1", "#D55E00", "0.35"
 VIEW = {"elev": 38, "azim": -60}
@@ -91,23 +93,35 @@ def _draw_trihedra(axes: Any, path: xarray.Dataset, centre: np.ndarray, count: i
         return
     origin = path["position"].values[chosen] - centre
     for k, (name, colour) in enumerate(AXIS_COLOURS.items()):
-        arrow = path["dcm"].values[chosen, k]
-        axes.quiver(
-            *origin.T,
-            *arrow.T,
-            length=length,
-            color=colour,
-            lw=1.1,
-            arrow_length_ratio=0.25,
-            label=f"{SYMBOLS[name]} ({name})",
-        )
+        arrow = length * path["dcm"].values[chosen, k]
+        _arrows(axes, origin, arrow, 0.25, color=colour, lw=1.1, label=f"{SYMBOLS[name]} ({name})")
+
+
+def _arrows(axes: Any, origins: np.ndarray, arrows: np.ndarray, head: float, **style: Any) -> None:
+    """Arrows (n, 3), their heads `head` of their length: four barbs, two of which are seen from any side.
+
+    Those of matplotlib have two barbs, and seen edge-on no head.
+    """
+    length = np.linalg.norm(arrows, axis=1, keepdims=True)
+    along = arrows / np.where(length > 0, length, 1.0)
+    least = np.eye(3)[np.argmin(np.abs(along), axis=1)]
+    side = np.cross(along, least)
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    tips = origins + arrows
+    ends = [origins] + [
+        tips + head * length * (BARB * s - np.sqrt(1 - BARB**2) * along)
+        for s in (side, -side, np.cross(along, side), -np.cross(along, side))
+    ]
+    lines = np.stack([np.stack([end, tips], axis=1) for end in ends], axis=1).reshape(-1, 2, 3)
+    axes.add_collection3d(Line3DCollection(lines, **style), autolim=False)
+    axes.auto_scale_xyz(*np.concatenate([origins, tips]).T, had_data=True)
 
 
 def _draw_reference(axes: Any, positions: np.ndarray, extent: float) -> None:
     """The world axes at the origin, and the radius vectors of the ends."""
     length = 1.6 * ARROW * extent
     for direction, letter in zip(np.eye(3), "ijk", strict=True):
-        axes.quiver(0, 0, 0, *direction, length=length, color=WORLD_COLOUR, lw=1.3, arrow_length_ratio=0.2)
+        _arrows(axes, np.zeros((1, 3)), length * direction[None], 0.2, color=WORLD_COLOUR, lw=1.3)
         axes.text(*(1.12 * length * direction), letter, fontstyle="italic")
     for end, label in ((0, "radius vectors"), (-1, None)):
         axes.plot(*np.stack([np.zeros(3), positions[end]]).T, color=RADIUS_COLOUR, lw=0.9, ls=(0, (4, 3)), label=label)
@@ -119,6 +133,5 @@ def _draw_velocities(axes: Any, path: xarray.Dataset, centre: np.ndarray, extent
     scale = extent / 3 / max(np.linalg.norm(speeds, axis=1).max(), 1e-300)
     origin = path["position"].values[[0, -1]] - centre
     for point, velocity, letter, label in zip(origin, scale * speeds, "AB", ("velocity", None), strict=True):
-        axes.plot(*np.stack([point, point + velocity]).T, alpha=0)  # an arrow alone does not widen the axes
-        axes.quiver(*point, *velocity, color=VELOCITY_COLOUR, lw=1.6, arrow_length_ratio=0.15, label=label)
+        _arrows(axes, point[None], velocity[None], 0.15, color=VELOCITY_COLOUR, lw=1.6, label=label)
         axes.text(*(point + 1.08 * velocity), f"V$_{letter}$", color=VELOCITY_COLOUR)

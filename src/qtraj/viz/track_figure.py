@@ -8,6 +8,7 @@ import xarray
 from matplotlib.figure import Figure
 
 from qtraj.viz.style import (
+    BAND,
     BOUND,
     CLOSED,
     COMPONENTS,
@@ -19,10 +20,11 @@ from qtraj.viz.style import (
     above,
     component,
     frame,
+    head,
     title,
 )
 
-HEIGHT = 7.6  # [inch]
+HEIGHT = 7.25  # [inch] without a title
 PROGRAM = {"color": "0.55", "lw": 0.8, "ls": "solid", "zorder": 1.5}
 LENGTH = {"color": "0.2", "lw": 1.2, "alpha": 0.8}
 
@@ -33,8 +35,11 @@ def track_figure(dataset: xarray.Dataset, settled: float, limit: float | list[fl
     `dataset` is the table of `qtraj track`; `settled` [rad] is marked, and so is the limit of the command [rad…].
     """
     with mpl.rc_context(RC):
-        figure = Figure(figsize=(WIDTH, HEIGHT))
-        grid = figure.add_gridspec(3, 2, hspace=0.34, wspace=0.3, left=0.08, right=0.98, top=0.9, bottom=0.065)
+        band = BAND if title(dataset) else 0.0
+        height = HEIGHT + band
+        figure = Figure(figsize=(WIDTH, height))
+        margins = {"top": 1 - (0.35 + band) / height, "bottom": 0.5 / height}
+        grid = figure.add_gridspec(3, 2, hspace=0.34, wspace=0.3, left=0.08, right=0.98, **margins)
         angle = figure.add_subplot(grid[0, 0])
         others = [figure.add_subplot(grid[k // 2, k % 2], sharex=angle) for k in range(1, 6)]
         error, command, virtual, rate, length = others
@@ -51,7 +56,7 @@ def track_figure(dataset: xarray.Dataset, settled: float, limit: float | list[fl
             axes.set_xlabel("time [s]")
         figure.align_ylabels([angle, command, rate])
         figure.align_ylabels([error, virtual, length])
-        figure.suptitle(title(dataset), y=0.985, va="top", fontsize=11, fontweight="bold")
+        head(figure, title(dataset))
     return figure
 
 

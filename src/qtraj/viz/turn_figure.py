@@ -7,10 +7,22 @@ import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
-from qtraj.viz.style import ANGLE_LABEL, BEND_LABEL, BOUND, RATE_LABEL, RC, SUBSCRIPTS, WIDTH, component, frame, title
+from qtraj.viz.style import (
+    ANGLE_LABEL,
+    BAND,
+    BEND_LABEL,
+    BOUND,
+    RATE_LABEL,
+    RC,
+    SUBSCRIPTS,
+    WIDTH,
+    component,
+    frame,
+    head,
+    title,
+)
 
-HEIGHT = 6.6  # [inch]
-MARGINS = {"top": 0.9, "bottom": 0.08}
+HEIGHT = 6.25  # [inch] without a title
 ANGLE = "#0072B2"
 HEADROOM = 1.12  # of a limit or a peak, so that neither lies on the frame
 
@@ -22,9 +34,12 @@ def turn_figure(dataset: xarray.Dataset, limits: dict[str, float]) -> Figure:
     max_acceleration [rad…], where there are any.
     """
     with mpl.rc_context(RC):
-        figure = Figure(figsize=(WIDTH, HEIGHT))
-        left = figure.add_gridspec(3, 1, hspace=0.28, left=0.075, right=0.485, **MARGINS)
-        right = figure.add_gridspec(2, 1, hspace=0.42, left=0.57, right=0.98, **MARGINS)
+        band = BAND if title(dataset) else 0.0
+        height = HEIGHT + band
+        figure = Figure(figsize=(WIDTH, height))
+        margins = {"top": 1 - (0.31 + band) / height, "bottom": 0.53 / height}
+        left = figure.add_gridspec(3, 1, hspace=0.28, left=0.075, right=0.485, **margins)
+        right = figure.add_gridspec(2, 1, hspace=0.42, left=0.57, right=0.98, **margins)
         angle = figure.add_subplot(left[0])
         rate, acceleration = (figure.add_subplot(left[row], sharex=angle) for row in (1, 2))
         phase, quaternion = (figure.add_subplot(right[row]) for row in (0, 1))
@@ -38,7 +53,7 @@ def turn_figure(dataset: xarray.Dataset, limits: dict[str, float]) -> Figure:
         _quaternion(quaternion, dataset)
         quaternion.set_xlabel("time [s]")
         figure.align_ylabels([angle, rate, acceleration])
-        figure.suptitle(title(dataset), y=0.98, va="top", fontsize=11, fontweight="bold")
+        head(figure, title(dataset))
     return figure
 
 

@@ -172,12 +172,12 @@ function movingTraces() {
   return traces;
 }
 
-/** What the box of the axes is multiplied by to fill the picture, first seen, with room for its labels. */
+/** What the box of the axes is multiplied by to fill the picture, first seen, with room for labels; a sphere is round. */
 function zoom(extent) {
   const { clientWidth: width, clientHeight: height } = byId("space");
-  const seen = (side) => extent.reduce((sum, size, k) => sum + size * Math.abs(side[k]), 0);
-  const room = data.kind === "attitude" ? 0 : ROOM;
-  return (VISIBLE / height) * Math.min((width - room) / seen(RIGHT), (height - room) / seen(UP));
+  const seen = (side) =>
+    data.kind === "attitude" ? extent[0] : extent.reduce((sum, size, k) => sum + size * Math.abs(side[k]), 0);
+  return (VISIBLE / height) * Math.min((width - ROOM) / seen(RIGHT), (height - ROOM) / seen(UP));
 }
 
 function spaceLayout() {
