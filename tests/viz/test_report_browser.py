@@ -322,6 +322,15 @@ def test_the_letters_of_the_ends_keep_apart(page):
     assert sorted(end[:2] for end in ends) == [["<b>A</b>", "bottom center"], ["<b>B</b>", "top center"]]
 
 
+def test_numbers_of_the_axes_do_not_reach_into_their_titles(page):
+    """Upright ones are as high everywhere as their letters; along an axis, long ones reached as far as its title."""
+    angles = page.execute_script(
+        "const { xaxis, yaxis, zaxis } = document.getElementById('space')._fullLayout.scene;"
+        "return [xaxis, yaxis, zaxis].map((axis) => [axis.tickangle, axis.title.font.size - axis.tickfont.size])"
+    )
+    assert all(angle == 0 and smaller > 0 for angle, smaller in angles)
+
+
 def test_time_is_called_time(page):
     titles = "return Array.from(document.querySelectorAll('.plot')).map((p) => [p.layout.xaxis.title.text, p])"
     assert {title for title, _ in page.execute_script(titles)} == {"time [s]"}
