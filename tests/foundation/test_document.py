@@ -89,13 +89,3 @@ def test_what_has_no_document_form_is_refused(tmp_path):
     with pytest.raises(ValueError, match="Curve cannot be stored"):
         curve.save(tmp_path / "curve.toml")
     assert not os.listdir(tmp_path)
-
-
-def test_a_failed_write_leaves_nothing(tmp_path, monkeypatch):
-    def broken(*_):
-        raise OSError("disk full")
-
-    monkeypatch.setattr(document.os, "replace", broken)
-    with pytest.raises(OSError, match="disk full"):
-        document.write_atomically(tmp_path / "x", b"content")
-    assert not os.listdir(tmp_path)

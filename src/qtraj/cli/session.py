@@ -9,18 +9,20 @@ from pathlib import Path
 
 import jax
 
+from qtraj.foundation.kept import keep_in
+
 NOISY = ("jax", "jaxlib", "xarray", "matplotlib", "mpl_toolkits", "h5netcdf", "pandas")
 """Packages whose warnings and log messages say nothing to a user of the command line."""
 
 
 def prepare() -> None:
-    """Switch on float64 and the persistent compilation cache, and keep other packages' noise off the terminal."""
+    """Switch on float64, keep programs from run to run, and keep other packages' noise off the terminal."""
     jax.config.update("jax_enable_x64", True)
     if not os.environ.get("JAX_PLATFORMS"):
         jax.config.update("jax_platforms", "cpu")  # one small problem: sequential, in float64
     # Compiling takes far longer here than what is compiled: leave out LLVM's optimisation, unless told otherwise.
     os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
-    _keep_compilations()
+    _keep_programs()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without Greek shows question marks
@@ -39,17 +41,18 @@ def cache_folder() -> Path:
     return (home / "Library" / "Caches" if sys.platform == "darwin" else home / ".cache") / "qtraj"
 
 
-def _keep_compilations() -> None:
-    """A second run need not compile again; where no folder can be made, each run compiles."""
-    if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
-        return
+def _keep_programs() -> None:
+    """A second run need neither trace nor compile again; where no folder can be made, each run does."""
     try:
-        folder = cache_folder() / "jax"
+        folder = cache_folder()
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, RuntimeError):  # Path.home() knows none
         return
     if not os.access(folder, os.W_OK | os.X_OK):
         return
-    jax.config.update("jax_compilation_cache_dir", str(folder))
+    keep_in(folder / "programs")
+    if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        return
+    jax.config.update("jax_compilation_cache_dir", str(folder / "jax"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

@@ -9,7 +9,6 @@ import inspect
 import json
 import math
 import os
-import tempfile
 import tomllib
 import warnings
 from collections.abc import Callable
@@ -19,6 +18,8 @@ from typing import Any, TypeVar
 import jax
 import numpy as np
 import tomli_w
+
+from qtraj.foundation.files import write_atomically
 
 FORMAT = "qtraj/1"
 
@@ -70,19 +71,6 @@ def load(file: str | os.PathLike[str]) -> Any:
         return _decode(data)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from error
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file that is either complete or absent, also when the process is interrupted."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
 
 
 def _to_json(data: dict[str, Any]) -> str:

@@ -10,7 +10,6 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,6 +19,7 @@ from jaxtyping import Array, Float
 from qtraj.batch.evaluate import evaluate
 from qtraj.design.limits import Limits
 from qtraj.design.magnitudes import magnitude, netcdf_unit
+from qtraj.foundation.kept import kept
 from qtraj.foundation.provenance import made_with
 from qtraj.foundation.record import notes
 from qtraj.path.hodograph import AbstractHodograph
@@ -124,6 +124,6 @@ def _columns(path: AbstractHodograph, progress: np.ndarray) -> dict[str, tuple[t
     return columns
 
 
-@eqx.filter_jit
+@kept()
 def _magnitudes(path: AbstractHodograph, times: Float[Array, " n"]) -> dict[str, Float[Array, " n"]]:
     return {name: jax.vmap(lambda t, name=name: magnitude(path, t, name))(times) for name in MAGNITUDES}

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.document import storable
+from qtraj.foundation.kept import kept
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Scalar
@@ -118,7 +119,7 @@ def compare(path: AbstractHodograph, track: Track, converged: bool = True, messa
     )
 
 
-@eqx.filter_jit
+@kept()
 def _measures(
     path: AbstractHodograph,
     times: Float[Array, " n"],

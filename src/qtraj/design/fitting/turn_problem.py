@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from numpy.polynomial import legendre
 
+from qtraj.foundation.kept import kept
 from qtraj.foundation.types import Scalar
 from qtraj.path.track import Track, known
 
@@ -81,7 +82,7 @@ def problem(track: Track, centre: np.ndarray, scale: float, bounds: tuple[float,
     )
 
 
-@eqx.filter_jit
+@kept()
 def minimise(
     turn: TurnProblem, start: Float[Array, " m"], max_steps: int
 ) -> tuple[Float[Array, " m"], Scalar, Bool[Array, ""]]:

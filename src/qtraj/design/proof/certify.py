@@ -1,7 +1,7 @@
 """Limits judged on the whole path: proved where they are polynomial inequalities, sampled where not."""
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,6 +17,7 @@ from qtraj.design.peaks import largest, summit
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate
 from qtraj.design.proof.inequalities import FORMS, HIGHEST_DEGREE, divisor, parts, slack
 from qtraj.foundation import cores
+from qtraj.foundation.kept import kept
 from qtraj.foundation.types import Flag, Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.invariants import existence
@@ -126,7 +127,7 @@ def _judged(path: AbstractHodograph, limits: Limits) -> Findings:
     return codes, times, values
 
 
-class _Gap(eqx.Module):
+class _Gap(NamedTuple):
     """Whether what magnitudes divide by is proved positive, or cannot be told from zero, and when it is least [s]."""
 
     positive: Flag
@@ -134,7 +135,7 @@ class _Gap(eqx.Module):
     time: Scalar
 
 
-@eqx.filter_jit
+@kept(_Gap)
 def _gap(path: AbstractHodograph, which: str) -> _Gap:
     def size(path: AbstractHodograph, t: Scalar) -> Scalar:
         r = moving_derivatives(path, t, 3)
@@ -148,7 +149,7 @@ def _gap(path: AbstractHodograph, which: str) -> _Gap:
     return _Gap(proved, ~proved & (size(path, time) < GAP**2), time)
 
 
-@eqx.filter_jit
+@kept()
 def _finding(path: AbstractHodograph, gap: _Gap | None, limit: Scalar, name: str) -> tuple[Array, Scalar, Scalar]:
     """Code, time [s] and value of one limit, given whether what it divides by vanishes."""
     code, time, value = _as_if_defined(path, gap, name, limit.astype(path.duration.dtype))

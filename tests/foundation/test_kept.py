@@ -1,0 +1,129 @@
+"""Programs are traced once for all processes: here, once for all decorations of one function."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Array
+
+from qtraj.foundation import kept as keeping
+from qtraj.foundation.kept import keep_in, kept
+
+
+class Pair(NamedTuple):
+    total: Array
+    parts: dict
+
+
+class Ramp(eqx.Module):
+    slope: Array
+    kind: object = eqx.field(static=True)
+
+
+traced = []
+
+
+def work(ramp, x, note=None):
+    traced.append(ramp.kind)
+    return Pair(jnp.asarray(ramp.slope, float) * jnp.sum(x.astype(float)), {"x": x + 1, "note": note})
+
+
+@pytest.fixture
+def folder(tmp_path):
+    traced.clear()
+    keep_in(tmp_path / "programs")
+    yield tmp_path / "programs"
+    keep_in(None)
+
+
+def once(*given):
+    """What a process without any program in memory makes of a call."""
+    return kept(Pair)(work)(*given)
+
+
+def files(folder):
+    return sorted(file for file in folder.rglob("*") if file.is_file()) if folder.exists() else []
+
+
+def test_the_second_process_traces_nothing(folder):
+    ramp, x = Ramp(jnp.asarray(2.0), "even"), jnp.arange(3.0)
+    first, second = once(ramp, x), once(Ramp(jnp.asarray(3.0), "even"), x)
+    assert traced == ["even"]
+    assert isinstance(second, Pair)
+    assert (float(first.total), float(second.total)) == (6.0, 9.0)
+    np.testing.assert_array_equal(second.parts["x"], [1.0, 2.0, 3.0])
+    assert second.parts["note"] is None
+    assert len(files(folder)) == 1
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        (Ramp(jnp.asarray(2.0), "odd"), jnp.arange(3.0)),
+        (Ramp(jnp.asarray(2.0), "even"), jnp.arange(4.0)),
+        (Ramp(jnp.asarray(2.0), "even"), jnp.arange(3)),
+        (Ramp(jnp.asarray(2.0), "even"), jnp.arange(3.0), jnp.asarray(1.0)),
+    ],
+    ids=["static", "shape", "type", "structure"],
+)
+def test_what_the_program_depends_on_has_a_program_of_its_own(folder, other):
+    once(Ramp(jnp.asarray(2.0), "even"), jnp.arange(3.0))
+    once(*other)
+    assert len(traced) == len(files(folder)) == 2
+
+
+def test_another_precision_has_a_program_of_its_own(folder):
+    numbers = np.arange(3, dtype=np.int32)
+    once(Ramp(np.int32(2), "even"), numbers)
+    with jax.enable_x64(not jax.config.read("jax_enable_x64")):
+        once(Ramp(np.int32(2), "even"), numbers)
+    assert len(traced) == 2
+
+
+def test_arguments_without_a_lasting_name_are_compiled_as_ever(folder):
+    assert float(once(Ramp(jnp.asarray(2.0), lambda: 0), jnp.ones(2)).total) == 4.0
+    assert files(folder) == []
+
+
+def test_within_a_trace_nothing_is_kept(folder):
+    def total(slope):
+        return once(Ramp(slope, "even"), jnp.ones(2)).total
+
+    assert float(jax.grad(total)(jnp.asarray(3.0))) == 2.0
+    assert float(jax.jit(total)(jnp.asarray(3.0))) == 6.0
+    assert files(folder) == []
+
+
+@pytest.mark.parametrize("spoil", [lambda content: content[:-1], lambda content: b"", lambda content: b"x" * 99])
+def test_a_spoilt_program_is_traced_and_written_anew(folder, spoil):
+    given = Ramp(jnp.asarray(2.0), "even"), jnp.arange(3.0)
+    once(*given)
+    (file,) = files(folder)
+    whole = file.read_bytes()
+    file.write_bytes(spoil(whole))
+    assert float(once(*given).total) == 6.0
+    assert len(traced) == 2
+    assert file.read_bytes()[:32] != b"x" * 32
+    once(*given)
+    assert len(traced) == 2
+
+
+def test_where_nothing_can_be_written_nothing_is_kept(tmp_path):
+    (tmp_path / "programs").write_text("a file, where a folder should be")
+    keep_in(tmp_path / "programs")
+    try:
+        assert float(once(Ramp(jnp.asarray(2.0), "even"), jnp.ones(2)).total) == 4.0
+    finally:
+        keep_in(None)
+
+
+def test_another_source_has_programs_of_its_own(folder, monkeypatch):
+    given = Ramp(jnp.asarray(2.0), "even"), jnp.arange(3.0)
+    traced.clear()
+    once(*given)
+    monkeypatch.setattr(keeping, "_surroundings", lambda: "another")
+    once(*given)
+    assert len(traced) == len(files(folder)) == 2
