@@ -22,15 +22,28 @@ def as_float(x: ArrayInput) -> Array:
     """`x` as a floating array: float dtypes are kept, anything else takes JAX's default float."""
     x = x if isinstance(x, jax.Array) else np.asarray(x)
     if jnp.issubdtype(x.dtype, jnp.floating):
-        return jnp.asarray(x)
+        return x if isinstance(x, jax.Array) else as_array(x, x.dtype)
     if jnp.issubdtype(x.dtype, jnp.complexfloating) or x.dtype == object or x.dtype.kind in "USM":
         raise ValueError(f"real numbers were expected, but the input has dtype {x.dtype}")
-    return jnp.asarray(x, dtype=float)
+    return as_array(x, float)
+
+
+def as_array(x: ArrayInput, dtype: Any) -> Array:
+    """`x` as an array of `dtype`, or of what JAX's precision makes of it; no program is compiled for known input."""
+    if isinstance(x, jax.Array):
+        return jnp.asarray(x, dtype)
+    # A copy: JAX may keep the memory it is given, and the caller may write there.
+    return jax.device_put(np.array(x, jax.dtypes.canonicalize_dtype(dtype)))
 
 
 def concrete(x: Any) -> np.ndarray | None:
     """The value of `x` as a NumPy array, or None inside a trace, where Python cannot know it."""
     return None if isinstance(x, Tracer) else np.asarray(x)
+
+
+def part(x: Array | np.ndarray, index: Any) -> Array:
+    """`x[index]`, taken by NumPy where it is known: a small gather of JAX costs more than what is gathered."""
+    return x[index] if isinstance(x, Tracer) else as_array(np.asarray(x)[index], x.dtype)
 
 
 def real_vector(x: ArrayInput, name: str, size: int) -> Array:

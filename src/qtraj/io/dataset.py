@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray
 from jaxtyping import Array, Float
@@ -19,12 +18,13 @@ from jaxtyping import Array, Float
 from qtraj.batch.evaluate import evaluate
 from qtraj.design.limits import Limits
 from qtraj.design.magnitudes import magnitude, netcdf_unit
+from qtraj.foundation.arrays import as_float
 from qtraj.foundation.kept import kept
 from qtraj.foundation.provenance import made_with
 from qtraj.foundation.record import notes
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantities import AXES, DESCRIPTIONS, LABELS, framed
-from qtraj.path.track import Track, known
+from qtraj.path.track import Track, known, known_elapsed
 
 SAMPLES = 513
 """Samples of each path unless told otherwise."""
@@ -94,7 +94,7 @@ def path_dataset(
         **{axis: (axis, labels) for axis, labels in LABELS.items()},
     }
     if track is not None:
-        coordinates["recorded_time"] = ("record", known(track.elapsed), notes("s", "time from the first record"))
+        coordinates["recorded_time"] = ("record", known_elapsed(track), notes("s", "time from the first record"))
         dims = ("record", "world")
         variables["recorded_position"] = (dims, known(track.positions), notes("m", "recorded position, world axes"))
     made = made_with(np.asarray(next(iter(paths.values())).duration).dtype)
@@ -110,11 +110,12 @@ def write_netcdf(dataset: xarray.Dataset, file: str | os.PathLike[str]) -> None:
 
 def _columns(path: AbstractHodograph, progress: np.ndarray) -> dict[str, tuple[tuple[str, ...], np.ndarray, Any]]:
     """Every variable of one path: dimensions, values and notes."""
-    times = path.duration * jnp.asarray(progress, path.duration.dtype)
+    duration = np.asarray(path.duration)
+    times = as_float(duration * progress.astype(duration.dtype))
     table = evaluate(path, times, outputs=tuple(AXES), continuous=True)
     columns: dict[str, Any] = {
         "time": (("sample",), np.asarray(times), notes("s", "time from the start of the path")),
-        "duration": ((), np.asarray(path.duration), notes("s", "duration of the path")),
+        "duration": ((), duration, notes("s", "duration of the path")),
     }
     for name, axes in AXES.items():
         columns[name] = (("sample", *axes), np.asarray(getattr(table, name)), notes(*DESCRIPTIONS[name]))

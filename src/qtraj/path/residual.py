@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.algebra.vector import norm
-from qtraj.foundation.arrays import as_float, concrete
+from qtraj.foundation.arrays import as_array, as_float, concrete
 from qtraj.foundation.document import storable
 from qtraj.foundation.kept import kept
 from qtraj.foundation.record import Quantity, Record
@@ -17,7 +17,7 @@ from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.spiral_helix import SpiralHelix
-from qtraj.path.track import STANDING, Track
+from qtraj.path.track import STANDING, Track, known_elapsed
 
 OVERHANG = 1e-6
 """A track may outlast the path it is compared with by this part of the path's duration: rounding, no more."""
@@ -83,12 +83,12 @@ class Residual(AbstractResult):
         self.distance_rms = as_float(distance_rms)
         self.maximum = as_float(maximum)
         self.turn = as_float(turn)
-        self.samples = jnp.asarray(samples, dtype=int)
+        self.samples = as_array(samples, int)
         self.velocity_rms = _optional(velocity_rms)
         self.direction_rms = _optional(direction_rms)
         self.radius_min = _optional(radius_min)
         self.radius_max = _optional(radius_max)
-        self.converged = jnp.asarray(converged, dtype=bool)
+        self.converged = as_array(converged, bool)
         self.message = message
 
     def record(self) -> Record:
@@ -109,7 +109,7 @@ def compare(path: AbstractHodograph, track: Track, converged: bool = True, messa
     **Raises:** ValueError where the track lasts longer than the path.
     """
     _require_covered(path, track)
-    times = track.elapsed.astype(path.duration.dtype)
+    times = as_array(known_elapsed(track), path.duration.dtype)
     return Residual(
         **_measures(path, times, track.positions, track.velocities),
         turn=track.turn,
@@ -173,11 +173,11 @@ def _optional(x: ArrayInput | None) -> Scalar | None:
 
 
 def _require_covered(path: AbstractHodograph, track: Track) -> None:
-    available, wanted = concrete(path.duration), concrete(track.duration)
-    if available is None or wanted is None:
+    available, wanted = concrete(path.duration), known_elapsed(track)[-1]
+    if available is None:
         return
-    if float(wanted) > float(available) * (1 + OVERHANG):
+    if wanted > float(available) * (1 + OVERHANG):
         raise ValueError(
-            f"the track lasts {float(wanted):.9g} s, but the path only {float(available):.9g} s: "
+            f"the track lasts {wanted:.9g} s, but the path only {float(available):.9g} s: "
             "compare with the window of the track that the path covers, track.window(t0, t1)."
         )

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.foundation.arrays import as_float, concrete, warn_if_coarse
+from qtraj.foundation.arrays import as_array, as_float, concrete, part, warn_if_coarse
 from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent
@@ -85,7 +85,7 @@ class Track(AbstractResult):
 
         From the recorded velocities, else from chords between positions. Samples at a standstill have no direction.
         """
-        return as_float(travel_turn(self)).astype(self.positions.dtype)
+        return as_array(travel_turn(self), self.positions.dtype)
 
     def window(self, t0: ArrayInput, t1: ArrayInput) -> "Track":
         """The samples with t0 ≤ time ≤ t1, on the recording's own clock [s].
@@ -106,9 +106,9 @@ class Track(AbstractResult):
                 f"are needed. Widen it; {span}."
             )
         chosen = slice(int(first), int(last))
-        velocities = None if self.velocities is None else self.velocities[chosen]
-        attitudes = None if self.attitudes is None else self.attitudes[chosen]
-        return Track(self.times[chosen], self.positions[chosen], velocities, attitudes)
+        velocities = None if self.velocities is None else part(self.velocities, chosen)
+        attitudes = None if self.attitudes is None else part(self.attitudes, chosen)
+        return Track(part(self.times, chosen), part(self.positions, chosen), velocities, attitudes)
 
 
 def known(x: Array) -> np.ndarray:
@@ -117,6 +117,12 @@ def known(x: Array) -> np.ndarray:
     if values is None:
         raise ValueError("this needs the values of a recorded track, which are not known inside jit, grad or vmap")
     return values.astype(np.float64)
+
+
+def known_elapsed(track: Track) -> np.ndarray:
+    """The times since the first sample [s], as `known`."""
+    times = known(track.times)
+    return times - times[0]
 
 
 def travel_turn(track: Track) -> float:

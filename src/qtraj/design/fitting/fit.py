@@ -10,16 +10,16 @@ curve. So ρ is held within bounds, R/4 to 2R unless told otherwise: the axis st
 
 from collections.abc import Sequence
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 
 from qtraj.design.fitting.axis_search import starts
 from qtraj.design.fitting.turn_problem import TERMS, basis_at, minimise, problem
+from qtraj.foundation.arrays import as_array
 from qtraj.path.placement import Placement
 from qtraj.path.residual import compare
 from qtraj.path.spiral_helix import SpiralHelix
-from qtraj.path.track import Track, known, travel_length, travel_turn
+from qtraj.path.track import Track, known, known_elapsed, travel_length, travel_turn
 
 ANGLE_TERMS = {"uniform": 2, "hermite": 4}
 """Coefficients of φ in each motion: linear, or cubic as between two boundary states."""
@@ -73,14 +73,14 @@ def fit(
     unknowns, converged = _in_the_plane(track, centre, scale, bounds, ratio, ANGLE_TERMS[motion], max_steps)
     height = _height(track, centre[2], ratio)
 
-    duration, dtype = float(track.duration), track.positions.dtype
+    duration, dtype = float(known_elapsed(track)[-1]), track.positions.dtype
     radius = _ascending(unknowns[2 : 2 + TERMS], duration) * scale
     angle = _ascending(unknowns[2 + TERMS :], duration)
     angle[0] -= 2 * np.pi * np.round(angle[0] / (2 * np.pi))
-    coefficients = (jnp.asarray(c, dtype) for c in (radius, angle, _ascending(height, duration)))
-    axis = np.array([*(centre[:2] + scale * unknowns[:2]), 0.0])
-    placement = Placement(jnp.asarray(axis, dtype), jnp.array([1.0, 0.0, 0.0, 0.0], dtype))
-    path = SpiralHelix(*coefficients, duration=track.duration.astype(dtype), placement=placement)
+    numbers = (radius, angle, _ascending(height, duration), duration)
+    axis = [*(centre[:2] + scale * unknowns[:2]), 0.0]
+    placement = Placement(as_array(axis, dtype), as_array([1.0, 0.0, 0.0, 0.0], dtype))
+    path = SpiralHelix(*(as_array(x, dtype) for x in numbers), placement=placement)
 
     converged, message = _verdict(radius, duration, bounds, converged, max_steps)
     residual = compare(path, track, converged, message)
@@ -99,10 +99,10 @@ def _in_the_plane(
     """Axis, ρ and φ in lengths of `scale` about `centre`, of the best of several searches, and whether it ended."""
     turn = problem(track, centre, scale, bounds, ratio)
     positions = (known(track.positions)[:, :2] - centre[:2]) / scale
-    basis, _ = basis_at(known(track.elapsed))
+    basis, _ = basis_at(known_elapsed(track))
     found = []
     for start in starts(positions, basis, angle_terms, (bounds[0] / scale, bounds[1] / scale)):
-        unknowns, cost, ended = minimise(turn, jnp.asarray(start, float), max_steps)
+        unknowns, cost, ended = minimise(turn, as_array(start, float), max_steps)
         if np.isfinite(cost):
             found.append((float(cost), np.asarray(unknowns, np.float64), bool(ended)))
     if not found:
@@ -116,7 +116,7 @@ def _in_the_plane(
 
 def _height(track: Track, level: float, ratio: float) -> np.ndarray:
     """Legendre coefficients of h by weighted linear least squares."""
-    basis, slope = basis_at(known(track.elapsed))
+    basis, slope = basis_at(known_elapsed(track))
     rows, values = basis, known(track.positions)[:, 2] - level
     if track.velocities is not None:
         rows = np.concatenate([rows, ratio * slope])

@@ -6,9 +6,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from numpy.polynomial import legendre
 
+from qtraj.foundation.arrays import as_array
 from qtraj.foundation.kept import kept
 from qtraj.foundation.types import Scalar
-from qtraj.path.track import Track, known
+from qtraj.path.track import Track, known, known_elapsed
 
 TERMS = 4
 """Coefficients of ρ and h: cubics."""
@@ -62,14 +63,14 @@ def problem(track: Track, centre: np.ndarray, scale: float, bounds: tuple[float,
 
     In JAX's default precision, whatever that of the track.
     """
-    basis, slope = basis_at(known(track.elapsed))
+    basis, slope = basis_at(known_elapsed(track))
     count = len(basis)
     velocities = np.zeros((count, 2)) if track.velocities is None else known(track.velocities)[:, :2]
     weight = np.full(count, count**-0.5)
     missing = max(SMALLEST_BUCKET, 1 << (count - 1).bit_length()) - count
 
     def padded(x: np.ndarray) -> Array:
-        return jnp.asarray(np.pad(x, [(0, missing)] + [(0, 0)] * (x.ndim - 1)), float)
+        return as_array(np.pad(x, [(0, missing)] + [(0, 0)] * (x.ndim - 1)), float)
 
     return TurnProblem(
         basis=padded(basis),
@@ -78,7 +79,7 @@ def problem(track: Track, centre: np.ndarray, scale: float, bounds: tuple[float,
         velocities=padded(velocities / scale),
         weights=padded(weight),
         velocity_weights=padded(weight * (0.0 if track.velocities is None else ratio)),
-        bounds=jnp.asarray(np.array(bounds) / scale, float),
+        bounds=as_array(np.array(bounds) / scale, float),
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.magnitudes import netcdf_unit, quantity
-from qtraj.foundation.arrays import as_float, concrete, require_lane
+from qtraj.foundation.arrays import as_array, as_float, concrete, require_lane
 from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, counted, in_lanes
@@ -47,7 +47,7 @@ class Certificate(AbstractResult):
     def __init__(
         self, names: Sequence[str], codes: ArrayInput, times: ArrayInput, values: ArrayInput, limits: ArrayInput
     ):
-        self.names, self.codes = tuple(names), jnp.asarray(codes, jnp.int32)
+        self.names, self.codes = tuple(names), as_array(codes, jnp.int32)
         self.times, self.values, self.limits = as_float(times), as_float(values), as_float(limits)
 
     @property

@@ -46,7 +46,7 @@ def weights_of(weights: Mapping[str, float], objective: object, motion: str) -> 
             raise ValueError(f"{name!r} cannot be weighed: the changes that 'nearest' sums are {', '.join(names)}")
         if not (np.ndim(weight) == 0 and np.isfinite(weight) and weight >= 0):
             raise ValueError(f"the weight of {name} must be a finite number of 0 or more, but {weight!r} was given")
-    return jnp.asarray([float(weights.get(name, 1.0)) for name in (*VELOCITIES, DURATION)])
+    return as_float([float(weights.get(name, 1.0)) for name in (*VELOCITIES, DURATION)])
 
 
 def box(problem: Problem, fixed: Sequence[str], bounds: Bounds) -> tuple[Variables, Variables]:

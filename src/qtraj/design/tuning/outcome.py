@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.tuning import verdict
 from qtraj.foundation import document
-from qtraj.foundation.arrays import as_float, concrete, require_lane
+from qtraj.foundation.arrays import as_array, as_float, concrete, require_lane
 from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, counted, extent, in_lanes
@@ -57,7 +57,7 @@ class Tuned(AbstractResult):
     ):
         self.path, self.start, self.end = path, start, end
         self.objective, self.certificate = as_float(objective), certificate
-        self.code, self.iterations = jnp.asarray(code, jnp.int32), jnp.asarray(iterations, jnp.int32)
+        self.code, self.iterations = as_array(code, jnp.int32), as_array(iterations, jnp.int32)
         self.advice = advice
 
     @property
