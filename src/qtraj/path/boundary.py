@@ -84,6 +84,7 @@ class Cylindrical(eqx.Module):
         return (_required(self.acceleration)[1] - 2 * self.velocity[0] * self.rate) / self.radius
 
 
+@eqx.filter_jit
 def cylindrical(state: BoundaryState, placement: Placement | None) -> Cylindrical:
     """`state` in cylindrical components about the axis of `placement` (the world's z axis without one)."""
     placement = Placement() if placement is None else placement

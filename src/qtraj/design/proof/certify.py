@@ -36,8 +36,8 @@ SAMPLES = 1025
 TOGETHER = 64
 """Paths of a batch that are judged at once, few enough to stay in the cache."""
 
-Findings = tuple[Array, Array, Array]
-"""Codes, times [s] and values, with the limits behind the lanes."""
+Findings = tuple[Array, Array, Array, Array]
+"""Codes, times [s], values and what they are held against, with the limits behind the lanes."""
 
 
 def certify(path: AbstractHodograph, limits: Limits) -> Certificate:
@@ -64,8 +64,7 @@ def certify(path: AbstractHodograph, limits: Limits) -> Certificate:
         nothing = jnp.zeros((*path.duration.shape, 0), path.duration.dtype)
         return Certificate((), nothing, nothing, nothing, nothing)
     limits = jax.tree.map(lambda limit: jnp.broadcast_to(limit, path.duration.shape), limits)
-    codes, times, values = _over_lanes(path, limits)
-    return Certificate(tuple(given), codes, times, values, jnp.stack([*limits.given().values()], axis=-1))
+    return Certificate(tuple(given), *_over_lanes(path, limits))
 
 
 def require_float64(path: AbstractHodograph) -> None:
@@ -118,13 +117,18 @@ def _judged_lanes(flat: Any, static: Any) -> Findings:
 
 
 def _judged(path: AbstractHodograph, limits: Limits) -> Findings:
-    """Codes, times [s] and values of all limits of one path, each compiled once for whatever limits come together."""
+    """The findings on all limits of one path, each compiled once for whatever limits come together."""
     given = limits.given()
     needed = {FORMS[name].divisor for name in given}
     gaps = {which: _gap(path, which) for which in DIVISORS if which in needed}
     found = [_finding(path, gaps.get(FORMS[name].divisor or "none"), limit, name) for name, limit in given.items()]
-    codes, times, values = (jnp.stack(column) for column in zip(*found, strict=True))
-    return codes, times, values
+    return _in_columns([(*finding, limit) for finding, limit in zip(found, given.values(), strict=True)])
+
+
+@jax.jit
+def _in_columns(findings: list[Findings]) -> Findings:
+    codes, times, values, limits = (jnp.stack(column) for column in zip(*findings, strict=True))
+    return codes.astype(jnp.int32), times, values, limits
 
 
 class _Gap(NamedTuple):
