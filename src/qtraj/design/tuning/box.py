@@ -64,10 +64,10 @@ def box(problem: Problem, fixed: Sequence[str], bounds: Bounds) -> tuple[Variabl
     return _stacked(low, problem), _stacked(high, problem)
 
 
-def at_the_wall(names: Sequence[str], z: Variables, named: Collection[str]) -> str:
+def at_the_wall(names: Sequence[str], z: Float[np.ndarray, " n"], named: Collection[str]) -> str:
     """What to say where a variable that no bound names stands as far away as it may; nothing where none does."""
     walls = [LARGEST_LOGARITHM if name == DURATION else LARGEST_CHANGE for name in names]
-    far = np.abs(np.asarray(z)) > np.asarray(walls) - AT_WALL
+    far = np.abs(z) > np.asarray(walls) - AT_WALL
     there = [name for name, at in zip(names, far, strict=True) if at and name not in named]
     if not there:
         return ""

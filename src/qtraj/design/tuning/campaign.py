@@ -10,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from qtraj.design.limits import Limits
 from qtraj.design.tuning import lanes
 from qtraj.design.tuning.problem import COMPONENTS, DURATION
 from qtraj.design.tuning.sqp import FEASIBLE, State, begin, proceed, step
 from qtraj.design.tuning.task import Task
+from qtraj.foundation.arrays import part
 
 MOVED: tuple[str, ...] = (f"start.{COMPONENTS[0]}", f"end.{COMPONENTS[0]}", DURATION)
 PLANNED = (
@@ -47,7 +47,7 @@ Tell = Callable[[str], None]
 
 
 class Found(NamedTuple):
-    """Where the searches of one problem, or of many, ended.
+    """Where the searches of one problem, or of many, ended; outside a trace in NumPy arrays.
 
     `multipliers` and `times` are those of peaks and ends; `excess` is the largest, zero where the limits are met;
     `settled` tells of a stationary point.
@@ -76,8 +76,9 @@ def best_of(task: Task, starts: int, most_steps: int) -> Found:
     """The best of the searches of one problem; it can be traced."""
     points = jnp.asarray(starting_points(task.problem.names, starts), task.low.dtype)
     states = proceed(jax.vmap(lambda s: step(task, s)), jax.vmap(lambda z: begin(task, z))(points), most_steps)
-    best = jnp.argmin(_merit(states))
-    return _found(jax.tree.map(lambda x: x[best], states))
+    found, merit = _ended(states)
+    best = jnp.argmin(merit)
+    return jax.tree.map(lambda x: x[best], found)
 
 
 def best_of_each(tasks: Task, starts: int, most_steps: int, tell: Tell | None = None) -> Found:
@@ -89,50 +90,58 @@ def best_of_each(tasks: Task, starts: int, most_steps: int, tell: Tell | None = 
     number = tasks.low.shape[0]
     points = np.tile(starting_points(tasks.problem.names, starts), (number, 1))
     states = lanes.search(_repeat(tasks, starts), points, most_steps, _counted(tell, "searches"))
-    merit = np.asarray(_merit(states)).reshape(number, starts)
-    rows = np.arange(number) * starts + np.argmin(merit, axis=1)
-    found = _found(jax.tree.map(lambda x: x[rows], states))
-    lost = np.flatnonzero(np.asarray(found.excess) > FEASIBLE)
+    found, merit = _known(_ended(states))
+    best = np.arange(number) * starts + np.argmin(merit.reshape(number, starts), axis=1)
+    found = _lanes(found, best)
+    lost = np.flatnonzero(found.excess > FEASIBLE)
     if lost.size == 0:
         return found
-    rescued = _rescue(take(tasks, lost), take(found, lost), most_steps, tell)
+    rescued = _rescue(take(tasks, lost), _lanes(found, lost), most_steps, tell)
     return _replaced(found, lost, rescued)
 
 
 def least_excess(tasks: Task, found: Found, most_steps: int, tell: Tell | None = None) -> Found:
     """From where other searches ended, the least of the largest excess over the limits of each of many problems."""
-    tasks = _without_objective(tasks)
+    tasks, found = without_objective(tasks), _known(found)
     for _ in range(LOWERINGS):
-        ratio = jnp.sqrt(1 + 2 * found.excess)
-        limits = _scaled(tasks.limits, LOWERED * ratio)
-        lowered = eqx.tree_at(lambda t: (t.limits, t.weight), tasks, (limits, jnp.zeros_like(tasks.weight)))
+        ratio = LOWERED * np.sqrt(1 + 2 * found.excess)
+        limits = jax.tree.map(lambda limit, ratio=ratio: np.asarray(limit) * ratio, tasks.limits)
+        lowered = eqx.tree_at(lambda t: (t.limits, t.weight), tasks, (limits, np.zeros_like(tasks.weight)))
         states = lanes.search(lowered, found.z, most_steps, _counted(tell, "least excesses"))
-        ended = _found(states)
-        left = LOWERED * ratio * jnp.sqrt(1 + 2 * ended.excess)  # over the limits as they were
-        found = ended._replace(excess=jnp.maximum(0.5 * (left**2 - 1), 0.0), steps=found.steps + ended.steps)
+        ended, _ = _known(_ended(states))
+        left = ratio * np.sqrt(1 + 2 * ended.excess)  # over the limits as they were
+        found = ended._replace(excess=np.maximum(0.5 * (left**2 - 1), 0.0), steps=found.steps + ended.steps)
         # Where the lowered limits are met as well, the least lies lower still.
-        if not np.any((np.asarray(ended.excess) <= FEASIBLE) & (np.asarray(found.excess) > FEASIBLE)):
+        if not np.any((ended.excess <= FEASIBLE) & (found.excess > FEASIBLE)):
             break
     return found
 
 
 def take(tree: Any, lane: Any) -> Any:
-    """The lanes of every array of `tree`, taken by NumPy: a small gather of JAX costs more than what is gathered."""
-    return jax.tree.map(lambda x: jnp.asarray(np.asarray(x)[lane]) if eqx.is_array(x) else x, tree)
+    """The lanes of every array of `tree`."""
+    return jax.tree.map(lambda x: part(x, lane) if eqx.is_array(x) else x, tree)
+
+
+def _known(tree: Any) -> Any:
+    return jax.tree.map(np.asarray, tree)
+
+
+def _lanes(found: Found, rows: np.ndarray) -> Found:
+    return jax.tree.map(lambda x: x[rows], found)
 
 
 def _replaced(found: Found, lanes: np.ndarray, by: Found) -> Found:
     """What was found, with other outcomes of some lanes."""
 
-    def replaced(old: Array, new: Array) -> Array:
+    def replaced(old: np.ndarray, new: np.ndarray) -> np.ndarray:
         whole = np.array(old)
         whole[lanes] = new
-        return jnp.asarray(whole)
+        return whole
 
     return jax.tree.map(replaced, found, by)
 
 
-def _without_objective(tasks: Task) -> Task:
+def without_objective(tasks: Task) -> Task:
     """The same tasks without an objective of the user's, which need not be twice differentiable."""
     if isinstance(tasks.problem.objective, str):
         return tasks
@@ -143,38 +152,32 @@ def _without_objective(tasks: Task) -> Task:
 
 def _rescue(tasks: Task, found: Found, most_steps: int, tell: Tell | None) -> Found:
     least = least_excess(tasks, found, most_steps, tell)
-    can = np.flatnonzero(np.asarray(least.excess) <= FEASIBLE)
+    can = np.flatnonzero(least.excess <= FEASIBLE)
     # A path that meets the limits at the least excess, and that the objective then left, is not a solution.
     least = least._replace(settled=least.settled & (least.excess > FEASIBLE), steps=found.steps + least.steps)
     if can.size == 0:
         return least
-    again = _found(lanes.search(take(tasks, can), least.z[can], most_steps, _counted(tell, "searches")))
-    again = again._replace(steps=least.steps[can] + again.steps)
-    least = least._replace(steps=least.steps.at[can].set(again.steps))
-    kept = np.flatnonzero(np.asarray(again.excess) <= FEASIBLE)
-    return _replaced(least, can[kept], take(again, kept))
+    again, _ = _known(_ended(lanes.search(take(tasks, can), least.z[can], most_steps, _counted(tell, "searches"))))
+    least.steps[can] += again.steps
+    kept = again.excess <= FEASIBLE
+    return _replaced(least, can[kept], _lanes(again._replace(steps=least.steps[can]), kept))
 
 
-def _merit(states: State) -> Float[Array, " *lanes"]:
-    """The cost where the limits are met; where not, something larger that grows with the excess."""
+@jax.jit
+def _ended(states: State) -> tuple[Found, Float[Array, " *lanes"]]:
+    """Where searches ended, and what to choose the least of: the cost, or what is larger and grows with the excess."""
+    excess = states.excess
     cost = jnp.where(states.settled, states.cost, states.cost + 1e-9 * jnp.abs(states.cost))
-    met = (states.excess <= FEASIBLE) & jnp.isfinite(cost)
-    return jnp.where(met, cost, UNMET * (1 + jnp.minimum(states.excess, 1e100)))
-
-
-def _found(states: State) -> Found:
-    states = jax.tree.map(jnp.asarray, states)
-    return Found(states.z, states.multipliers, states.peaks.time, states.excess, states.settled, states.steps)
+    met = (excess <= FEASIBLE) & jnp.isfinite(cost)
+    merit = jnp.where(met, cost, UNMET * (1 + jnp.minimum(excess, 1e100)))
+    steps = states.steps.astype(jnp.int32)
+    return Found(states.z, states.multipliers, states.peaks.time, excess, states.settled, steps), merit
 
 
 def _repeat(tasks: Task, times: int) -> Task:
     if times == 1:
         return tasks
-    return jax.tree.map(lambda x: jnp.repeat(x, times, axis=0) if eqx.is_array(x) else x, tasks)
-
-
-def _scaled(limits: Limits, factor: Float[Array, " lanes"]) -> Limits:
-    return jax.tree.map(lambda limit: limit * factor, limits)
+    return take(tasks, np.repeat(np.arange(tasks.low.shape[0]), times))
 
 
 def _counted(tell: Tell | None, what: str) -> lanes.Told | None:

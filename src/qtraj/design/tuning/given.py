@@ -1,10 +1,11 @@
 """The path that tuning starts from."""
 
+import equinox as eqx
 import jax.numpy as jnp
 
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.checks import require_choices, require_sound
-from qtraj.design.tuning.problem import Objective, pose
+from qtraj.design.tuning.problem import Objective, Problem, pose
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState, azimuth_difference, cylindrical
@@ -34,12 +35,22 @@ def given_path(
         any_limit = Limits(speed=1.0)  # a tuning problem must have one, and its starting path is the same for all
         require_choices(start, end, any_limit, objective, motion, duration is not None)
         duration, turn = (None if x is None else as_float(x) for x in (duration, turn))
-        problem = pose(start, end, objective, motion, duration, turns, placement, turn)
+        # A callable objective may hold arrays, which are constants of the problem: it is not traced.
+        posed = _posed_once if isinstance(objective, str) else pose
+        problem = posed(start, end, objective, motion, duration, turns, placement, turn)
         require_sound(problem, turn, any_limit)
-        return problem.path(jnp.zeros(problem.size, problem.speed.dtype))
+        return _unmoved(problem.without_objective())
     if motion != "hermite" or duration is None:
         raise ValueError("boundary states with accelerations make a path only with motion='hermite' and a duration")
     a, b = cylindrical(start, placement), cylindrical(end, placement)
     short = azimuth_difference(a, b)
     whole = round(float(directed_turn(a, b, turns) - short) / (2 * jnp.pi))
     return SpiralHelix.hermite(start, end, as_float(duration), whole, placement)
+
+
+_posed_once = eqx.filter_jit(pose)
+
+
+@eqx.filter_jit
+def _unmoved(problem: Problem) -> SpiralHelix:
+    return problem.path(jnp.zeros(problem.size, problem.speed.dtype))

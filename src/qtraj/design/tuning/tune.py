@@ -8,8 +8,9 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import SAMPLED
@@ -106,13 +107,13 @@ def tune(
         if method == "lbfgs":
             raise ValueError("the search 'lbfgs' cannot be traced: pass method='sqp' under jit, vmap and grad")
         return _outcome(tasks, limits, _traced(tasks, starts, max_steps, lanes), start, end)
-    stacked = tasks if lanes else jax.tree.map(lambda x: x[None], tasks)
+    stacked = tasks if lanes else take(tasks, None)
     search = _by_lbfgs if method == "lbfgs" else partial(campaign.best_of_each, starts=starts)
     found = search(stacked, most_steps=max_steps, tell=progress)
     if lanes:
         return _outcome(tasks, limits, found, start, end)
     outcome = _outcome(tasks, limits, take(found, 0), start, end)
-    advice = at_the_wall(tasks.problem.names, found.z[0], bounds)
+    advice = at_the_wall(tasks.problem.names, np.asarray(found.z[0]), bounds)
     if int(outcome.code) == INFEASIBLE:
         advice = " ".join(filter(None, [relief.advice(stacked, found, max_steps, progress), advice]))
     return dataclasses.replace(outcome, advice=advice)
@@ -211,7 +212,7 @@ def _traced(tasks: Task, starts: int, most_steps: int, lanes: tuple[int, ...]) -
 def _by_lbfgs(tasks: Task, most_steps: int, tell: Tell | None) -> Found:
     """The searches of optax, lane after lane; the least excess where they end outside the limits."""
     return jax.tree.map(
-        lambda *leaves: jnp.stack(leaves),
+        lambda *leaves: np.stack(leaves),
         *(_one_by_lbfgs(take(tasks, slice(k, k + 1)), most_steps, tell) for k in range(tasks.low.shape[0])),
     )
 
@@ -232,10 +233,15 @@ def _one_by_lbfgs(tasks: Task, most_steps: int, tell: Tell | None) -> Found:
 def _outcome(tasks: Task, limits: Limits, found: Found, start: BoundaryState, end: BoundaryState) -> Tuned:
     path, objective, states = _reached(tasks, found, start, end)
     certificate = certify(path, limits)
-    met = jnp.all(certificate.codes <= SAMPLED, axis=-1)
+    return Tuned(path, *states, objective, certificate, _code(found, certificate.codes), found.steps)
+
+
+@jax.jit
+def _code(found: Found, codes: Int[Array, "*lanes n"]) -> Int[Array, "*lanes"]:
+    """How a tuning ended, whose path has findings of these codes."""
+    met = jnp.all(codes <= SAMPLED, axis=-1)
     code = jnp.where(found.settled & met & (found.excess <= FEASIBLE), CONVERGED, NOT_CONVERGED)
-    code = jnp.where((found.excess > FEASIBLE) & ~met, INFEASIBLE, code)
-    return Tuned(path, *states, objective, certificate, code, found.steps)
+    return jnp.where((found.excess > FEASIBLE) & ~met, INFEASIBLE, code).astype(jnp.int32)
 
 
 @eqx.filter_jit

@@ -1,9 +1,8 @@
 """The outcome of a tuning in words: what was met, what binds, and what to do."""
 
-import jax
-import jax.numpy as jnp
+import numpy as np
+from numpy.polynomial import Polynomial
 
-from qtraj.algebra import polynomial
 from qtraj.design.proof.certificate import Certificate
 from qtraj.path.spiral_helix import SpiralHelix
 
@@ -40,12 +39,12 @@ def infeasible(certificate: Certificate, steps: int) -> str:
 
 def remark(path: SpiralHelix) -> str:
     """What else should be known of a path: whether it runs through its own axis, where the radius is negative."""
-    times = path.duration * jnp.linspace(0.0, 1.0, RADII, dtype=path.duration.dtype)
-    radii = jax.vmap(lambda t: polynomial.evaluate(path.radius, t))(times)
-    least = int(jnp.argmin(radii))
+    times = np.linspace(0.0, float(path.duration), RADII)
+    radii = Polynomial(np.asarray(path.radius))(times)
+    least = int(np.argmin(radii))
     if radii[least] > 0:
         return ""
     return (
-        f"Mind: the path runs through its own axis (the radius is {float(radii[least]):.4g} m at t = "
-        f"{float(times[least]):.4g} s). An axis farther away, or other boundary velocities, avoid that."
+        f"Mind: the path runs through its own axis (the radius is {radii[least]:.4g} m at t = "
+        f"{times[least]:.4g} s). An axis farther away, or other boundary velocities, avoid that."
     )
