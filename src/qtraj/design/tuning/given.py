@@ -9,7 +9,7 @@ from qtraj.design.tuning.problem import Objective, Problem, pose
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState, azimuth_difference, cylindrical
-from qtraj.path.boundary_problem import directed_turn
+from qtraj.path.boundary_problem import directed_turn, whole_turns
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
 
@@ -37,7 +37,7 @@ def given_path(
         duration, turn = (None if x is None else as_float(x) for x in (duration, turn))
         # A callable objective may hold arrays, which are constants of the problem: it is not traced.
         posed = _posed_once if isinstance(objective, str) else pose
-        problem = posed(start, end, objective, motion, duration, turns, placement, turn)
+        problem = posed(start, end, objective, motion, duration, whole_turns(turns), placement, turn)
         require_sound(problem, turn, any_limit)
         return _unmoved(problem.without_objective())
     if motion != "hermite" or duration is None:

@@ -27,6 +27,7 @@ from qtraj.design.tuning.task import Task
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState
+from qtraj.path.boundary_problem import whole_turns
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
 
@@ -101,7 +102,7 @@ def tune(
     data = (start, end, limits, duration, turn, placement, _as_floats(bounds))
     # A callable objective may hold arrays, which are constants of the problem: it is not traced.
     posed = _posed_once if isinstance(objective, str) else _posed
-    tasks = posed(data, _axes(data, lanes), objective, motion, turns, tuple(fixed), weighed)
+    tasks = posed(data, _axes(data, lanes), objective, motion, whole_turns(turns), tuple(fixed), weighed)
     require_sound(tasks.problem, turn, limits)
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tasks)):
         if method == "lbfgs":
