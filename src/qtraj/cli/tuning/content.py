@@ -2,15 +2,18 @@
 
 from typing import Any
 
+import equinox as eqx
+import numpy as np
 import xarray
 
 from qtraj._version import __version__
 from qtraj.cli.content import finite, scenario_content
-from qtraj.cli.tuning.job import Job
+from qtraj.cli.tuning.job import Job, ends
 from qtraj.cli.tuning.remarks import far_off, held
 from qtraj.design.magnitudes import UNITS
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.tuning.outcome import Tuned
+from qtraj.foundation.types import Scalar
 from qtraj.io.scenario import ScenarioFile
 from qtraj.path.boundary import BoundaryState, cylindrical
 from qtraj.path.departure import departure
@@ -60,7 +63,7 @@ def fit_content(job: Job) -> dict[str, Any] | None:
         "velocity_rms": found.velocity_rms,
         "direction_rms": found.direction_rms,
         "recorded_turn": found.turn,
-        "turn": job.path.turn,
+        "turn": job.turn,
         "radius_min": found.radius_min,
         "radius_max": found.radius_max,
         "duration": job.path.duration,
@@ -68,7 +71,7 @@ def fit_content(job: Job) -> dict[str, Any] | None:
     plain = {name: None if value is None else float(value) for name, value in numbers.items()}
     return plain | {
         "samples": int(found.samples),
-        "axis": [float(x) for x in placement.origin[:2]],
+        "axis": np.asarray(placement.origin)[:2].tolist(),
         "converged": bool(found.converged),
         "message": found.message,
     }
@@ -102,16 +105,22 @@ def _boundary(job: Job, best: Tuned) -> dict[str, Any]:
 
 
 def _ends(path: SpiralHelix) -> dict[str, Any]:
+    start, end, turn = ends(path)
     duration = float(path.duration)
     return {
-        "start": _components(path.state(0.0), path.placement),
-        "end": _components(path.state(path.duration), path.placement),
+        "start": _components(start, path.placement),
+        "end": _components(end, path.placement),
         "duration": duration,
-        "mean_rate": float(path.turn) / duration,
-        "length": float(path.length()),
+        "mean_rate": float(turn) / duration,
+        "length": float(_length(path)),
     }
 
 
+@eqx.filter_jit
+def _length(path: SpiralHelix) -> Scalar:
+    return path.length()
+
+
 def _components(state: BoundaryState, placement: Placement | None) -> dict[str, float]:
-    velocity = cylindrical(state, placement).velocity
-    return {name: float(v) for name, v in zip(COMPONENTS, velocity, strict=True)}
+    velocity = np.asarray(cylindrical(state, placement).velocity)
+    return dict(zip(COMPONENTS, velocity.tolist(), strict=True))

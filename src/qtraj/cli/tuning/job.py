@@ -4,13 +4,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
+
 from qtraj.design.fitting.fit import fit
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.given import given_path
 from qtraj.design.tuning.outcome import Tuned
+from qtraj.foundation.types import Scalar
 from qtraj.io.scenario import ScenarioFile
 from qtraj.io.scenario_model import Scenario
-from qtraj.io.stored import load
 from qtraj.io.track_file import read_track
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.placement import Placement
@@ -105,11 +107,19 @@ def saved_path(file: Path) -> SpiralHelix:
 
     **Raises:** OSError, or ValueError naming the file where it holds no spiral-helix.
     """
+    from qtraj.io.stored import load  # here, for it imports every class that can be stored
+
     stored = load(file)
     path = stored.path if isinstance(stored, Tuned) else stored
     if not isinstance(path, SpiralHelix):
         raise ValueError(f"{file}: a saved path was expected, but the file holds a {type(stored).__name__}")
     return path
+
+
+@eqx.filter_jit
+def ends(path: SpiralHelix) -> tuple[BoundaryState, BoundaryState, Scalar]:
+    """The boundary states of a path, and its turn [rad]."""
+    return path.state(0.0), path.state(path.duration), path.turn
 
 
 def _fitted(given: ScenarioFile[Scenario], scenario: Scenario, motion: str) -> tuple[SpiralHelix, Track]:
@@ -140,10 +150,11 @@ def _along(
     duration = scenario.tune.duration or (float(path.duration) if holds else None)
     # Without residual and mismatch it has the structure of a tuned path, and what is compiled for one serves both.
     plain = SpiralHelix(path.radius, path.angle, path.height, path.duration, path.placement)
+    start, end, turn = ends(plain)
     return Job(
         path=plain,
-        start=plain.state(0.0),
-        end=plain.state(plain.duration),
+        start=start,
+        end=end,
         limits=limits,
         objective=objective,
         motion=motion,
@@ -152,7 +163,7 @@ def _along(
         starts=starts,
         fixed=tuple(scenario.tune.fixed),
         bounds=_bounds(scenario),
-        turn=float(path.turn),
+        turn=float(turn),
         track=track,
         residual=path.residual,
     )
