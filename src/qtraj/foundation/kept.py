@@ -47,16 +47,16 @@ def kept(*returns: type) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
     def of(f: Callable[P, R]) -> Callable[P, R]:
         compiled = eqx.filter_jit(f)
-        programs: dict[str, Callable[..., Any]] = {}
+        programs: dict[Path, Callable[..., Any]] = {}
 
         @functools.wraps(f)
         def call(*given: P.args, **named: P.kwargs) -> R:
-            name = None if named else _name(f, given)
-            if name is None:
+            file = None if named else _file(f, given)
+            if file is None:
                 return compiled(*given, **named)
-            if name not in programs:
-                programs[name] = _program(f, given, name, returns) or compiled
-            return programs[name](*given)
+            if file not in programs:
+                programs[file] = _program(f, given, file, returns) or compiled
+            return programs[file](*given)
 
         return call
 
@@ -64,15 +64,13 @@ def kept(*returns: type) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 
 def _program(
-    f: Callable[..., Any], given: tuple[Any, ...], name: str, returns: tuple[type, ...]
+    f: Callable[..., Any], given: tuple[Any, ...], file: Path, returns: tuple[type, ...]
 ) -> Callable[..., Any] | None:
-    """The program of that name: read, or else traced and written; None where it cannot be."""
+    """The program of that file: read, or else traced and written; None where it cannot be."""
     from jax import export  # here, so that only those who keep programs load it
 
     for kind in returns:
         _make_known(kind)
-    assert _folder is not None
-    file = _folder / _surroundings() / name
     content = _read(file)
     if content is None:
         content = _traced(f, given)
@@ -94,7 +92,7 @@ def _traced(f: Callable[..., Any], given: tuple[Any, ...]) -> bytes | None:
     exporting = export.export(of_leaves, disabled_checks=unpromised)
     try:
         return bytes(exporting(*leaves).serialize())
-    except (ValueError, NotImplementedError):
+    except (ValueError, RuntimeError):
         return None
 
 
@@ -125,8 +123,8 @@ def _write(file: Path, program: bytes) -> None:
         return
 
 
-def _name(f: Callable[..., Any], given: tuple[Any, ...]) -> str | None:
-    """The name of the program for these arguments, or None where it cannot be kept."""
+def _file(f: Callable[..., Any], given: tuple[Any, ...]) -> Path | None:
+    """Where the program for these arguments is kept, or None where it cannot be."""
     if _folder is None:
         return None
     if any(isinstance(x, Tracer) for x in jax.tree.leaves(given)):
@@ -137,7 +135,7 @@ def _name(f: Callable[..., Any], given: tuple[Any, ...]) -> str | None:
         return None
     floats = jnp.result_type(float)  # what numbers without a type become
     text = f"{f.__module__}.{f.__qualname__}\n{jax.default_backend()}\n{floats}\n{described}"
-    return f"{f.__name__.strip('_')}-{hashlib.sha256(text.encode()).hexdigest()[:32]}"
+    return _folder / _surroundings() / f"{f.__name__.strip('_')}-{hashlib.sha256(text.encode()).hexdigest()[:32]}"
 
 
 def _described(x: Any) -> Iterator[str]:

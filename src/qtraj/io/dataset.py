@@ -112,19 +112,22 @@ def _columns(path: AbstractHodograph, progress: np.ndarray) -> dict[str, tuple[t
     """Every variable of one path: dimensions, values and notes."""
     duration = np.asarray(path.duration)
     times = as_float(duration * progress.astype(duration.dtype))
-    table = evaluate(path, times, outputs=tuple(AXES), continuous=True)
+    outputs, magnitudes = _sampled(path, times)
     columns: dict[str, Any] = {
         "time": (("sample",), np.asarray(times), notes("s", "time from the start of the path")),
         "duration": ((), duration, notes("s", "duration of the path")),
     }
     for name, axes in AXES.items():
-        columns[name] = (("sample", *axes), np.asarray(getattr(table, name)), notes(*DESCRIPTIONS[name]))
-    for name, values in _magnitudes(path, times).items():
+        columns[name] = (("sample", *axes), np.asarray(outputs[name]), notes(*DESCRIPTIONS[name]))
+    for name, variable in MAGNITUDES.items():
         about = notes(netcdf_unit(name), MEANINGS.get(name, name))
-        columns.setdefault(MAGNITUDES[name], (("sample",), np.asarray(values), about))
+        columns.setdefault(variable, (("sample",), np.asarray(magnitudes[name]), about))
     return columns
 
 
 @kept()
-def _magnitudes(path: AbstractHodograph, times: Float[Array, " n"]) -> dict[str, Float[Array, " n"]]:
-    return {name: jax.vmap(lambda t, name=name: magnitude(path, t, name))(times) for name in MAGNITUDES}
+def _sampled(path: AbstractHodograph, times: Float[Array, " n"]) -> tuple[dict[str, Array], dict[str, Array]]:
+    """The outputs and the limited magnitudes, by name."""
+    table = evaluate(path, times, outputs=tuple(AXES), continuous=True)
+    magnitudes = {name: jax.vmap(lambda t, name=name: magnitude(path, t, name))(times) for name in MAGNITUDES}
+    return {name: getattr(table, name) for name in AXES}, magnitudes
