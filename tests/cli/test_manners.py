@@ -265,6 +265,20 @@ def test_a_process_computes_in_float64_and_keeps_its_compilations(tmp_path):
     assert any((tmp_path / "qtraj" / "jax").iterdir())
 
 
+def test_a_second_process_traces_nothing_anew(tmp_path):
+    def report(folder, before=""):
+        arguments = ["qtraj", "report", str(HELIX), "--out", str(tmp_path / folder)]
+        code = f"{before}; import sys; sys.argv = {arguments!r}; from qtraj.cli.main import main; main()"
+        done = process(["-c", code.lstrip("; ")], XDG_CACHE_HOME=str(tmp_path))
+        assert (done.returncode, done.stderr) == (0, "")
+        return any((tmp_path / folder).iterdir())
+
+    assert report("first")
+    (kept,) = (tmp_path / "qtraj" / "programs").glob("*/*")
+    assert kept.name.startswith("sampled-")
+    assert report("second", "from jax import export; export.export = None")
+
+
 def test_neither_a_cache_that_cannot_be_made_nor_a_terminal_without_greek_is_an_error(tmp_path):
     (tmp_path / "file").write_text("")
     arguments = ["-m", "qtraj", "evaluate", str(HELIX), "--samples", "2"]
