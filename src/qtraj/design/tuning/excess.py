@@ -70,10 +70,13 @@ class Excess(NamedTuple):
         directions, turned = self._numbers(moves.directions, u, 1)
         (value, slope), onward = jax.linearize(jax.value_and_grad(self._of), here)
         _, bent = jax.vmap(onward)(jax.tree.map(_beside, first, directions))
-        in_time = jax.tree.map(lambda x: x[0], bent)
-        _, pull = jax.vjp(lambda course: self._numbers(course, u)[0], moves.course)
-        # Back to the course, and from there by one product of matrices: entry by entry, each would work out all anew.
-        of_course = jax.vmap(lambda x: in_a_row(*pull(x)))(jax.tree.map(_beside, slope, bent))
+        numbers, pull = jax.vjp(lambda course: self._numbers(course, u)[0], moves.course)
+        structure = jax.tree.structure(numbers)
+        # XLA repeats what is cheap in all that uses it, but no division, and cannot know that this is one by 1.
+        one = jnp.where(moves.course.duration > 0, 1.0, 2.0)
+        rows = jnp.concatenate([jnp.stack(jax.tree.leaves(slope))[None], jnp.stack(jax.tree.leaves(bent), -1)]) / one
+        slope, in_time = (jax.tree.unflatten(structure, list(row)) for row in rows[:2])
+        of_course = jax.vmap(lambda row: in_a_row(*pull(jax.tree.unflatten(structure, list(row)))))(rows)
         in_variables = of_course @ moves.slopes
         return Derivatives(
             value=value,
