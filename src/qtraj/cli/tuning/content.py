@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import equinox as eqx
 import numpy as np
 import xarray
 
@@ -13,7 +12,6 @@ from qtraj.cli.tuning.remarks import far_off, held
 from qtraj.design.magnitudes import UNITS
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.tuning.outcome import Tuned
-from qtraj.foundation.types import Scalar
 from qtraj.io.scenario import ScenarioFile
 from qtraj.path.boundary import BoundaryState, cylindrical
 from qtraj.path.departure import departure
@@ -105,20 +103,15 @@ def _boundary(job: Job, best: Tuned) -> dict[str, Any]:
 
 
 def _ends(path: SpiralHelix) -> dict[str, Any]:
-    start, end, turn = ends(path)
+    start, end, turn, length = ends(path)
     duration = float(path.duration)
     return {
         "start": _components(start, path.placement),
         "end": _components(end, path.placement),
         "duration": duration,
-        "mean_rate": float(turn) / duration,
-        "length": float(_length(path)),
+        "mean_rate": turn / duration,
+        "length": length,
     }
-
-
-@eqx.filter_jit
-def _length(path: SpiralHelix) -> Scalar:
-    return path.length()
 
 
 def _components(state: BoundaryState, placement: Placement | None) -> dict[str, float]:

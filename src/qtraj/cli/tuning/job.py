@@ -2,14 +2,15 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import equinox as eqx
+from jaxtyping import Array, Float
 
 from qtraj.design.fitting.fit import fit
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.given import given_path
 from qtraj.design.tuning.outcome import Tuned
+from qtraj.foundation.kept import kept
 from qtraj.foundation.types import Scalar
 from qtraj.io.scenario import ScenarioFile
 from qtraj.io.scenario_model import Scenario
@@ -116,10 +117,24 @@ def saved_path(file: Path) -> SpiralHelix:
     return path
 
 
-@eqx.filter_jit
-def ends(path: SpiralHelix) -> tuple[BoundaryState, BoundaryState, Scalar]:
-    """The boundary states of a path, and its turn [rad]."""
-    return path.state(0.0), path.state(path.duration), path.turn
+class Ends(NamedTuple):
+    """The boundary states of a path, its turn [rad] and length [m]."""
+
+    start: BoundaryState
+    end: BoundaryState
+    turn: float
+    length: float
+
+
+def ends(path: SpiralHelix) -> Ends:
+    """The boundary states of a path, its turn and length."""
+    (first, last), turn, length = _ends(path)
+    return Ends(BoundaryState(*first), BoundaryState(*last), float(turn), float(length))
+
+
+@kept()
+def _ends(path: SpiralHelix) -> tuple[list[Float[Array, "2 3"]], Scalar, Scalar]:
+    return [path.derivatives(t, 1) for t in (0.0, path.duration)], path.turn, path.length()
 
 
 def _fitted(given: ScenarioFile[Scenario], scenario: Scenario, motion: str) -> tuple[SpiralHelix, Track]:
@@ -150,7 +165,7 @@ def _along(
     duration = scenario.tune.duration or (float(path.duration) if holds else None)
     # Without residual and mismatch it has the structure of a tuned path, and what is compiled for one serves both.
     plain = SpiralHelix(path.radius, path.angle, path.height, path.duration, path.placement)
-    start, end, turn = ends(plain)
+    start, end, turn, _ = ends(plain)
     return Job(
         path=plain,
         start=start,
