@@ -1,12 +1,14 @@
 """The entry point of the command line: what must happen before anything else is imported."""
 
+import gc
 import importlib.util
 import sys
 
-from qtraj.cli.session import prepare
-
 NEEDED = ("typer", "rich", "pydantic", "xarray", "h5netcdf", "matplotlib")
 """What the command line needs beyond the core of qtraj."""
+
+SELDOM = (100_000, 20, 100)
+"""Thresholds of Python's garbage collector: as set by default it takes a tenth of a run, to find modules and programs."""
 
 
 def main() -> None:
@@ -18,7 +20,10 @@ def main() -> None:
             "Install it with: pip install 'qtraj[all]'\n"
         )
         sys.exit(2)
+    gc.set_threshold(*SELDOM)
     try:
+        from qtraj.cli.session import prepare
+
         prepare()
         from qtraj.cli.app import app
 
