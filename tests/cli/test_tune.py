@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 
 import qtraj as qt
 from qtraj.cli.tuning.job import Choice, lay, saved_path
-from qtraj.cli.tuning.remarks import far_off
+from qtraj.cli.tuning.remarks import far_off, moved, moved_text
 from qtraj.cli.tuning.report import print_tuning
 from qtraj.io.scenario import DEFAULT, read_scenario
 from qtraj.io.scenario_model import Scenario, TunePart
@@ -176,6 +176,7 @@ def test_the_terminal_shows_it_all_within_80_columns(default_run):
         f"{numbers['radius_min']:.2f} to {numbers['radius_max']:.2f} m",
         "V_φ at B",
         f"leaves the path before by {default_run.content['departure']:.3g} m at most",
+        "Its heading turns by +9.6° at A and -6.4° at B",
         "mean rate",
         "standing passengers",
         "out/paths.nc",
@@ -264,6 +265,17 @@ def test_a_path_far_from_the_given_one_is_told(length, duration, departure, word
     told = far_off({"boundary": ends, "departure": departure}, np.array([[0.0, 0, 0], [3.0, 4.0, 0], [6.0, 8.0, 0]]))
     assert (told is None) == (words is None)
     assert words is None or words in told
+
+
+def test_what_a_vehicle_would_notice_is_told():
+    """A path that ran east, and then north-east: now it sets out 90° to the left and ends as before, 1 m lower."""
+    before = np.array([[[0.0, 0, 2], [1, 0, 3], [2, 0, 4]], [[3.0, 0, 1], [3, 1, 0], [2, 2, 0]]])
+    after = np.array([[[0.0, 0, 1], [1, 0, 3], [2, 0, 4]], [[0.0, 5, 1], [3, 1, 0], [1, 1, 3]]])
+    change = moved(before, after)
+    assert change == {"heading": {"start": pytest.approx(np.pi / 2), "end": 0.0}, "lowest": -1.0, "highest": 0.0}
+    assert moved_text(change) == (
+        "Its heading turns by +90.0° at A and +0.0° at B; its lowest point moves by -1.00 m, its highest by +0.00 m."
+    )
 
 
 @pytest.mark.parametrize("name", ["turn_from_recording", "helix_slower"])

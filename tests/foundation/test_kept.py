@@ -127,3 +127,10 @@ def test_another_source_has_programs_of_its_own(folder, monkeypatch):
     monkeypatch.setattr(keeping, "_surroundings", lambda: "another")
     once(*given)
     assert len(traced) == len(files(folder)) == 2
+
+
+def test_without_the_library_that_writes_them_nothing_is_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr(keeping.importlib.util, "find_spec", lambda name: None)
+    keep_in(tmp_path / "programs")
+    assert float(once(Ramp(jnp.asarray(2.0), "even"), jnp.ones(2)).total) == 4.0
+    assert files(tmp_path) == []

@@ -132,6 +132,9 @@ HEAD = "# first\ntime,x,y,z\n"
             r'\[track\.columns\].*To do without: velocity = \[\], in Python \{"velocity": None\}\.',
         ),
         ("time,x,y,z,vel_up [m/s]\n", r"velocity are incomplete: found vel_up \[m/s\], missing vel_east, vel_north\. "),
+        ("t [ms],x,y,z\n" + TEXT, r"the column 't \[ms\]' is in ms, but the time is read in s: convert it before"),
+        ("time,x (km),y (km),z\n" + TEXT, r"the column 'x \(km\)' is in km, but the position is read in m"),
+        ("time,x,y,z,vx [km/h],vy,vz\n", r"'vx \[km/h\]' is in km/h, but the velocity is read in m/s"),
         ("time,x,y,z,qw,qx,qy\n", r"attitude are incomplete: found qw, qx, qy, missing qz"),
         (TEXT, r"line 1: a header row with column names was expected"),
         ("", r"the file is empty"),
@@ -160,6 +163,12 @@ def test_faults_of_a_csv_file(tmp_path, text, words):
 def test_faults_of_the_column_names(tmp_path, columns, words):
     with pytest.raises(ValueError, match=words):
         read_track(written(tmp_path, HEAD + TEXT), columns)
+
+
+def test_angles_on_the_globe_are_no_positions(tmp_path):
+    file = written(tmp_path, HEAD.replace("x,y", "Lon,Lat") + TEXT)
+    with pytest.raises(ValueError, match=r"'Lon' seems to hold angles on the globe.*project latitude and longitude"):
+        read_track(file, {"position": ["Lon", "Lat", "z"]})
 
 
 TUM = "\n".join(f"{k} {k} 2 3 0 0 0 1" for k in range(5))

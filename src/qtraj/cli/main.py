@@ -8,7 +8,7 @@ NEEDED = ("typer", "rich", "pydantic", "xarray", "h5netcdf", "matplotlib")
 """What the command line needs beyond the core of qtraj."""
 
 SELDOM = (100_000, 20, 100)
-"""Thresholds of Python's garbage collector: as set by default it takes a tenth of a run, to find modules and programs."""
+"""Thresholds of Python's garbage collector, which by default takes a tenth of a run to find modules and programs."""
 
 
 def main() -> None:

@@ -11,6 +11,7 @@ import dataclasses
 import functools
 import hashlib
 import importlib.metadata
+import importlib.util
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -34,9 +35,12 @@ _folder: Path | None = None
 
 
 def keep_in(folder: Path | None) -> None:
-    """Keep traced programs in this folder, which is made when there is something to keep; None keeps none."""
+    """Keep traced programs in this folder, which is made when there is something to keep; None keeps none.
+
+    Without flatbuffers, the form of what `jax.export` writes, none are kept either.
+    """
     global _folder
-    _folder = folder
+    _folder = folder if importlib.util.find_spec("flatbuffers") else None
 
 
 def kept(*returns: type) -> Callable[[Callable[P, R]], Callable[P, R]]:

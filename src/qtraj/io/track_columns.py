@@ -27,6 +27,18 @@ COMMON = {
 }
 """Column names that are recognised without being told, in lower case and without units in brackets."""
 
+UNITS = {"time": "s", "position": "m", "velocity": "m/s", "attitude": ""}
+OTHERS = {
+    "time": ("ms", "us", "µs", "μs", "ns", "min", "h"),
+    "position": ("mm", "cm", "km", "ft", "in", "mi", "deg", "°", "rad"),
+    "velocity": ("mm/s", "cm/s", "km/h", "kmh", "kph", "mph", "ft/s", "kn", "kt", "knots", "deg/s", "rad/s"),
+    "attitude": ("deg", "°", "rad"),
+}
+"""The unit of each part, and others that a column's name may give in brackets."""
+
+GEOGRAPHIC = ("lat", "lon", "lng", "long", "latitude", "longitude")
+"""Names of columns that hold angles on the globe, and no positions in metres."""
+
 COUNTS = {"time": 1, "position": 3, "velocity": 3, "attitude": 4}
 NEEDED = ("time", "position")
 
@@ -40,7 +52,7 @@ def choose(path: Path, header: list[str], columns: Columns) -> dict[str, tuple[s
     """The columns of each part that is there: those told, else common ones.
 
     **Raises:** ValueError naming the file for columns that are not there, for a part that must be there and is not, and
-    for one of which only some columns have common names.
+    for one of which only some columns have common names, or whose columns by their names are in other units.
     """
     if unknown := sorted(set(columns) - set(COUNTS)):
         raise ValueError(f"columns= knows the keys {', '.join(COUNTS)}, but {unknown[0]!r} was given")
@@ -57,8 +69,26 @@ def choose(path: Path, header: list[str], columns: Columns) -> dict[str, tuple[s
             raise ValueError(f"columns[{part!r}] must name {count} column(s), but {list(names)!r} was given")
         if missing := [name for name in names if name not in header]:
             raise ValueError(f"{path}: there is no column {missing[0]!r}. The columns are {listed}.")
+        if trouble := _in_other_units(part, names):
+            raise ValueError(f"{path}: {trouble}")
         chosen[part] = tuple(names)
     return chosen
+
+
+def _in_other_units(part: str, names: Sequence[str]) -> str | None:
+    """What to say of columns that by their names hold something else than what is read."""
+    for name in names:
+        bracketed = re.search(r"[\[(]\s*([^\])]*?)\s*[\])]", name)
+        unit = "" if bracketed is None else bracketed[1]
+        if unit.lower() in OTHERS[part]:
+            wanted = f"in {UNITS[part]}" if UNITS[part] else "a quaternion"
+            return f"the column {name!r} is in {unit}, but the {part} is read {wanted}: convert it before"
+        if part == "position" and name.strip().lower() in GEOGRAPHIC:
+            return (
+                f"the column {name!r} seems to hold angles on the globe, but positions are read in m: project latitude "
+                "and longitude to metres before (as pyproj does)"
+            )
+    return None
 
 
 def _common(part: str, header: list[str]) -> tuple[str, ...] | None:

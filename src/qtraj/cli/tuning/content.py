@@ -8,7 +8,7 @@ import xarray
 from qtraj._version import __version__
 from qtraj.cli.content import finite, scenario_content
 from qtraj.cli.tuning.job import Job, ends
-from qtraj.cli.tuning.remarks import far_off, held
+from qtraj.cli.tuning.remarks import far_off, held, moved
 from qtraj.design.magnitudes import UNITS
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.tuning.outcome import Tuned
@@ -25,7 +25,10 @@ def tune_content(
     given: ScenarioFile, job: Job, before: Certificate, best: Tuned, dataset: xarray.Dataset
 ) -> dict[str, Any]:
     """The whole outcome of a tuning, of JSON's types only (None where a number is not finite)."""
-    was, now = (dataset["position"].sel(path=name).values for name in ("before", "after"))
+    was, now = (
+        np.stack([dataset[part].sel(path=name).values for part in ("position", "velocity")])
+        for name in ("before", "after")
+    )
     content = {
         "qtraj": __version__,
         "command": "tune",
@@ -33,7 +36,8 @@ def tune_content(
         "fit": fit_content(job),
         "limits": {name: _limit(name, before, best.certificate, given.scenario.purpose) for name in before.status},
         "boundary": _boundary(job, best),
-        "departure": departure(now, was),
+        "departure": departure(now[0], was[0]),
+        "change": moved(was, now),
         "tuning": {
             "objective": job.objective,
             "motion": job.motion,
@@ -44,7 +48,7 @@ def tune_content(
             "result": best.result,
         },
     }
-    return finite(content | {"warning": far_off(content, was)})
+    return finite(content | {"warning": far_off(content, was[0])})
 
 
 def fit_content(job: Job) -> dict[str, Any] | None:

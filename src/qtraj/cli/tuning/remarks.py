@@ -1,5 +1,6 @@
 """What else there is to say of a tuning: what was held and bounded, and whether the path went far off."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -31,6 +32,33 @@ def _span(name: str, low: float | None, high: float | None) -> str:
     if low is not None and high is not None:
         return f"{name} from {low:.6g} to {high:.6g} {unit}"
     return f"{name} at least {low:.6g} {unit}" if low is not None else f"{name} at most {high:.6g} {unit}"
+
+
+def moved(before: np.ndarray, after: np.ndarray) -> dict[str, Any]:
+    """What the tuned path changes for a vehicle: heading at both ends [rad], lowest and highest point [m].
+
+    Both are rows of position and velocity along a path, (2, n, 3).
+    """
+
+    def turned(k: int) -> float:
+        (x, y), (u, v) = before[1, k, :2], after[1, k, :2]
+        return math.atan2(x * v - y * u, x * u + y * v)
+
+    heights = [path[0, :, 2] for path in (before, after)]
+    return {
+        "heading": {"start": turned(0), "end": turned(-1)},
+        "lowest": float(np.min(heights[1]) - np.min(heights[0])),
+        "highest": float(np.max(heights[1]) - np.max(heights[0])),
+    }
+
+
+def moved_text(change: Mapping[str, Any]) -> str:
+    """The same in words."""
+    start, end = (math.degrees(change["heading"][name]) for name in ("start", "end"))
+    return (
+        f"Its heading turns by {start:+.1f}° at A and {end:+.1f}° at B; its lowest point moves by "
+        f"{change['lowest']:+.2f} m, its highest by {change['highest']:+.2f} m."
+    )
 
 
 def far_off(content: Mapping[str, Any], before: np.ndarray) -> str | None:

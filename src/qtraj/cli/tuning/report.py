@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from qtraj.cli.layout import facts_table, heading, number, plain_table, print_files, print_scenario, verdict
-from qtraj.cli.tuning.remarks import bounds_text, fixed_text
+from qtraj.cli.tuning.remarks import bounds_text, fixed_text, moved_text
 
 COMPONENTS = {"V_rho": "V_ρ", "V_phi": "V_φ", "V_h": "V_h"}
 ENDS = {"start": "A", "end": "B"}
@@ -20,7 +20,10 @@ def print_tuning(console: Console, content: dict[str, Any]) -> None:
     if content["fit"] is not None:
         print_fit(console, content["fit"])
     _print_limits(console, content["limits"])
-    _print_boundary(console, content["boundary"], content["departure"])
+    _print_boundary(console, content["boundary"])
+    if content["departure"] is not None:
+        console.print(Text(f"The path after leaves the path before by {content['departure']:.3g} m at most."))
+        console.print(Text(moved_text(content["change"])))
     tuning = content["tuning"]
     heading(console, f"Result: objective '{tuning['objective']}', motion '{tuning['motion']}'")
     for what, text in (("Fixed", fixed_text(tuning)), ("Bounded", bounds_text(tuning))):
@@ -49,6 +52,8 @@ def print_fit(console: Console, fit: dict[str, Any]) -> None:
     ]
     if fit["direction_rms"] is not None:
         rows.insert(2, ("direction", f"{degrees(fit['direction_rms']):.2f}° RMS"))
+    else:
+        rows.append(("velocities", "not recorded: those of the fitted path"))
     console.print(facts_table(rows))
     if fit["message"]:
         console.print(Text(f"Note: {fit['message']}", style="yellow"))
@@ -70,7 +75,7 @@ def _print_limits(console: Console, limits: dict[str, dict[str, Any]]) -> None:
             console.print(Text(f"{name}: {entry['purpose']}"))
 
 
-def _print_boundary(console: Console, boundary: dict[str, Any], departure: float | None) -> None:
+def _print_boundary(console: Console, boundary: dict[str, Any]) -> None:
     heading(console, "Boundary velocities before and after")
     before, after = boundary["before"], boundary["after"]
     table = plain_table("", right=("before", "after", "change"), last=("unit",))
@@ -83,8 +88,6 @@ def _print_boundary(console: Console, boundary: dict[str, Any], departure: float
     _compare(table, "length", before["length"], after["length"], "m")
     console.print(table)
     console.print(Text("A: start, B: end. V_ρ: away from the axis, V_φ: about it, V_h: along it."))
-    if departure is not None:
-        console.print(Text(f"The path after leaves the path before by {departure:.3g} m at most."))
     given = [boundary["given"][end][name] for end in ENDS for name in COMPONENTS]
     used = [before[end][name] for end in ENDS for name in COMPONENTS]
     if not all(math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-6) for a, b in zip(given, used, strict=True)):
