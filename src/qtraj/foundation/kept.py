@@ -21,6 +21,7 @@ import jax
 import jax.numpy as jnp
 from jax.core import Tracer
 
+from qtraj._version import __version__
 from qtraj.foundation.files import write_atomically
 
 BUILT_ON = ("jax", "jaxlib", "numpy", "equinox", "lineax", "optimistix", "diffrax")
@@ -171,10 +172,9 @@ def _parts(x: Any) -> list[tuple[str, Any]]:
 
 @functools.cache
 def _surroundings() -> str:
-    """A digest of this package's source and of the versions of what it is built on."""
-    digest = hashlib.sha256()
-    for name in BUILT_ON:
-        digest.update(f"{name} {importlib.metadata.version(name)}\n".encode())
+    """A digest of this package's version and source, and of the versions of what it is built on."""
+    versions = [f"{name} {importlib.metadata.version(name)}\n" for name in BUILT_ON]
+    digest = hashlib.sha256("".join([__version__, *versions]).encode())
     root = Path(__file__).parents[1]
     for file in sorted(root.rglob("*.py")):
         digest.update(f"{file.relative_to(root)}\n".encode())
