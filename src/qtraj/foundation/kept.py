@@ -38,6 +38,7 @@ _folder: Path | None = None
 def keep_in(folder: Path | None) -> None:
     """Keep traced programs in this folder, which is made when there is something to keep; None keeps none.
 
+    For processes whose arguments are of this package's classes: of other classes the name is known, but no source.
     Without flatbuffers, the form of what `jax.export` writes, none are kept either.
     """
     global _folder
