@@ -1,6 +1,7 @@
 """`qtraj report`: what it reads, what it writes, what it refuses."""
 
 import json
+import shutil
 
 import pytest
 import xarray
@@ -69,9 +70,20 @@ def test_every_kind_of_dataset_makes_the_same_page(qtraj, results, suffix, tmp_p
     qt.save_dataset(xarray.load_dataset(results / "paths.nc"), tmp_path / f"mine{suffix}")
     result = qtraj("report", tmp_path / f"mine{suffix}")
     assert result.exit_code == 0
-    assert str(tmp_path / "report.html") in result.stdout.replace("\n", "")
+    assert str(tmp_path / "mine.html") in result.stdout.replace("\n", "")
     alone = page.report_page(xarray.load_dataset(results / "paths.nc"))
-    assert (tmp_path / "report.html").read_text(encoding="utf-8") == alone
+    assert (tmp_path / "mine.html").read_text(encoding="utf-8") == alone
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"), [("", "report.html"), ("paths.nc", "report.html"), ("tuning.toml", "tuning.html")]
+)
+def test_a_single_file_leaves_the_page_of_its_folder_alone(qtraj, results, name, expected, tmp_path):
+    folder = tmp_path / "results"
+    shutil.copytree(results, folder)
+    before = {file.name for file in folder.iterdir()}
+    assert qtraj("report", folder / name).exit_code == 0
+    assert {file.name for file in folder.iterdir()} - before == {expected}
 
 
 def test_saved_paths_and_tunings_are_reported(qtraj, path, tuned, tmp_path):
@@ -80,11 +92,11 @@ def test_saved_paths_and_tunings_are_reported(qtraj, path, tuned, tmp_path):
     for name, body, limits in (("mine.json", "path", []), ("tuning.toml", "after", [0.09])):
         result = qtraj("report", tmp_path / name)
         assert result.exit_code == 0, result.stderr
-        found = data(tmp_path / "report.html")
+        found = data((tmp_path / name).with_suffix(".html"))
         assert [entry["name"] for entry in found["bodies"]] == [body]
         assert [limit["value"] for panel in found["panels"] for limit in panel["limits"]] == limits
     assert "the limit <b>cannot</b> be met" in " ".join(result.stdout.split())
-    assert "&lt;b&gt;cannot&lt;/b&gt;" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "&lt;b&gt;cannot&lt;/b&gt;" in (tmp_path / "tuning.html").read_text(encoding="utf-8")
 
 
 def test_a_turn_is_reported(qtraj, tmp_path):

@@ -12,7 +12,7 @@ def report(
     result: Path = typer.Argument(
         Path("qtraj-out"), metavar="RESULT", help="A folder of results, a dataset, or a saved path."
     ),
-    out: Path | None = typer.Option(None, metavar="DIR", help="Folder for report.html; without it, that of RESULT."),
+    out: Path | None = typer.Option(None, metavar="DIR", help="Folder for the page; without it, that of RESULT."),
     as_json: bool = typer.Option(False, "--json", help="Print what was found as JSON instead."),
 ) -> None:
     """Write a result as one HTML file to look at in a browser, without any network.
@@ -20,7 +20,9 @@ def report(
     It shows the path with its moving trihedral, or an attitude with its moving
     axes, beside everything over time, with slider, play and pause, tables and
     provenance. RESULT is what the other commands write: a folder, a dataset
-    (.nc, .zarr, .parquet, .csv), or a saved path (.toml, .json).
+    (.nc, .zarr, .parquet, .csv), or a saved path (.toml, .json). The page of a
+    folder, and of its paths.nc or table.nc, is report.html; that of another file
+    has its name: path.toml becomes path.html.
     """
     with guarded():  # imports here, so that --help need not wait for xarray
         from qtraj.cli.reporting.text import print_report

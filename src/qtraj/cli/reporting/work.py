@@ -5,10 +5,11 @@ from typing import Any
 
 from qtraj.cli.output import check_folder, write_all
 from qtraj.cli.reporting.content import report_content
-from qtraj.cli.reporting.job import find, is_folder
+from qtraj.cli.reporting.job import DATASETS, find, is_folder
 from qtraj.cli.terminal import watching
 
 PAGE = "report.html"
+"""The page of a folder, and of the dataset in it that stands for the folder."""
 
 
 def run(result: Path, out: Path | None) -> dict[str, Any]:
@@ -34,6 +35,12 @@ def run(result: Path, out: Path | None) -> dict[str, Any]:
             raise ValueError(text if str(result) in text else f"{result}: {text}") from error
         content = report_content(job, report)
         watch.say("writing")
-        writers = {PAGE: lambda file: file.write_text(page, encoding="utf-8", newline="\n")}
+        writers = {page_name(result): lambda file: file.write_text(page, encoding="utf-8", newline="\n")}
         content["files"] = [str(file) for file in write_all(folder, writers)]
     return content
+
+
+def page_name(result: Path) -> str:
+    """The name of a result's page: that of a file is named after it, so that several in a folder keep theirs."""
+    whole = is_folder(result) or result.name in DATASETS
+    return PAGE if whole else f"{result.stem}.html"
