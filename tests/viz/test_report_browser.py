@@ -212,7 +212,7 @@ def test_the_cursor_and_the_numbers_follow(page):
     start = left()
     page.find_element(By.ID, "slider").send_keys(Keys.END)
     box = page.find_element(By.CSS_SELECTOR, ".plot").rect
-    assert left() - start == pytest.approx(box["width"] - 62 - 14, abs=1.5)
+    assert left() - start == pytest.approx(box["width"] - 80 - 14, abs=1.5)
     [speed] = [row.text for row in page.find_elements(By.CSS_SELECTOR, "#now tr") if row.text.startswith("speed")]
     assert float(speed.split()[1]) == pytest.approx(np.hypot(RADIUS * RATE, CLIMB), rel=1e-4)
 
@@ -262,7 +262,7 @@ def test_zooming_one_panel_zooms_all(browser, tmp_path):
     drag.perform()
     until(browser, f"{ranges}.every(([low, high]) => low > 3 && high < 7)")
     low, high = browser.execute_script(ranges)[0]
-    width = third.rect["width"] - 62 - 14
+    width = third.rect["width"] - 80 - 14
     assert high - low == pytest.approx(8 * 100 / width, rel=0.05)
     assert all(limits == [low, high] for limits in browser.execute_script(ranges))
     assert errors(browser) == []
@@ -337,6 +337,23 @@ def test_time_is_called_time(page):
     assert page.find_element(By.CSS_SELECTOR, "label[for=slider]").text == "Time"
     ticks = page.find_elements(By.CSS_SELECTOR, ".plot .xtick text")
     assert all(re.fullmatch(r"[\d.]+", tick.text) for tick in ticks if tick.text)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.5e-4])
+def test_numbers_beside_a_panel_are_not_cut_off(browser, tmp_path, size):
+    dataset = two_paths()
+    speed = size * (1 + 0.35 * np.sin(dataset["time"].values))
+    dataset["speed"] = (("path", "sample"), speed, {"units": "m s-1"})
+    shown(browser, tmp_path, dataset)
+    inside, texts = browser.execute_script(
+        "const plots = Array.from(document.querySelectorAll('.plot'));"
+        "const labels = plots.map((plot) => Array.from(plot.querySelectorAll('.ytick text')));"
+        "const left = (part) => part.getBoundingClientRect().left;"
+        "return [plots.map((plot, k) => Math.min(...labels[k].map(left)) - left(plot)),"
+        " labels.flat().map((label) => label.textContent)]"
+    )
+    assert any(text.startswith("0.5×10") for text in texts), texts
+    assert min(inside) >= 0, texts
 
 
 @pytest.mark.parametrize("size", [1400, 900])
