@@ -11,6 +11,7 @@ from scipy.optimize import NonlinearConstraint, minimize
 
 import qtraj as qt
 from qtraj.design.magnitudes import magnitude
+from qtraj.design.tuning.outcome import STATUSES
 from qtraj.design.tuning.problem import pose
 from qtraj.path.boundary import cylindrical
 
@@ -406,3 +407,13 @@ def test_velocities_that_all_vanish_are_refused():
 def test_the_search_that_cannot_be_traced_says_so(change):
     with pytest.raises(ValueError, match="pass method='sqp'"):
         jax.jit(lambda k: qt.tune(START, END, qt.Limits(curvature=k), **change).path)(0.048)
+
+
+@pytest.mark.parametrize(("steps", "said"), [(1, "1 step"), (2, "2 steps"), (0, "0 steps")])
+@pytest.mark.parametrize("status", ["converged", "not converged"])
+def test_one_step_is_no_steps(status, steps, said):
+    path = qt.SpiralHelix([10.0], [0.0, 0.4], [0.0, 0.5], 5.0)
+    ends = path.state(0.0), path.state(path.duration)
+    found = qt.Tuned(path, *ends, 0.0, qt.certify(path, qt.Limits(speed=9.0)), STATUSES.index(status), steps)
+    assert f"{status} {'after' if ' ' in status else 'in'} {said}: " in found.result
+    assert f", {said};" in repr(found)

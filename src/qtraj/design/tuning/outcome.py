@@ -95,7 +95,8 @@ class Tuned(AbstractResult):
             for name, unit in (("position", "m"), ("velocity", "m s-1")):
                 values, text = getattr(state, name), f"{name} at the {side}, world axes"
                 variables[f"{side}_{name}"] = Quantity(values, unit, text, ("world",))
-        search = f"objective {extent(self.objective)}, {extent(self.iterations)} steps"
+        steps = extent(self.iterations)
+        search = f"objective {extent(self.objective)}, {steps} {'step' if steps == '1' else 'steps'}"
         summary = f"{in_lanes(self.code.shape, 'problems')}{counted(status)}, {search}; {self.certificate.summary}"
         return Record(summary, variables, findings.coordinates, findings.attributes)
 

@@ -13,7 +13,7 @@ RADII = 257
 def converged(certificate: Certificate, steps: int) -> str:
     """What to say of a tuning that met every limit."""
     known = "proved on the whole path" if certificate.holds else "met, some as far as refined sampling shows"
-    lines = [f"converged in {steps} steps: every limit is {known}."]
+    lines = [f"converged in {_counted(steps)}: every limit is {known}."]
     lines += [f"{name} binds: {certificate.describe(name)}." for name in certificate.binding]
     if not certificate.binding:
         lines.append("No limit binds: the path is the best one without them.")
@@ -26,8 +26,8 @@ def not_converged(certificate: Certificate, steps: int) -> str:
     found = "; ".join(f"{name} is {certificate.status[name]}: {certificate.describe(name)}" for name in unmet)
     state = found or "every limit is met, but the objective may not be at its least"
     return (
-        f"not converged after {steps} steps: {state}. Try a larger max_steps, more starts, other starting velocities, "
-        "or wider limits."
+        f"not converged after {_counted(steps)}: {state}. Try a larger max_steps, more starts, other starting "
+        "velocities, or wider limits."
     )
 
 
@@ -48,3 +48,7 @@ def remark(path: SpiralHelix) -> str:
         f"Mind: the path runs through its own axis (the radius is {radii[least]:.4g} m at t = "
         f"{times[least]:.4g} s). An axis farther away, or other boundary velocities, avoid that."
     )
+
+
+def _counted(steps: int) -> str:
+    return f"{steps} step" if steps == 1 else f"{steps} steps"
