@@ -1,6 +1,7 @@
 """`qtraj report`: what it reads, what it writes, what it refuses."""
 
 import json
+import re
 import shutil
 
 import pytest
@@ -54,6 +55,28 @@ def test_a_folder_is_reported_with_the_certificate_that_lies_in_it(qtraj, result
     assert '<td class="bad">broken</td>' in text
     assert "broken: the limit does not hold at the time given" in text
     assert [file.name for file in (tmp_path / "new").iterdir()] == ["report.html"]
+
+
+def test_boundary_velocities_are_those_before_and_after(qtraj, path, tuned, tmp_path):
+    before = qt.SpiralHelix([10.0], [0.2, 0.3], [1.0, 0.2], 6.0, qt.Placement())
+    qt.save_dataset(path_dataset({"before": before, "after": path}, samples=17), tmp_path / "paths.nc")
+    tuned.save(tmp_path / "tuning.toml")
+    assert qtraj("report", tmp_path).exit_code == 0
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    table = text.partition("Boundary velocities about the axis of the path")[2].partition("</table>")[0]
+    rows = [re.findall(r"<td[^>]*>([^<]*)", row) for row in re.findall(r"<tr>.*?</tr>", table, flags=re.S)]
+    ends = [["before", 3.0, 0.2], ["after", 4.0, 0.5]]
+    expected = [[f"{name} {letter}", 10.0, 0.0, about, along] for name, about, along in ends for letter in "AB"]
+    found = [[name, *(float(cell.replace("−", "-")) for cell in cells)] for name, *cells in filter(None, rows)]
+    assert found == expected
+
+
+def test_a_recording_is_sent_to_tune(qtraj, tmp_path):
+    (tmp_path / "drive.csv").write_text("t,x,y,z\n0,1,2,3\n")
+    result = qtraj("report", tmp_path / "drive.csv")
+    assert result.exit_code == 2
+    assert "write a scenario" in result.stderr
+    assert "run `qtraj tune`" in result.stderr
 
 
 def test_a_certificate_of_another_path_is_not_taken(qtraj, results, path, tmp_path):

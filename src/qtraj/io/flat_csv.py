@@ -39,7 +39,9 @@ def read_csv(file: Path) -> Flat:
         raise ValueError(f"{file}: the header cannot be read ({error})") from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise ValueError(
-            f"{file}: this CSV file has no header of a dataset; qtraj.read_track reads recordings, pandas any table"
+            f"{file}: this CSV file has no header of a dataset. If it is a recording, write a scenario, a .toml file "
+            f'with file = "{file.name}" under [track], and with [limits], and run `qtraj tune`; in Python, '
+            "qtraj.read_track reads recordings, pandas any table"
         )
     names, *rows = list(csv.reader(io.StringIO("\n".join(lines[count:]), newline=""))) or [[]]
     if wrong := next((k for k, row in enumerate(rows, 1) if len(row) != len(names)), None):

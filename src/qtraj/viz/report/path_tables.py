@@ -7,7 +7,7 @@ import xarray
 
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset import MAGNITUDES
-from qtraj.path.boundary import cylindrical
+from qtraj.path.boundary import BoundaryState, cylindrical
 from qtraj.path.departure import departure
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.viz.report.model import Table, number, unit
@@ -25,7 +25,8 @@ PROOFS = {
 
 def path_tables(dataset: xarray.Dataset, paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> list[Table]:
     """All tables, those without rows left out."""
-    found = [_limits(paths, tuned), _boundary(paths), _cylindrical(tuned), _extent(paths), provenance_table(dataset)]
+    velocities, provenance = _cylindrical(paths, tuned), provenance_table(dataset)
+    found = [_limits(paths, tuned), _boundary(paths), velocities, _extent(paths), provenance]
     return [table for table in found if table.rows]
 
 
@@ -76,13 +77,19 @@ def _boundary(paths: Mapping[str, xarray.Dataset]) -> Table:
     return Table("Boundary states, world axes", header, rows)
 
 
-def _cylindrical(tuned: Tuned | None) -> Table:
-    """Boundary velocities of the tuned path about its own axis."""
+def _cylindrical(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
+    """Boundary velocities about the axis of the tuned path: its own, and those of the path before where it is known."""
     rows = []
     if tuned is not None and isinstance(tuned.path, SpiralHelix):
-        for letter, state in (("A", tuned.start), ("B", tuned.end)):
+        states = {"after A": tuned.start, "after B": tuned.end}
+        before = paths.get("before")
+        if before is not None and "velocity" in before:
+            position, velocity = before["position"].values, before["velocity"].values
+            known = {f"before {letter}": BoundaryState(position[k], velocity[k]) for letter, k in (("A", 0), ("B", -1))}
+            states = known | states
+        for label, state in states.items():
             found = cylindrical(state, tuned.path.placement)
-            rows.append([f"after {letter}", *(f"{float(v) + 0.0:.4f}" for v in (found.radius, *found.velocity))])
+            rows.append([label, *(f"{float(v) + 0.0:.4f}" for v in (found.radius, *found.velocity))])
     header = ["state", "ρ [m]", "V_ρ [m/s]", "V_φ [m/s]", "V_h [m/s]"]
     return Table("Boundary velocities about the axis of the path", header, rows)
 
