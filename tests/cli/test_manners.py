@@ -279,6 +279,20 @@ def test_a_second_process_traces_nothing_anew(tmp_path):
     assert report("second", "from jax import export; export.export = None")
 
 
+@pytest.mark.slow
+def test_a_second_tuning_traces_none_of_its_larger_programs(tmp_path):
+    def tune(before=""):
+        code = f"{before}import sys; sys.argv = ['qtraj', 'tune', '--out', {str(tmp_path / 'out')!r}, '--json']; "
+        done = process(["-c", code + "from qtraj.cli.main import main; main()"], XDG_CACHE_HOME=str(tmp_path))
+        assert (done.returncode, done.stderr) == (0, "")
+        return json.loads(done.stdout)
+
+    first = tune()
+    kept = {file.name.rsplit("-", 1)[0] for file in (tmp_path / "qtraj" / "programs").glob("*/*")}
+    assert kept == {"minimise", "measures", "ends", "gap", "finding", "begin", "proceed", "sampled"}
+    assert tune("from jax import export; export.export = None; ") == first
+
+
 def test_neither_a_cache_that_cannot_be_made_nor_a_terminal_without_greek_is_an_error(tmp_path):
     (tmp_path / "file").write_text("")
     arguments = ["-m", "qtraj", "evaluate", str(HELIX), "--samples", "2"]

@@ -176,7 +176,7 @@ def test_the_terminal_shows_it_all_within_80_columns(default_run):
         f"{numbers['radius_min']:.2f} to {numbers['radius_max']:.2f} m",
         "V_φ at B",
         f"leaves the path before by {default_run.content['departure']:.3g} m at most",
-        "Its heading turns by +9.6° at A and -6.4° at B",
+        "Its heading turns 9.6° to the left at A and",
         "mean rate",
         "standing passengers",
         "out/paths.nc",
@@ -274,8 +274,11 @@ def test_what_a_vehicle_would_notice_is_told():
     change = moved(before, after)
     assert change == {"heading": {"start": pytest.approx(np.pi / 2), "end": 0.0}, "lowest": -1.0, "highest": 0.0}
     assert moved_text(change) == (
-        "Its heading turns by +90.0° at A and +0.0° at B; its lowest point moves by -1.00 m, its highest by +0.00 m."
+        "Its heading turns 90.0° to the left at A and by 0.0° at B; its lowest point moves by -1.00 m, its highest by "
+        "+0.00 m."
     )
+    after[1, -1] = [0.0, 0.0, 1.0]
+    assert "by an angle that does not exist at B" in moved_text(moved(before, after))
 
 
 @pytest.mark.parametrize("name", ["turn_from_recording", "helix_slower"])

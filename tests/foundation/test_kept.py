@@ -1,5 +1,9 @@
 """Programs are traced once for all processes: here, once for all decorations of one function."""
 
+import dataclasses
+import os
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import equinox as eqx
@@ -122,15 +126,74 @@ def test_where_nothing_can_be_written_nothing_is_kept(tmp_path):
 
 def test_another_source_has_programs_of_its_own(folder, monkeypatch):
     given = Ramp(jnp.asarray(2.0), "even"), jnp.arange(3.0)
-    traced.clear()
     once(*given)
     monkeypatch.setattr(keeping, "_surroundings", lambda: "another")
+    keep_in(folder)
     once(*given)
     assert len(traced) == len(files(folder)) == 2
 
 
+def test_other_settings_have_programs_of_their_own(folder):
+    given = Ramp(jnp.asarray(2.0), "even"), jnp.arange(3.0)
+    once(*given)
+    with jax.numpy_rank_promotion("warn"):
+        once(*given)
+    assert len(files(folder)) == 2
+
+
+@dataclasses.dataclass(frozen=True)
+class Plain:
+    slope: np.ndarray
+
+
+@pytest.mark.filterwarnings("ignore:A JAX array is being set as static")
+@pytest.mark.parametrize("slope", [Ramp(jnp.asarray(2.0), "even"), Plain(np.asarray(2.0)), np.asarray(2.0)], ids=type)
+def test_numbers_that_are_no_arguments_are_never_kept(folder, slope):
+    """They would be those of the first process for ever."""
+    once(Ramp(jnp.asarray(2.0), slope), jnp.ones(2))
+    assert files(folder) == []
+
+
+def test_threads_share_a_program(folder):
+    call = kept(Pair)(work)
+    given = [(Ramp(jnp.asarray(float(k)), "even"), jnp.ones(2)) for k in range(16)]
+    with ThreadPoolExecutor(8) as pool:
+        totals = list(pool.map(lambda arguments: float(call(*arguments).total), given))
+    assert totals == [2.0 * k for k in range(16)]
+    assert len(files(folder)) == 1
+
+
+def test_what_is_returned_must_be_known(folder):
+    class Unknown(NamedTuple):
+        total: Array
+
+    with pytest.raises(ValueError, match="Unknown"):
+        kept()(lambda x: Unknown(jnp.sum(x)))(jnp.ones(2))
+
+
+def test_an_error_of_the_function_is_its_own(folder):
+    def fails(x):
+        traced.append(x)
+        raise ValueError("one number was expected")
+
+    with pytest.raises(ValueError, match="one number"):
+        kept()(fails)(jnp.ones(2))
+    assert len(traced) == 1
+
+
+def test_what_is_not_used_for_long_is_removed(folder, monkeypatch):
+    old, young = folder / "old", folder / "young"
+    for other in (old, young):
+        other.mkdir(parents=True)
+        (other / "program").write_bytes(b"")
+    os.utime(old, (0, 0))
+    once(Ramp(jnp.asarray(2.0), "even"), jnp.ones(2))
+    assert not old.exists()
+    assert young.exists()
+
+
 def test_without_the_library_that_writes_them_nothing_is_kept(tmp_path, monkeypatch):
-    monkeypatch.setattr(keeping.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "flatbuffers", None)
     keep_in(tmp_path / "programs")
     assert float(once(Ramp(jnp.asarray(2.0), "even"), jnp.ones(2)).total) == 4.0
     assert files(tmp_path) == []

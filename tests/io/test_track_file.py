@@ -135,6 +135,8 @@ HEAD = "# first\ntime,x,y,z\n"
         ("t [ms],x,y,z\n" + TEXT, r"the column 't \[ms\]' is in ms, but the time is read in s: convert it before"),
         ("time,x (km),y (km),z\n" + TEXT, r"the column 'x \(km\)' is in km, but the position is read in m"),
         ("time,x,y,z,vx [km/h],vy,vz\n", r"'vx \[km/h\]' is in km/h, but the velocity is read in m/s"),
+        ("time,x (map) [km],y,z\n" + TEXT, r"is in km, but the position"),
+        ("time,x,y,z,qw [rad],qx,qy,qz\n", r"is in rad, but the attitude is read as a quaternion"),
         ("time,x,y,z,qw,qx,qy\n", r"attitude are incomplete: found qw, qx, qy, missing qz"),
         (TEXT, r"line 1: a header row with column names was expected"),
         ("", r"the file is empty"),
@@ -166,9 +168,11 @@ def test_faults_of_the_column_names(tmp_path, columns, words):
 
 
 def test_angles_on_the_globe_are_no_positions(tmp_path):
-    file = written(tmp_path, HEAD.replace("x,y", "Lon,Lat") + TEXT)
-    with pytest.raises(ValueError, match=r"'Lon' seems to hold angles on the globe.*project latitude and longitude"):
-        read_track(file, {"position": ["Lon", "Lat", "z"]})
+    file = written(tmp_path, HEAD.replace("x,y", "gps_lon,Lat") + TEXT)
+    with pytest.raises(
+        ValueError, match=r"'gps_lon' seems to hold angles on the globe.*project latitude and longitude"
+    ):
+        read_track(file, {"position": ["gps_lon", "Lat", "z"]})
 
 
 TUM = "\n".join(f"{k} {k} 2 3 0 0 0 1" for k in range(5))

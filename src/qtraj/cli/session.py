@@ -42,7 +42,12 @@ def cache_folder() -> Path:
 
 
 def _keep_programs() -> None:
-    """A second run need neither trace nor compile again; where no folder can be made, each run does."""
+    """A second run need neither trace nor compile again; where no folder can be made, each run does.
+
+    JAX_ENABLE_COMPILATION_CACHE=0 switches both off.
+    """
+    if not jax.config.jax_enable_compilation_cache:  # type: ignore[attr-defined]
+        return
     try:
         folder = cache_folder()
         folder.mkdir(parents=True, exist_ok=True)

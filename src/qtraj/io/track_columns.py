@@ -29,15 +29,15 @@ COMMON = {
 
 UNITS = {"time": "s", "position": "m", "velocity": "m/s", "attitude": ""}
 OTHERS = {
-    "time": ("ms", "us", "µs", "μs", "ns", "min", "h"),
-    "position": ("mm", "cm", "km", "ft", "in", "mi", "deg", "°", "rad"),
+    "time": ("ms", "msec", "milliseconds", "us", "µs", "μs", "ns", "min", "h"),
+    "position": ("mm", "cm", "km", "ft", "feet", "in", "mi", "deg", "°", "rad"),
     "velocity": ("mm/s", "cm/s", "km/h", "kmh", "kph", "mph", "ft/s", "kn", "kt", "knots", "deg/s", "rad/s"),
     "attitude": ("deg", "°", "rad"),
 }
 """The unit of each part, and others that a column's name may give in brackets."""
 
-GEOGRAPHIC = ("lat", "lon", "lng", "long", "latitude", "longitude")
-"""Names of columns that hold angles on the globe, and no positions in metres."""
+GEOGRAPHIC = {"lat", "lon", "lng", "latitude", "longitude"}
+"""Words in names of columns that hold angles on the globe, and no positions in metres."""
 
 COUNTS = {"time": 1, "position": 3, "velocity": 3, "attitude": 4}
 NEEDED = ("time", "position")
@@ -78,12 +78,11 @@ def choose(path: Path, header: list[str], columns: Columns) -> dict[str, tuple[s
 def _in_other_units(part: str, names: Sequence[str]) -> str | None:
     """What to say of columns that by their names hold something else than what is read."""
     for name in names:
-        bracketed = re.search(r"[\[(]\s*([^\])]*?)\s*[\])]", name)
-        unit = "" if bracketed is None else bracketed[1]
-        if unit.lower() in OTHERS[part]:
-            wanted = f"in {UNITS[part]}" if UNITS[part] else "a quaternion"
-            return f"the column {name!r} is in {unit}, but the {part} is read {wanted}: convert it before"
-        if part == "position" and name.strip().lower() in GEOGRAPHIC:
+        for unit in re.findall(r"[\[(]\s*([^\])]*?)\s*[\])]", name):
+            if unit.lower() in OTHERS[part]:
+                wanted = f"in {UNITS[part]}" if UNITS[part] else "as a quaternion"
+                return f"the column {name!r} is in {unit}, but the {part} is read {wanted}: convert it before"
+        if part == "position" and GEOGRAPHIC.intersection(re.split(r"[^a-z]+", name.lower())):
             return (
                 f"the column {name!r} seems to hold angles on the globe, but positions are read in m: project latitude "
                 "and longitude to metres before (as pyproj does)"

@@ -11,7 +11,7 @@ TOGETHER = 1_000_000
 
 
 def departure(points: Float[np.ndarray, "n 3"], line: Float[np.ndarray, "m 3"]) -> float:
-    """The largest distance of `points` from the polyline `line`; NaN where one of them is not finite."""
+    """The largest distance of `points`, or of `MOST` of them, from the polyline `line`; NaN where one is not finite."""
     chosen = points[np.unique(np.linspace(0, len(points) - 1, min(len(points), MOST)).round().astype(int))]
     parts = np.array_split(chosen, -(-len(chosen) * len(line) // TOGETHER))
     return float(np.max(np.concatenate([_distances(part, line) for part in parts])))

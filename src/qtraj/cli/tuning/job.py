@@ -178,7 +178,7 @@ def _along(
         starts=starts,
         fixed=tuple(scenario.tune.fixed),
         bounds=_bounds(scenario),
-        turn=float(turn),
+        turn=turn,
         track=track,
         residual=path.residual,
     )

@@ -35,14 +35,14 @@ def _span(name: str, low: float | None, high: float | None) -> str:
 
 
 def moved(before: np.ndarray, after: np.ndarray) -> dict[str, Any]:
-    """What the tuned path changes for a vehicle: heading at both ends [rad], lowest and highest point [m].
+    """What the tuned path changes: heading at both ends [rad, left positive], lowest and highest point [m].
 
-    Both are rows of position and velocity along a path, (2, n, 3).
+    Both are rows of position and velocity along a path, (2, n, 3). The heading's change is None where there is none.
     """
 
-    def turned(k: int) -> float:
+    def turned(k: int) -> float | None:
         (x, y), (u, v) = before[1, k, :2], after[1, k, :2]
-        return math.atan2(x * v - y * u, x * u + y * v)
+        return math.atan2(x * v - y * u, x * u + y * v) if np.hypot(x, y) * np.hypot(u, v) > 0 else None
 
     heights = [path[0, :, 2] for path in (before, after)]
     return {
@@ -54,11 +54,19 @@ def moved(before: np.ndarray, after: np.ndarray) -> dict[str, Any]:
 
 def moved_text(change: Mapping[str, Any]) -> str:
     """The same in words."""
-    start, end = (math.degrees(change["heading"][name]) for name in ("start", "end"))
+    start, end = (_sideways(change["heading"][name]) for name in ("start", "end"))
+    low, high = (round(change[name], 2) + 0.0 for name in ("lowest", "highest"))
     return (
-        f"Its heading turns by {start:+.1f}° at A and {end:+.1f}° at B; its lowest point moves by "
-        f"{change['lowest']:+.2f} m, its highest by {change['highest']:+.2f} m."
+        f"Its heading turns {start} at A and {end} at B; its lowest point moves by {low:+.2f} m, its highest by "
+        f"{high:+.2f} m."
     )
+
+
+def _sideways(turn: float | None) -> str:
+    if turn is None:
+        return "by an angle that does not exist"
+    degrees = round(math.degrees(turn), 1)
+    return "by 0.0°" if degrees == 0 else f"{abs(degrees):.1f}° to the {'left' if degrees > 0 else 'right'}"
 
 
 def far_off(content: Mapping[str, Any], before: np.ndarray) -> str | None:

@@ -42,7 +42,9 @@ def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
                 rows.append([heading, label, *found])
     findings = {} if tuned is None else tuned.certificate.status
     known = [f"{status}: {PROOFS[status]}" for status in dict.fromkeys(findings.values())]
-    note = "; ".join([*known, "without a certificate, within and broken are judged at the instants of the table alone"])
+    note = "; ".join(
+        [*known, "without a certificate the largest value, within and broken are those of the sampled instants"]
+    )
     return Table("Limits", ["limit", "path", "largest", "limit", "margin", "at [s]", ""], rows, 2, note + ".")
 
 
