@@ -165,7 +165,8 @@ def _file(f: Callable[..., Any], given: tuple[Any, ...]) -> Path | None:
     config: Any = jax.config
     if _folder is None or config.jax_disable_jit or config.jax_default_device is not None:
         return None
-    if any(isinstance(x, Tracer) or getattr(x, "committed", False) for x in jax.tree.leaves(given)):
+    given_arrays = [x for x in jax.tree.leaves(given) if isinstance(x, jax.Array)]
+    if any(isinstance(x, Tracer) or x.devices() != {jax.devices()[0]} for x in given_arrays):
         return None
     try:
         described = "\n".join(_described(given))
