@@ -60,6 +60,7 @@ def test_the_second_process_traces_nothing(folder):
     assert (float(first.total), float(second.total)) == (6.0, 9.0)
     np.testing.assert_array_equal(second.parts["x"], [1.0, 2.0, 3.0])
     assert second.parts["note"] is None
+    assert not second.total.committed, "what takes it would be compiled again"
     assert len(files(folder)) == 1
 
 

@@ -105,7 +105,14 @@ def _program(
             return None
         _write(file, content)
     run = jax.jit(export.deserialize(bytearray(content)).call)
-    return lambda *given: run(*jax.tree.leaves(eqx.filter(given, eqx.is_array)))
+
+    def call(*given: Any) -> Any:
+        # What such a program returns is committed to its device, for which whatever takes it would be compiled again.
+        return jax.tree.map(
+            lambda x: jax.device_put(np.asarray(x)), run(*jax.tree.leaves(eqx.filter(given, eqx.is_array)))
+        )
+
+    return call
 
 
 def _traced(f: Callable[..., Any], given: tuple[Any, ...]) -> bytes | None:
