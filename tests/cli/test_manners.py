@@ -265,6 +265,7 @@ def test_a_process_computes_in_float64_and_keeps_its_compilations(tmp_path):
     assert any((tmp_path / "qtraj" / "jax").iterdir())
 
 
+@pytest.mark.slow
 def test_a_second_process_traces_nothing_anew(tmp_path):
     def report(folder, before=""):
         arguments = ["qtraj", "report", str(HELIX), "--out", str(tmp_path / folder)]

@@ -125,7 +125,22 @@ def has_something_to_run(page):
     return any(block.language in {"python", "sh"} for block in blocks(page.read_text(encoding="utf-8")))
 
 
-@pytest.mark.parametrize("name", [name for name, file in PAGES.items() if has_something_to_run(file)])
+SLOW = {"docs/tuning.md", "docs/howto/own_data.md", "docs/howto/tune_batch.md"}
+"""Pages that tune a lot."""
+
+
+def test_slow_pages_are_pages():
+    assert PAGES.keys() >= SLOW
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else [])
+        for name, file in PAGES.items()
+        if has_something_to_run(file)
+    ],
+)
 def test_what_the_page_shows_runs(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run(PAGES[name].read_text(encoding="utf-8"), tmp_path)

@@ -18,7 +18,8 @@ PATH = qt.SpiralHelix([20.0, 1.0, 0.3, -0.05], [0.2, 0.35, 0.02], [1.0, 0.4, 0.0
 POLYNOMIAL = ("curvature", "torsion", "lateral_acceleration", "longitudinal_acceleration")
 
 
-@pytest.mark.parametrize("motion", ["uniform", pytest.param("hermite", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("motion", ["uniform", "hermite"])
 def test_no_proof_is_contradicted_in_50_digits(motion):
     """Limits a hair above and below the peaks, on paths of every kind."""
     count = 16
