@@ -104,6 +104,7 @@ def _floats(path, times):
     return table.dcm, table.rate, table.curvature, table.angular_acceleration, table.speed
 
 
+@pytest.mark.slow
 def test_gradients_through_blocks_agree_with_differences(small_blocks):
     times = np.linspace(0.1, 3.9, 21)
 
@@ -152,7 +153,8 @@ def short_lanes(monkeypatch):
     monkeypatch.setattr(long_rows, "WINDOW", 3)
 
 
-@pytest.mark.parametrize("count", [24, pytest.param(29, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [24, 29])
 def test_long_rows_are_reduced_as_their_samples_are(stack, short_lanes, count):
     shared = np.linspace(0.0, 4.0, count) ** 1.1
     for times in (shared, np.stack([shared, 0.5 * shared, 4.0 - shared])):

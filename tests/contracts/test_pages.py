@@ -125,8 +125,14 @@ def has_something_to_run(page):
     return any(block.language in {"python", "sh"} for block in blocks(page.read_text(encoding="utf-8")))
 
 
-SLOW = {"docs/tuning.md", "docs/howto/own_data.md", "docs/howto/tune_batch.md"}
-"""Pages that tune a lot."""
+SLOW = {
+    "docs/tuning.md",
+    "docs/howto/feedback.md",
+    "docs/howto/gradients.md",
+    "docs/howto/own_data.md",
+    "docs/howto/tune_batch.md",
+}
+"""Pages that compute a lot."""
 
 
 def test_slow_pages_are_pages():

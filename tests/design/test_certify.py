@@ -58,6 +58,7 @@ def test_the_rate_of_the_natural_frame_and_its_acceleration_are_proved_for_unifo
         assert found.worst["angular_rate"][1] == pytest.approx(rate, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_degrees_beyond_proof_are_sampled_and_called_so():
     found = qt.certify(lane(random_turns(2, "hermite"), 0), qt.Limits(angular_acceleration=1e3, speed=1e3))
     assert found.status == {"speed": "proved", "angular_acceleration": "sampled"}
@@ -214,6 +215,7 @@ def test_a_batch_is_judged_lane_by_lane():
         qt.certify(eqx.tree_at(lambda p: p.radius, paths, PATH.radius), limits)
 
 
+@pytest.mark.slow
 def test_blocks_of_paths_on_all_cores_find_what_one_trace_finds():
     paths = random_turns(TOGETHER + 6, "uniform")
     limits = jax.vmap(lambda v: qt.Limits(speed=v))(jnp.linspace(5.0, 12.0, TOGETHER + 6))

@@ -128,7 +128,7 @@ def central(f, x, step):
     return np.stack(columns, axis=-1).reshape(*columns[0].shape, *x.shape)
 
 
-@pytest.mark.parametrize("motion", ["uniform", "hermite"])
+@pytest.mark.parametrize("motion", ["uniform", pytest.param("hermite", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("quantity", [largest_curvature, quaternion, rate])
 def test_gradients_in_every_boundary_number(quantity, motion):
     f = partial(quantity, motion=motion)

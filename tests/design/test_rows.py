@@ -33,7 +33,9 @@ def test_a_unit_of_time_changes_no_excess(motion, placement):
         np.testing.assert_allclose(2 * found + 1, squares / limit**2, rtol=1e-9, atol=1e-14, err_msg=name)
 
 
-@pytest.mark.parametrize(("motion", "placement"), [("uniform", None), ("hermite", AXIS)])
+@pytest.mark.parametrize(
+    ("motion", "placement"), [("uniform", None), pytest.param("hermite", AXIS, marks=pytest.mark.slow)]
+)
 def test_rows_have_the_derivatives_of_the_excess(motion, placement):
     """With the motion of their peaks, by the implicit function theorem."""
     problem, z = posed(motion, placement)

@@ -60,7 +60,7 @@ def best_of_slsqp(objective, motion, limits=LIMITS, duration=None, starts=3):
 
 CASES = [
     ("nearest", "uniform", None),
-    ("fastest", "uniform", None),
+    pytest.param("fastest", "uniform", None, marks=pytest.mark.slow),
     pytest.param("smoothest", "uniform", 6.5, marks=pytest.mark.slow),
     pytest.param("nearest", "hermite", None, marks=pytest.mark.slow),
     pytest.param("smoothest", "hermite", 4.0, marks=pytest.mark.slow),
@@ -83,6 +83,7 @@ def test_limits_are_met_at_the_least_objective(objective, motion, duration):
         assert float(best.path.duration) == pytest.approx(duration, rel=1e-14)
 
 
+@pytest.mark.slow
 def test_the_objective_is_the_one_defined():
     """Squares of the changes of the cylindrical components, plus those of the duration for hermite motion."""
     for motion in ("uniform", "hermite"):
@@ -97,6 +98,7 @@ def test_the_objective_is_the_one_defined():
         assert best.objective == pytest.approx(expected, rel=1e-10)
 
 
+@pytest.mark.slow
 def test_a_callable_objective_is_minimised():
     def climb_rate(path):
         return (path.rotating_derivatives(0.5 * path.duration, 1)[1, 2] - 0.5) ** 2 + 1e-3 * path.duration
@@ -167,6 +169,7 @@ def test_an_impossible_limit_is_explained():
     assert again.certificate.met, again.result
 
 
+@pytest.mark.slow
 def test_limits_that_quarrel_are_told_apart_from_impossible_ones():
     """With the time held, curvature alone could be met, and lateral acceleration could not."""
     best = qt.tune(START, END, LIMITS, objective="smoothest", duration=math.pi / 2 / RATE)
@@ -182,7 +185,7 @@ FAR_APART = (
 )
 
 
-@pytest.mark.parametrize("limit", [pytest.param(1e-3, marks=pytest.mark.slow), 1e-6, 1e-300])
+@pytest.mark.parametrize("limit", [*(pytest.param(x, marks=pytest.mark.slow) for x in (1e-3, 1e-6)), 1e-300])
 def test_a_limit_far_out_of_reach_is_infeasible_not_a_runaway(limit):
     best = qt.tune(*FAR_APART, qt.Limits(curvature=limit))
     assert best.status == "infeasible", best.result

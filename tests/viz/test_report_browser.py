@@ -299,6 +299,7 @@ def test_paper_shows_a_picture_of_the_scene(page):
     page.execute_script("window.print = window.printing; window.dispatchEvent(new Event('afterprint'))")
 
 
+@pytest.mark.slow
 def test_paper_shows_it_also_where_the_browser_prints_by_itself(browser, report, tmp_path):
     """By its own menu or keys: there is no click on the button."""
     _, file, *_ = report

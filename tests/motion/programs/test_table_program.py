@@ -87,6 +87,7 @@ def test_a_steady_turn_is_reproduced():
     assert still.rate.tolist() == [0, 0, 0]
 
 
+@pytest.mark.slow
 def test_gradients_with_respect_to_the_table():
     times, _, quaternions = table(5, 0.6)
     direction = np.random.default_rng(1).normal(size=(5, 5))

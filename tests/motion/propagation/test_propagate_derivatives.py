@@ -4,6 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import qtraj as qt
 from qtraj.foundation.types import Scalar
@@ -84,6 +85,7 @@ def test_in_the_first_attitude_it_is_the_turn_and_in_the_last_time_the_rate():
     np.testing.assert_allclose(slope, qt.quaternion.derivative(last, FAST(TIMES[2])), rtol=0, atol=TOLERANCE)
 
 
+@pytest.mark.slow
 def test_second_derivative_at_rest():
     """Where the rate vanishes and the turn with it: λ = exp(p²t e/2), λ'' = t e at p = 0."""
 

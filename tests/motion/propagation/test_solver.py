@@ -115,6 +115,7 @@ def test_a_jump_in_the_rate():
     assert solution.stats["num_steps"] < 40
 
 
+@pytest.mark.slow
 def test_derivatives():
     """In the rate's parameters and in the first attitude, in both modes, at fixed steps, against differences."""
 

@@ -34,6 +34,7 @@ def test_announced_jumps_of_a_program_cost_nothing():
     assert "pass them as jumps" in unannounced.result
 
 
+@pytest.mark.slow
 def test_the_derivative_in_the_instant_of_a_jump_is_exact():
     def miss(switch):
         def push(t):
