@@ -11,6 +11,12 @@ SELDOM = (100_000, 20, 100)
 """Thresholds of Python's garbage collector, which by default takes a tenth of a run to find modules and programs."""
 
 
+def _command() -> str | None:
+    """The command given; None where only help is wanted."""
+    first = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
+    return first if first.isidentifier() and not {"-h", "--help"} & set(sys.argv) else None
+
+
 def main() -> None:
     """Run the command line; exit with 2, saying what to install, where a package is missing."""
     missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
@@ -23,11 +29,15 @@ def main() -> None:
     gc.set_threshold(*SELDOM)
     try:
         from qtraj.cli.session import prepare
+        from qtraj.foundation.programs.kept import ahead
 
         prepare()
-        from qtraj.cli.app import app
+        with ahead(_command()):
+            from qtraj.cli.app import app
 
-        app(prog_name="qtraj")
+            app(prog_name="qtraj")
     except KeyboardInterrupt:  # before a command has begun, which sees to it itself
         sys.stderr.write("interrupted\n")
         sys.exit(130)
+    finally:
+        gc.freeze()  # what the process ends with it need not search once more

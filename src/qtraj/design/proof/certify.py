@@ -17,7 +17,7 @@ from qtraj.design.peaks import largest, summit
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate
 from qtraj.design.proof.inequalities import FORMS, HIGHEST_DEGREE, divisor, parts, slack
 from qtraj.foundation import cores
-from qtraj.foundation.kept import kept
+from qtraj.foundation.programs.kept import kept
 from qtraj.foundation.types import Flag, Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.invariants import existence
@@ -125,7 +125,7 @@ def _judged(path: AbstractHodograph, limits: Limits) -> Findings:
     return _in_columns([(*finding, limit) for finding, limit in zip(found, given.values(), strict=True)])
 
 
-@jax.jit
+@kept()
 def _in_columns(findings: list[Findings]) -> Findings:
     codes, times, values, limits = (jnp.stack(column) for column in zip(*findings, strict=True))
     return codes.astype(jnp.int32), times, values, limits

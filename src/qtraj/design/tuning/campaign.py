@@ -15,6 +15,7 @@ from qtraj.design.tuning.problem import COMPONENTS, DURATION
 from qtraj.design.tuning.sqp import FEASIBLE, State, begin, proceed, step
 from qtraj.design.tuning.task import Task
 from qtraj.foundation.arrays import part
+from qtraj.foundation.programs.kept import kept
 
 MOVED: tuple[str, ...] = (f"start.{COMPONENTS[0]}", f"end.{COMPONENTS[0]}", DURATION)
 PLANNED = (
@@ -159,11 +160,11 @@ def _rescue(tasks: Task, found: Found, most_steps: int, tell: Tell | None) -> Fo
         return least
     again, _ = _known(_ended(lanes.search(take(tasks, can), least.z[can], most_steps, _counted(tell, "searches"))))
     least.steps[can] += again.steps
-    kept = again.excess <= FEASIBLE
-    return _replaced(least, can[kept], _lanes(again._replace(steps=least.steps[can]), kept))
+    met = again.excess <= FEASIBLE
+    return _replaced(least, can[met], _lanes(again._replace(steps=least.steps[can]), met))
 
 
-@jax.jit
+@kept(Found)
 def _ended(states: State) -> tuple[Found, Float[Array, " *lanes"]]:
     """Where searches ended, and what to choose the least of: the cost, or what is larger and grows with the excess."""
     excess = states.excess

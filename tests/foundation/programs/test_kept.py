@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 
-from qtraj.foundation import kept as keeping
-from qtraj.foundation.kept import keep_in, kept
+from qtraj.foundation.programs import kept as keeping
+from qtraj.foundation.programs.kept import keep_in, kept
 
 
 class Pair(NamedTuple):
@@ -43,16 +43,22 @@ def folder(tmp_path):
     keep_in(None)
 
 
-def once(*given):
+@pytest.fixture
+def once(folder):
     """What a process without any program in memory makes of a call."""
-    return kept(Pair)(work)(*given)
+
+    def call(*given):
+        keep_in(folder)
+        return kept(Pair)(work)(*given)
+
+    return call
 
 
 def files(folder):
     return sorted(file for file in folder.rglob("*") if file.is_file()) if folder.exists() else []
 
 
-def test_the_second_process_traces_nothing(folder):
+def test_the_second_process_traces_nothing(folder, once):
     ramp, x = Ramp(jnp.asarray(2.0), "even"), jnp.arange(3.0)
     first, second = once(ramp, x), once(Ramp(jnp.asarray(3.0), "even"), x)
     assert traced == ["even"]
@@ -74,13 +80,13 @@ def test_the_second_process_traces_nothing(folder):
     ],
     ids=["static", "shape", "type", "structure"],
 )
-def test_what_the_program_depends_on_has_a_program_of_its_own(folder, other):
+def test_what_the_program_depends_on_has_a_program_of_its_own(folder, once, other):
     once(Ramp(jnp.asarray(2.0), "even"), jnp.arange(3.0))
     once(*other)
     assert len(traced) == len(files(folder)) == 2
 
 
-def test_another_precision_has_a_program_of_its_own(folder):
+def test_another_precision_has_a_program_of_its_own(folder, once):
     numbers = np.arange(3, dtype=np.int32)
     once(Ramp(np.int32(2), "even"), numbers)
     with jax.enable_x64(not jax.config.read("jax_enable_x64")):
@@ -88,12 +94,12 @@ def test_another_precision_has_a_program_of_its_own(folder):
     assert len(traced) == 2
 
 
-def test_arguments_without_a_lasting_name_are_compiled_as_ever(folder):
+def test_arguments_without_a_lasting_name_are_compiled_as_ever(folder, once):
     assert float(once(Ramp(jnp.asarray(2.0), lambda: 0), jnp.ones(2)).total) == 4.0
     assert files(folder) == []
 
 
-def test_within_a_trace_nothing_is_kept(folder):
+def test_within_a_trace_nothing_is_kept(folder, once):
     def total(slope):
         return once(Ramp(slope, "even"), jnp.ones(2)).total
 
@@ -103,7 +109,7 @@ def test_within_a_trace_nothing_is_kept(folder):
 
 
 @pytest.mark.parametrize("spoil", [lambda content: content[:-1], lambda content: b"", lambda content: b"x" * 99])
-def test_a_spoilt_program_is_traced_and_written_anew(folder, spoil):
+def test_a_spoilt_program_is_traced_and_written_anew(folder, once, spoil):
     given = Ramp(jnp.asarray(2.0), "even"), jnp.arange(3.0)
     once(*given)
     (file,) = files(folder)
@@ -120,21 +126,20 @@ def test_where_nothing_can_be_written_nothing_is_kept(tmp_path):
     (tmp_path / "programs").write_text("a file, where a folder should be")
     keep_in(tmp_path / "programs")
     try:
-        assert float(once(Ramp(jnp.asarray(2.0), "even"), jnp.ones(2)).total) == 4.0
+        assert float(kept(Pair)(work)(Ramp(jnp.asarray(2.0), "even"), jnp.ones(2)).total) == 4.0
     finally:
         keep_in(None)
 
 
-def test_another_source_has_programs_of_its_own(folder, monkeypatch):
+def test_another_source_has_programs_of_its_own(folder, once, monkeypatch):
     given = Ramp(jnp.asarray(2.0), "even"), jnp.arange(3.0)
     once(*given)
-    monkeypatch.setattr(keeping, "_surroundings", lambda: "another")
-    keep_in(folder)
+    monkeypatch.setattr(keeping, "surroundings", lambda: "another")
     once(*given)
     assert len(traced) == len(files(folder)) == 2
 
 
-def test_other_settings_have_programs_of_their_own(folder):
+def test_other_settings_have_programs_of_their_own(folder, once):
     given = Ramp(jnp.asarray(2.0), "even"), jnp.arange(3.0)
     once(*given)
     with jax.numpy_rank_promotion("warn"):
@@ -149,7 +154,7 @@ class Plain:
 
 @pytest.mark.filterwarnings("ignore:A JAX array is being set as static")
 @pytest.mark.parametrize("slope", [Ramp(jnp.asarray(2.0), "even"), Plain(np.asarray(2.0)), np.asarray(2.0)], ids=type)
-def test_numbers_that_are_no_arguments_are_never_kept(folder, slope):
+def test_numbers_that_are_no_arguments_are_never_kept(folder, once, slope):
     """They would be those of the first process for ever."""
     once(Ramp(jnp.asarray(2.0), slope), jnp.ones(2))
     assert files(folder) == []
@@ -168,7 +173,7 @@ def test_what_is_returned_must_be_known(folder):
     class Unknown(NamedTuple):
         total: Array
 
-    with pytest.raises(ValueError, match="Unknown"):
+    with pytest.raises(TypeError, match="Unknown"):
         kept()(lambda x: Unknown(jnp.sum(x)))(jnp.ones(2))
 
 
@@ -182,7 +187,7 @@ def test_an_error_of_the_function_is_its_own(folder):
     assert len(traced) == 1
 
 
-def test_what_is_not_used_for_long_is_removed(folder, monkeypatch):
+def test_what_is_not_used_for_long_is_removed(folder, once, monkeypatch):
     old, young = folder / "old", folder / "young"
     for other in (old, young):
         other.mkdir(parents=True)
@@ -196,5 +201,5 @@ def test_what_is_not_used_for_long_is_removed(folder, monkeypatch):
 def test_without_the_library_that_writes_them_nothing_is_kept(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "flatbuffers", None)
     keep_in(tmp_path / "programs")
-    assert float(once(Ramp(jnp.asarray(2.0), "even"), jnp.ones(2)).total) == 4.0
+    assert float(kept(Pair)(work)(Ramp(jnp.asarray(2.0), "even"), jnp.ones(2)).total) == 4.0
     assert files(tmp_path) == []
