@@ -26,29 +26,20 @@ class Store:
         self._found: dict[str, Future[Program | None]] = {}
         self._claiming, self._making = threading.Lock(), threading.Lock()
         self._refused: set[str] = set()
-        self._used: dict[str, None] = {}
+        self._used: set[str] = set()
 
     def program(self, name: str, make: Callable[[], bytes | None]) -> Program | None:
         """The program of that name, which is made where there is none; None where it cannot be made."""
-        self._used[name] = None
-        found = self._read(name)
-        if found is not None or name in self._refused:
-            return found
-        with self._making:
-            found = self._read(name)
-            if found is None and name not in self._refused:
-                content = make()
-                if content is None:
-                    self._refused.add(name)
-                else:
-                    found = self._add(name, content)
+        found = self._read(name) or self._made(name, make)
+        if found is not None:
+            self._used.add(name)
         return found
 
     @contextmanager
     def ahead(self, command: str) -> Iterator[None]:
         """Load what the last run of a command used, largest first, beside what is done here; note what is used here.
 
-        A run that used nothing else, or was stopped, leaves the note as it is.
+        A run that used nothing else leaves the note as it is.
         """
         note = self._folder / f"{command}.used"
         before = _noted(note)
@@ -59,7 +50,7 @@ class Store:
             yield
         finally:
             pool.shutdown(cancel_futures=True)
-            if not self._used.keys() <= set(before):
+            if not self._used <= set(before):
                 _try(lambda: write_atomically(note, "\n".join(sorted(self._used)).encode()))
 
     def _read(self, name: str) -> Program | None:
@@ -74,6 +65,18 @@ class Store:
             except BaseException as error:
                 found.set_exception(error)
         return found.result()
+
+    def _made(self, name: str, make: Callable[[], bytes | None]) -> Program | None:
+        """The program of that name, made here or by who came first."""
+        with self._making:
+            found = self._read(name)
+            if found is not None or name in self._refused:
+                return found
+            content = make()
+            if content is None:
+                self._refused.add(name)
+                return None
+            return self._add(name, content)
 
     def _add(self, name: str, content: bytes) -> Program:
         """Take in a program; where it cannot be written, the next process traces anew."""
