@@ -15,7 +15,7 @@ import pytest
 from rich.console import Console
 
 import qtraj as qt
-from qtraj.cli import output, session, terminal
+from qtraj.cli import main, output, session, terminal
 from qtraj.cli.app import app
 from qtraj.cli.content import finite
 from qtraj.cli.evaluation import work as evaluation
@@ -263,6 +263,23 @@ def test_a_process_computes_in_float64_and_keeps_its_compilations(tmp_path):
     rate = 0.39269908169872414
     assert curvature == pytest.approx(10 * rate**2 / (100 * rate**2 + 0.25**2), rel=1e-14)
     assert any((tmp_path / "qtraj" / "jax").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "command"),
+    [
+        (["tune"], "tune"),
+        (["tune", "turn.toml", "--out", "x"], "tune"),
+        (["--version"], None),
+        ([], None),
+        (["tune", "--help"], None),
+        (["-h", "report"], None),
+        (["../tune"], None),
+    ],
+)
+def test_the_command_is_known_before_it_is_parsed(monkeypatch, arguments, command):
+    monkeypatch.setattr(sys, "argv", ["qtraj", *arguments])
+    assert main._command() == command
 
 
 def names(folder):

@@ -83,19 +83,18 @@ def test_limits_are_met_at_the_least_objective(objective, motion, duration):
         assert float(best.path.duration) == pytest.approx(duration, rel=1e-14)
 
 
-@pytest.mark.slow
-def test_the_objective_is_the_one_defined():
+@pytest.mark.parametrize("motion", ["uniform", pytest.param("hermite", marks=pytest.mark.slow)])
+def test_the_objective_is_the_one_defined(motion):
     """Squares of the changes of the cylindrical components, plus those of the duration for hermite motion."""
-    for motion in ("uniform", "hermite"):
-        best = qt.tune(START, END, LIMITS, motion=motion)
-        given = np.array([[1.0, 7.0, 0.3], [-1.0, RATE * 28, 0.1]])  # V_ρ, V_φ, V_h at A and at B
-        ends = [best.path.rotating_derivatives(t, 1)[1] for t in (0.0, best.path.duration)]
-        expected = np.sum((np.asarray(ends) - given) ** 2)
-        if motion == "hermite":
-            own = math.pi / 2 / RATE
-            speed2 = (START.velocity @ START.velocity + END.velocity @ END.velocity) / 2
-            expected += float(((best.path.duration - own) / own) ** 2 * speed2)
-        assert best.objective == pytest.approx(expected, rel=1e-10)
+    best = qt.tune(START, END, LIMITS, motion=motion)
+    given = np.array([[1.0, 7.0, 0.3], [-1.0, RATE * 28, 0.1]])  # V_ρ, V_φ, V_h at A and at B
+    ends = [best.path.rotating_derivatives(t, 1)[1] for t in (0.0, best.path.duration)]
+    expected = np.sum((np.asarray(ends) - given) ** 2)
+    if motion == "hermite":
+        own = math.pi / 2 / RATE
+        speed2 = (START.velocity @ START.velocity + END.velocity @ END.velocity) / 2
+        expected += float(((best.path.duration - own) / own) ** 2 * speed2)
+    assert best.objective == pytest.approx(expected, rel=1e-10)
 
 
 @pytest.mark.slow

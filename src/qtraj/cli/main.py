@@ -1,5 +1,6 @@
 """The entry point of the command line: what must happen before anything else is imported."""
 
+import atexit
 import gc
 import importlib.util
 import sys
@@ -27,9 +28,10 @@ def main() -> None:
         )
         sys.exit(2)
     gc.set_threshold(*SELDOM)
+    atexit.register(gc.freeze)  # a process that ends need not search for garbage once more
     try:
         from qtraj.cli.session import prepare
-        from qtraj.foundation.programs.kept import ahead
+        from qtraj.foundation.exported.kept import ahead
 
         prepare()
         with ahead(_command()):
@@ -39,5 +41,3 @@ def main() -> None:
     except KeyboardInterrupt:  # before a command has begun, which sees to it itself
         sys.stderr.write("interrupted\n")
         sys.exit(130)
-    finally:
-        gc.freeze()  # what the process ends with it need not search once more

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import jax
 
-from qtraj.foundation.programs.kept import keep_in
+from qtraj.foundation.exported.kept import keep_in
 
 NOISY = ("jax", "jaxlib", "xarray", "matplotlib", "mpl_toolkits", "h5netcdf", "pandas")
 """Packages whose warnings and log messages say nothing to a user of the command line."""

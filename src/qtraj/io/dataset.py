@@ -19,7 +19,7 @@ from qtraj.batch.evaluate import evaluate
 from qtraj.design.limits import Limits
 from qtraj.design.magnitudes import magnitude, netcdf_unit
 from qtraj.foundation.arrays import as_float
-from qtraj.foundation.programs.kept import kept
+from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.provenance import made_with
 from qtraj.foundation.record import notes
 from qtraj.path.hodograph import AbstractHodograph

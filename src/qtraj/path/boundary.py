@@ -7,7 +7,7 @@ import numpy as np
 from qtraj.algebra.vector import norm, unit
 from qtraj.foundation.arrays import real_vector, warn_if_coarse
 from qtraj.foundation.document import storable
-from qtraj.foundation.programs.kept import kept
+from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent, in_lanes, vector_text
 from qtraj.foundation.types import ArrayInput, Scalar, Vec3

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_array, as_float, concrete
 from qtraj.foundation.document import storable
-from qtraj.foundation.programs.kept import kept
+from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Scalar

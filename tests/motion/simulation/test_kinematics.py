@@ -157,7 +157,6 @@ def bang_bang_exactly(switch, acceleration, end, angle):
     return jnp.concatenate([jnp.cos(half)[None], jnp.sin(half) * AXIS])
 
 
-@pytest.mark.slow
 def test_derivatives_are_exact_in_both_modes_also_in_a_switch_and_in_the_end():
     point = tuple(jnp.asarray(x) for x in (0.7, 1.1, 1.9, 0.4))
     weights = tuple(jnp.asarray(x) for x in (0.3, -1.0, 0.5, 2.0))

@@ -10,7 +10,7 @@ from qtraj.design.fitting.fit import fit
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.given import given_path
 from qtraj.design.tuning.outcome import Tuned
-from qtraj.foundation.programs.kept import kept
+from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.types import Scalar
 from qtraj.io.scenario import ScenarioFile
 from qtraj.io.scenario_model import Scenario

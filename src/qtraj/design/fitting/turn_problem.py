@@ -7,7 +7,7 @@ from jaxtyping import Array, Bool, Float
 from numpy.polynomial import legendre
 
 from qtraj.foundation.arrays import as_array
-from qtraj.foundation.programs.kept import kept
+from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.types import Scalar
 from qtraj.path.track import Track, known, known_elapsed
 

@@ -17,7 +17,7 @@ from qtraj.design.peaks import largest, summit
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate
 from qtraj.design.proof.inequalities import FORMS, HIGHEST_DEGREE, divisor, parts, slack
 from qtraj.foundation import cores
-from qtraj.foundation.programs.kept import kept
+from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.types import Flag, Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.invariants import existence

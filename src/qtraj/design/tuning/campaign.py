@@ -15,7 +15,7 @@ from qtraj.design.tuning.problem import COMPONENTS, DURATION
 from qtraj.design.tuning.sqp import FEASIBLE, State, begin, proceed, step
 from qtraj.design.tuning.task import Task
 from qtraj.foundation.arrays import part
-from qtraj.foundation.programs.kept import kept
+from qtraj.foundation.exported.kept import kept
 
 MOVED: tuple[str, ...] = (f"start.{COMPONENTS[0]}", f"end.{COMPONENTS[0]}", DURATION)
 PLANNED = (

@@ -17,7 +17,7 @@ from qtraj.design.tuning.rows import Peaks
 from qtraj.design.tuning.sqp import State, begin, proceed, step
 from qtraj.design.tuning.task import Task
 from qtraj.foundation import cores
-from qtraj.foundation.programs.kept import kept
+from qtraj.foundation.exported.kept import kept
 
 STAGES = (5, 8, 12, 18, 28, 48, 80)
 """Steps after which the unfinished lanes are gathered."""

@@ -25,7 +25,7 @@ from qtraj.design.tuning.sensitivity import solution
 from qtraj.design.tuning.sqp import FEASIBLE
 from qtraj.design.tuning.task import Task
 from qtraj.foundation.arrays import as_float
-from qtraj.foundation.programs.kept import kept
+from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState, Cylindrical
 from qtraj.path.boundary_problem import whole_turns

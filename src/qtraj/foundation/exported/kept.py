@@ -11,13 +11,14 @@ import importlib.util
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
+import jax
 
-from qtraj.foundation.programs.names import name_of, surroundings
-from qtraj.foundation.programs.program import traced
-from qtraj.foundation.programs.store import Store
+from qtraj.foundation.exported.executable import traced
+from qtraj.foundation.exported.names import name_of, surroundings
+from qtraj.foundation.exported.store import Store
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -38,8 +39,15 @@ def keep_in(folder: Path | None) -> None:
 
 
 def ahead(command: str | None) -> AbstractContextManager[None]:
-    """While it is entered, load what the last run of this command used, in threads of their own; None loads nothing."""
-    return nullcontext() if _store is None or command is None else _store.ahead(command)
+    """While it is entered, load what the last run of this command used, in threads of their own; None loads nothing.
+
+    Nothing either where JAX keeps nothing of what it compiles: then each of them would be compiled here.
+    """
+    config: Any = jax.config
+    compiled = Path(config.jax_compilation_cache_dir or "")
+    if _store is None or command is None or not compiled.is_absolute() or not compiled.is_dir():
+        return nullcontext()
+    return _store.ahead(command)
 
 
 def kept(*kinds: type) -> Callable[[Callable[P, R]], Callable[P, R]]:
@@ -53,11 +61,12 @@ def kept(*kinds: type) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
         @functools.wraps(f)
         def call(*given: P.args, **named: P.kwargs) -> R:
-            name = None if named or _store is None else name_of(f, given)
-            if _store is not None and name is not None:
-                program = _store.program(name, lambda: traced(f, given, kinds))
-                if program is not None:
-                    return program(given, kinds)
+            store = _store
+            name = None if named or store is None else name_of(f, given)
+            if store is not None and name is not None:
+                executable = store.executable(name, lambda: traced(f, given, kinds))
+                if executable is not None:
+                    return executable(given, kinds)
             return compiled(*given, **named)
 
         return call

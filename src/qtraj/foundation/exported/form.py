@@ -11,11 +11,14 @@ import equinox as eqx
 
 ARRAY = "array"
 
+PLAIN = (str, int, float, bool, type(None))
+"""What static fields may hold: JSON gives it back as it was."""
+
 
 def form_of(x: Any, kinds: Iterable[type]) -> tuple[Any, list[Any]]:
     """The form of a pytree, and its arrays: these named tuples and modules, and what Python comes with.
 
-    **Raises:** TypeError for a part of another kind.
+    **Raises:** TypeError for a part of another kind, a key that is no text, and a static field that is not `PLAIN`.
     """
     if x is None:
         return None, []
@@ -23,9 +26,14 @@ def form_of(x: Any, kinds: Iterable[type]) -> tuple[Any, list[Any]]:
         return ARRAY, [x]
     if type(x) not in (tuple, list, dict, *kinds):
         raise TypeError(f"a program returns {type(x).__name__}, which is not among the kinds that it may return")
-    parts, static = _parts(x)
-    forms, arrays = zip(*(form_of(part, kinds) for part in parts.values()), strict=True) if parts else ((), ())
-    return [_name(type(x)), dict(zip(parts, forms, strict=True)), static], [one for some in arrays for one in some]
+    parts, static = _fields(x)
+    if any(type(key) is not str for key in parts) or any(type(value) not in PLAIN for value in static.values()):
+        raise TypeError(f"a program returns {x!r}, whose keys or static fields JSON does not give back as they were")
+    forms, arrays = {}, []
+    for key, part in parts.items():
+        forms[key], some = form_of(part, kinds)
+        arrays += some
+    return [_name(type(x)), forms, static], arrays
 
 
 def filled(form: Any, arrays: Iterator[Any], kinds: Iterable[type]) -> Any:
@@ -35,7 +43,7 @@ def filled(form: Any, arrays: Iterator[Any], kinds: Iterable[type]) -> Any:
     if form == ARRAY:
         return next(arrays)
     name, forms, static = form
-    kind = next(kind for kind in (tuple, list, dict, *kinds) if _name(kind) == name)
+    kind = {_name(kind): kind for kind in (tuple, list, dict, *kinds)}[name]
     parts = {key: filled(part, arrays, kinds) for key, part in forms.items()}
     if kind is dict:
         return parts
@@ -47,7 +55,7 @@ def filled(form: Any, arrays: Iterator[Any], kinds: Iterable[type]) -> Any:
     return made
 
 
-def _parts(x: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+def _fields(x: Any) -> tuple[dict[Any, Any], dict[str, Any]]:
     """The parts by their keys, and the static ones."""
     if isinstance(x, dict):
         return x, {}

@@ -10,8 +10,8 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from qtraj.foundation.exported.form import filled, form_of
 from qtraj.foundation.files import write_atomically
-from qtraj.foundation.programs.form import filled, form_of
 
 UNPROMISED = ("lapack_dormqr_ffi", "lapack_sormqr_ffi")
 """Calls, of a least-squares solver, that may change with jaxlib, whose version is part of a program's name."""
@@ -20,7 +20,7 @@ DIGEST = 32
 """Bytes at the beginning of a file."""
 
 
-class Program:
+class Executable:
     """A compiled program of arrays, and the form of its result."""
 
     def __init__(self, content: bytes):
@@ -52,11 +52,11 @@ def traced(f: Callable[..., Any], given: tuple[Any, ...], kinds: Iterable[type])
         forms.append(form)
         return arrays
 
-    compiled = jax.jit(of_leaves)
-    compiled.trace(*leaves)  # an error of the function itself is no refusal
+    jitted = jax.jit(of_leaves)
+    jitted.trace(*leaves)  # an error of the function itself is no refusal
     unpromised = [export.DisabledSafetyCheck.custom_call(name) for name in UNPROMISED]
     try:
-        exported = export.export(compiled, disabled_checks=unpromised)(*leaves)
+        exported = export.export(jitted, disabled_checks=unpromised)(*leaves)
     except (ValueError, RuntimeError):
         return None
     return json.dumps(forms[0]).encode() + b"\n" + bytes(exported.serialize())

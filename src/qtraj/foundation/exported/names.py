@@ -51,7 +51,10 @@ def name_of(f: Callable[..., Any], given: tuple[Any, ...]) -> str | None:
 
 
 def surroundings() -> str | None:
-    """A digest of this package's version and source, and of the versions of what it is built on; None if unknown."""
+    """A digest of this package's version and source, of the versions of what it is built on, and of XLA's flags.
+
+    None where a version is unknown.
+    """
     try:
         versions = [f"{name} {importlib.metadata.version(name)}" for name in BUILT_ON]
     except importlib.metadata.PackageNotFoundError:
@@ -59,7 +62,8 @@ def surroundings() -> str | None:
     root = Path(__file__).parents[2]
     states = [(file.relative_to(root), file.stat()) for file in sorted(root.rglob("*.py"))]
     sources = [f"{file} {state.st_size} {state.st_mtime_ns}" for file, state in states]
-    return hashlib.sha256("\n".join([__version__, *versions, *sources]).encode()).hexdigest()[:32]
+    flags = os.environ.get("XLA_FLAGS", "")  # nothing in a program, but with others all would be compiled anew
+    return hashlib.sha256("\n".join([__version__, flags, *versions, *sources]).encode()).hexdigest()[:32]
 
 
 def _described(x: Any, static: bool = False) -> Iterator[str]:

@@ -1,13 +1,14 @@
 """Results are put together again from their arrays as they were, by a form that went through JSON."""
 
 import json
+from enum import StrEnum
 from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
 import pytest
 
-from qtraj.foundation.programs.form import filled, form_of
+from qtraj.foundation.exported.form import filled, form_of
 
 
 class Pair(NamedTuple):
@@ -17,7 +18,7 @@ class Pair(NamedTuple):
 
 class Converted(eqx.Module):
     value: object = eqx.field(converter=lambda x: np.asarray(x) + 1)
-    kind: str = eqx.field(static=True)
+    kind: object = eqx.field(static=True)
     none: object = None
 
 
@@ -65,6 +66,16 @@ def same(found, expected):
 @pytest.mark.parametrize("result", [1.0, "text", {1, 2}, Converted, (ONE, Pair)], ids=str)
 def test_what_is_no_result_is_refused(result):
     with pytest.raises(TypeError, match="may return"):
+        form_of(result, KINDS)
+
+
+class Kind(StrEnum):
+    uniform = "uniform"
+
+
+@pytest.mark.parametrize("result", [{1: ONE}, *(Converted(ONE, kind) for kind in (("a", "b"), len, Kind.uniform))])
+def test_what_json_would_change_is_refused(result):
+    with pytest.raises(TypeError, match="as they were"):
         form_of(result, KINDS)
 
 

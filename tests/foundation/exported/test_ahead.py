@@ -3,12 +3,13 @@
 import threading
 import time
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from qtraj.foundation.programs import store
-from qtraj.foundation.programs.kept import ahead, keep_in, kept
+from qtraj.foundation.exported import store
+from qtraj.foundation.exported.kept import ahead, keep_in, kept
 
 X = jnp.arange(3.0)
 
@@ -56,6 +57,42 @@ def test_the_second_process_finds_its_programs_loaded(run):
     np.testing.assert_array_equal(halved, X / 2)
 
 
+def test_what_is_loading_when_it_is_needed_is_waited_for(run, monkeypatch):
+    run(double)
+    begun, needed = threading.Event(), threading.Event()
+    load, made = store.Executable, []
+
+    def slowly(content):
+        begun.set()
+        assert needed.wait(30)
+        made.append(threading.current_thread().name)
+        return load(content)
+
+    monkeypatch.setattr(store, "Executable", slowly)
+    threading.Thread(target=lambda: (begun.wait(30), time.sleep(0.2), needed.set())).start()
+    np.testing.assert_array_equal(run(double, waits_for=1)[1][0], 2 * X)
+    assert [name.rsplit("_")[0] for name in made] == ["qtraj-programs"]
+
+
+def test_nothing_is_compiled_ahead(run, tmp_path, waiting):
+    """Where JAX has kept nothing of what it compiled, loading would be compiling, and the end would wait for it."""
+    run(double)
+    waiting.names.clear()
+    keep_in(tmp_path)
+    before = jax.config.jax_compilation_cache_dir
+    for folder in (None, str(tmp_path / "deleted")):
+        jax.config.update("jax_compilation_cache_dir", folder)
+        try:
+            with ahead("demo"):
+                pass
+        finally:
+            jax.config.update("jax_compilation_cache_dir", before)
+    assert waiting.names == []
+
+
+LEFT = ("no more", "cancelled")
+
+
 class Waiting:
     """A pool whose turn never comes."""
 
@@ -65,8 +102,8 @@ class Waiting:
     def submit(self, read, name):
         self.names.append(name.split("-")[0])
 
-    def shutdown(self, **named):
-        self.names.append("shut down")
+    def shutdown(self, wait=True, cancel_futures=False):
+        self.names.append("cancelled" if cancel_futures else "no more")
 
 
 @pytest.fixture
@@ -79,7 +116,7 @@ def waiting(monkeypatch):
 def test_what_is_needed_before_its_turn_is_loaded_by_who_needs_it(run, waiting):
     run(double)
     assert run(double)[0] == [(False, "double")]
-    assert waiting.names == ["shut down", "double", "shut down"]
+    assert waiting.names == [*LEFT, "double", *LEFT]
 
 
 def test_the_largest_comes_first(run, tmp_path, waiting):
@@ -88,27 +125,33 @@ def test_the_largest_comes_first(run, tmp_path, waiting):
     file.write_bytes(bytes(1_000_000))
     waiting.names.clear()
     run()
-    assert waiting.names == ["halve", "double", "shut down"]
+    assert waiting.names == ["halve", "double", *LEFT]
 
 
-def test_the_note_is_of_the_last_run_that_needed_something_else(run, tmp_path):
+def test_the_note_is_of_the_last_run_that_needed_anything(run, tmp_path):
     run(double, halve)
     (note,) = tmp_path.glob("*/demo.used")
     both = note.read_text()
     assert [name.split("-")[0] for name in both.split()] == ["double", "halve"]
-    run(double)
+    run()
     assert note.read_text() == both
-    note.write_text("")
     run(halve)
     assert note.read_text() == both.split()[1]
 
 
-@pytest.mark.parametrize("content", [b"\xff\xfe", b"", b"never-seen\n../elsewhere"])
+GONE = f"double-{0:032x}"
+
+
+@pytest.mark.parametrize(
+    "content", ["\xff", "", "../elsewhere", "x" * 300, f"{'x' * 300}-{0:032x}", GONE], ids=range(6)
+)
 def test_a_spoilt_note_does_no_harm(run, tmp_path, content):
     run(double)
     (note,) = tmp_path.glob("*/demo.used")
-    note.write_bytes(content)
+    note.write_text(content, encoding="latin-1")
     np.testing.assert_array_equal(run(double)[1][0], 2 * X)
+    assert note.read_text().startswith("double-")
+    assert GONE not in note.read_text()
 
 
 @pytest.mark.parametrize("command", ["other", None])
@@ -118,12 +161,12 @@ def test_other_commands_load_nothing(run, tmp_path, waiting, command):
     keep_in(tmp_path)
     with ahead(command):
         pass
-    assert set(waiting.names) <= {"shut down"}
+    assert set(waiting.names) <= set(LEFT)
 
 
 def test_the_pool_is_left_also_by_an_error(run, tmp_path, waiting):
     keep_in(tmp_path)
     with pytest.raises(KeyboardInterrupt), ahead("demo"):
         raise KeyboardInterrupt
-    assert waiting.names == ["shut down"]
+    assert waiting.names == list(LEFT)
     assert not any(tmp_path.rglob("*.used"))
