@@ -41,13 +41,13 @@ def keep_in(folder: Path | None) -> None:
 def ahead(command: str | None) -> AbstractContextManager[None]:
     """While it is entered, load what the last run of this command used, in threads of their own; None loads nothing.
 
-    Nothing either where JAX keeps nothing of what it compiles: then each of them would be compiled here.
+    Nothing either where JAX has kept nothing of what it compiled: then each of them would be compiled here.
     """
-    config: Any = jax.config
-    compiled = Path(config.jax_compilation_cache_dir or "")
-    if _store is None or command is None or not compiled.is_absolute() or not compiled.is_dir():
+    if _store is None or command is None:
         return nullcontext()
-    return _store.ahead(command)
+    config: Any = jax.config
+    compiled = config.jax_compilation_cache_dir
+    return _store.ahead(command, load=compiled is not None and Path(compiled).is_dir())
 
 
 def kept(*kinds: type) -> Callable[[Callable[P, R]], Callable[P, R]]:

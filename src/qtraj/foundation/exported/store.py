@@ -41,7 +41,7 @@ class Store:
         return found
 
     @contextmanager
-    def ahead(self, command: str) -> Iterator[None]:
+    def ahead(self, command: str, load: bool = True) -> Iterator[None]:
         """Load what the last run of a command used, largest first, beside what is done here; note what is used here.
 
         What is loading is waited for in the end, for a thread in XLA's code must not outlive the interpreter.
@@ -49,9 +49,10 @@ class Store:
         importlib.import_module("jax.export")  # here, and not in several threads at once
         note = self._folder / f"{command}.used"
         before = _noted(note)
+        largest_first = sorted(before, key=lambda name: _size(self._folder / name), reverse=True)
         pool = ThreadPoolExecutor(THREADS, thread_name_prefix="qtraj-programs")
         try:
-            for name in sorted(before, key=lambda name: _size(self._folder / name), reverse=True):
+            for name in largest_first if load else ():
                 pool.submit(self._loaded, name)
             pool.shutdown(wait=False)  # threads end when there is no more to load
             yield
