@@ -25,6 +25,7 @@ def reduced(path, times, how):
 LOSSES = {
     "squares of all outputs, stored": stored,
     "their means": lambda path, times: reduced(path, times, "mean"),
+    "the mean curvature": lambda path, times: qt.evaluate(path, times, ["curvature"], reduce="mean")["curvature"],
     "the mean of one rate": lambda path, times: qt.evaluate(path, times, ["rate"], reduce="mean")["rate"][2],
     "their maxima": lambda path, times: reduced(path, times, "max"),
 }

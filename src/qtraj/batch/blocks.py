@@ -1,8 +1,9 @@
 """Paths × instants in blocks that stay in the cache, written straight into the results or handed on.
 
-Two sweeps over the same blocks. `filled` writes every block into buffers that are allocated once, or were donated; it
+Sweeps over the same blocks. `filled` writes every block into buffers that are allocated once, or were donated; it
 has no derivative. `mapped` can be differentiated: a block's intermediate values are not kept but worked out again, so
-the memory of a reverse pass is that of the results and of one block.
+the memory of a reverse pass is that of the results and of one block. `reduced` hands on parts of rows, of which no
+derivatives are asked.
 """
 
 from collections.abc import Callable
@@ -71,7 +72,7 @@ def reduced(
         parts = [part for part in (main, None if rest is None else _leading(rest)) if part is not None]
         return join(parts[0] if len(parts) == 1 else jax.tree.map(lambda *x: jnp.concatenate(x), *parts))
 
-    return _swept(jax.checkpoint(work), paths, columns, shape, samples, _rows, joined)
+    return _swept(work, paths, columns, shape, samples, _rows, joined)
 
 
 def _swept(

@@ -1,7 +1,5 @@
 """The outputs of one block of paths and instants, each component an array of its own."""
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -20,7 +18,7 @@ Channels = dict[str, tuple[Array, ...]]
 
 
 def channels(
-    paths: AbstractHodograph, t: Float[Array, "rows instants"], frame: AbstractFrame, names: tuple[str, ...], one: Any
+    paths: AbstractHodograph, t: Float[Array, "rows instants"], frame: AbstractFrame, names: tuple[str, ...]
 ) -> Channels:
     """The named outputs of a stack of paths (every array with a leading axis) at `t` [s], one row or one for each path.
 
@@ -28,7 +26,7 @@ def channels(
     """
     shape = (paths.duration.shape[0], t.shape[1])
     if isinstance(paths, SpiralHelix) and isinstance(frame, Natural):
-        known = natural_components(paths, t.astype(paths.radius.dtype), one)
+        known = natural_components(paths, t.astype(paths.radius.dtype))
         return {name: tuple(jnp.broadcast_to(x, shape) for x in known[name]) for name in names}
     along = lambda path, t: jax.vmap(lambda t: _instant(path, t, frame, names))(t)  # noqa: E731
     values = eqx.filter_vmap(along, in_axes=(eqx.if_array(0), 0))(paths, jnp.broadcast_to(t, shape))

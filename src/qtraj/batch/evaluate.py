@@ -5,6 +5,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
 
 from qtraj.batch.program import run
@@ -68,7 +69,9 @@ def evaluate(
     frame = Natural() if frame is None else frame
     work = (paths, frame)
     traced = any(isinstance(x, Tracer) for x in (*jax.tree.leaves(work), instants))
-    values = run(task, work, instants, None if traced else devices, traced, _old(reuse, task))
+    values = run(
+        task, work, instants, None if traced else devices, traced, _old(reuse, task, (*rows, instants.shape[-1]))
+    )
     if task.reduce is not None:
         return Reduced(*values, reduction=task.reduce, batched=task.batched, components=components, frame=frame.name)
     return Table(time=instants, **values, batched=task.batched, components=components, frame=frame.name)
@@ -101,11 +104,17 @@ def _one_of(value: str, known: tuple[str, ...], name: str) -> str:
     return value
 
 
-def _old(reuse: Table | None, task: Task) -> dict[str, Any] | None:
+def _old(reuse: Table | None, task: Task, lead: tuple[int, ...]) -> dict[str, Any] | None:
     if reuse is None:
         return None
-    arrays = {name: getattr(reuse, name, None) for name in task.names}
+    arrays: dict[str, Any] = {name: getattr(reuse, name, None) for name in task.names}
     form = (reuse.batched, reuse.components) if isinstance(reuse, Table) else None
     if form != (task.batched, task.components) or any(x is None for x in arrays.values()) or task.reduce is not None:
         raise ValueError("reuse must be the table of an earlier call with the same outputs, components and paths")
+    shape = np.shape(next(iter(arrays.values())))
+    known = shape[: len(lead)] if task.components == "last" else shape[-len(lead) :]
+    if known != lead:
+        raise ValueError(
+            f"reuse must be a table of as many paths and instants, here {lead}, but one of {known} was given"
+        )
     return arrays

@@ -1,8 +1,8 @@
-"""Reductions over very many instants of a path, without their derivatives.
+"""Peaks over very many instants of a path, without their derivatives.
 
-Every lane follows a stretch of the instants and keeps its peak or its sum so far: elementwise work, which compilers for
-CPUs vectorise, where they reduce a block to one number sample by sample. When a peak is attained is asked afterwards,
-of the one lane that holds it.
+Every lane follows a stretch of the instants and keeps its peak so far: elementwise work, which compilers for CPUs
+vectorise, where they reduce a block to one number sample by sample. When a peak is attained is asked afterwards, of the
+one lane that holds it.
 """
 
 from collections.abc import Callable
@@ -26,49 +26,34 @@ LONG = 2**18
 """Instants from which on a row is long: at least two thirds of them fill the lanes."""
 
 
-def long_row(work: Work, reduction: str, path: Any, columns: tuple[Array, Array], blocks: Work) -> Any:
-    """The parts of one path, as `reduction.joiner` gives them, from `columns`: times and weights (1, instants).
+def long_row(work: Work, reduction: str, path: Any, columns: tuple[Array], blocks: Work) -> Any:
+    """The parts of one path, as `reduction.joiner` gives them, from `columns`: its times (1, instants).
 
     What does not fill the lanes goes through `blocks`: (path, columns) → parts.
     """
     instants = columns[0].shape[1]
     fits = instants - instants % (LANES * WINDOW)
-    summed = reduction in ("integral", "mean")
-    # Of peaks no weights are asked: in a loop the same column twice would be copied.
-    grid = tuple(x[0, :fits].reshape(LANES, -1) for x in columns[: 2 if summed else 1])
-    rest = None
-    if fits < instants:
-        rest = blocks(path, jax.tree.map(lambda x: x[:, fits:], columns))
-    if summed:
-        lanes = _swept(work, path, grid, 0.0, lambda so_far, x, weight: so_far + x * weight)
-        whole = jax.tree.map(lambda x: (jnp.sum(x, axis=1),), lanes)
-        return whole if rest is None else jax.tree.map(jnp.add, whole, rest)
+    times = columns[0][0, :fits].reshape(LANES, -1)
+    rest = blocks(path, (columns[0][:, fits:],)) if fits < instants else None
     sign = -1 if reduction == "min" else 1
-    lanes = _swept(work, path, grid, -jnp.inf, lambda so_far, x, weight: jnp.maximum(so_far, sign * x))
-    return _with_times(work, sign, path, grid[0], lanes, rest)
+    return _with_times(work, sign, path, times, _lanes(work, sign, path, times), rest)
 
 
-def _swept(work: Work, path: Any, grid: tuple[Array, ...], start: float, take: Callable) -> Any:
-    """What every lane (1, LANES) has gathered from `start` on by `take`, over the columns of the grid.
-
-    The grid is that of the times, and of the weights where `take` asks for them.
-    """
-
-    def samples(cut: tuple[Array, ...]) -> Any:
-        return work(path, (cut[0], cut[-1]))
+def _lanes(work: Work, sign: int, path: Any, times: Array) -> Any:
+    """The peak of every lane (1, LANES), times `sign`, over the columns of the times (LANES, instants)."""
 
     def window(i: Array, lanes: Any) -> Any:
-        cut = jax.tree.map(lambda x: lax.dynamic_slice_in_dim(x, i * WINDOW, WINDOW, axis=1).T, grid)
+        cut = lax.dynamic_slice_in_dim(times, i * WINDOW, WINDOW, axis=1).T
 
         def step(k: Array, lanes: Any) -> Any:
-            now = jax.tree.map(lambda x: lax.dynamic_slice_in_dim(x, k, 1), cut)
-            return jax.tree.map(lambda so_far, x: take(so_far, x, now[-1]), lanes, samples(now))
+            now = work(path, (lax.dynamic_slice_in_dim(cut, k, 1),))
+            return jax.tree.map(lambda so_far, x: jnp.maximum(so_far, sign * x), lanes, now)
 
         return lax.fori_loop(0, WINDOW, step, lanes)
 
-    kinds = jax.eval_shape(samples, jax.tree.map(lambda x: x[:, :1].T, grid))
-    lanes = jax.tree.map(lambda x: jnp.full(x.shape, start, x.dtype), kinds)
-    return lax.fori_loop(0, grid[0].shape[1] // WINDOW, window, lanes)
+    kinds = jax.eval_shape(work, path, (times[:, :1].T,))
+    lanes = jax.tree.map(lambda x: jnp.full(x.shape, -jnp.inf, x.dtype), kinds)
+    return lax.fori_loop(0, times.shape[1] // WINDOW, window, lanes)
 
 
 def _with_times(work: Work, sign: int, path: Any, times: Array, lanes: Any, rest: Any) -> Any:
@@ -87,7 +72,7 @@ def _with_times(work: Work, sign: int, path: Any, times: Array, lanes: Any, rest
 
     def when(component: Array, lane: Array, peak: Array, held: Array) -> Array:
         own = times[lane][None]
-        samples = sign * jnp.stack(jax.tree.leaves(work(path, (own, own))))[component]
+        samples = sign * jnp.stack(jax.tree.leaves(work(path, (own,))))[component]
         # The samples are worked out a second time: should none be what it was to rounding, the largest is the peak.
         near = jnp.min(jnp.where(attained(samples, peak), own, jnp.inf))
         largest = own[0, jnp.argmax(samples)]

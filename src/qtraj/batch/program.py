@@ -7,7 +7,6 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.experimental.layout import Format
 from jax.sharding import PartitionSpec, SingleDeviceSharding
 from jaxtyping import Array
@@ -16,8 +15,11 @@ from qtraj.batch.blocks import SAMPLES, filled, mapped, reduced
 from qtraj.batch.channels import channels
 from qtraj.batch.devices import AXIS, Spread, spread
 from qtraj.batch.long_rows import LONG, by_path, long_row
-from qtraj.batch.reduction import block_reducer, joiner, weights
+from qtraj.batch.reduction import LINEAR, block_peak, joiner
+from qtraj.batch.sums import integrals, neighbours
 from qtraj.batch.task import Task, inner_shape
+from qtraj.foundation.derivatives import carrying
+from qtraj.foundation.one_loop import in_one_loop
 
 
 def run(
@@ -32,41 +34,38 @@ def run(
     dynamic, static = eqx.partition(work, eqx.is_array)
     count = work[0].duration.shape[0] if task.batched else 1
     over = spread(count, times.shape[-1], devices)
-    one = np.ones((), times.dtype)
     if task.reduce is not None:
-        return _reduction(task, over)(static, dynamic, times, one)
-    return _writing(task, over, old is not None)(static, dynamic, times, one, old)
+        return _reduction(task, over)(static, dynamic, times)
+    return _writing(task, over, old is not None)(static, dynamic, times, old)
 
 
 def _traced(task: Task, request: Any, times: Array) -> Any:
     """Inside a trace: by sweeps that can be differentiated."""
     paths, frame = _stacked(task, request)
     shape = (paths.duration.shape[0], times.shape[1])
-    # 1 whatever the data are, NaN among them, which no compiler finds out before it has stored what it divides by it.
-    bit = (paths.duration[0] > 0).astype(times.dtype)
-    one = bit * bit - bit + 1
     if task.reduce in ("max", "min"):
-        return _finished(task, _followed(task, paths, frame, times, one))
+        return _finished(task, _followed(task, paths, frame, times), times)
+    if task.reduce == "mean" and times.shape[1] == 1:
+        return _finished(task, _of_one_instant(task, paths, frame, times), times)
     if task.reduce is not None:
-        return _finished(task, _reduced(task, paths, frame, times, one))
-    arrays, work = _worker(paths, frame, task.names, one)
+        return _finished(task, _summed(task, paths, frame, times, neighbours(times)), times)
+    arrays, work = _worker(paths, frame, task.names)
     values = mapped(work, arrays, (times,), shape, _samples())
     flat = {name: jnp.stack(values[name]) for name in task.names}
     lead = shape if task.batched else shape[1:]
     return _results(task, {name: x.reshape(*inner_shape(name), *lead) for name, x in flat.items()})
 
 
-def _followed(task: Task, paths: Any, frame: Any, times: Array, one: Any) -> Any:
+def _followed(task: Task, paths: Any, frame: Any, times: Array) -> Any:
     """Peaks whose derivatives are those at the instants where they are attained (envelope theorem).
 
     The search itself is not differentiated, which spares the reverse pass over all samples. Where several instants
     hold the peak to rounding, the derivatives are those at the first of them. A peak that is not finite has none.
     """
-    found = _frozen(_reduced(task, _frozen(paths), _frozen(frame), _frozen(times), one))
+    found = _frozen(_peaks(task, _frozen(paths), _frozen(frame), _frozen(times)))
     first = jnp.stack([when for name in task.names for _, when in found[name]], axis=1)
-    place = _nearest(_frozen(times), first)
-    instants = times[0][place] if times.shape[0] == 1 else jnp.take_along_axis(times, place, axis=1)
-    arrays, work = _worker(paths, frame, task.names, one)
+    instants = _with_place(jnp.where(jnp.isfinite(first), first, _frozen(times[:, :1])), times)
+    arrays, work = _worker(paths, frame, task.names)
     there = work(arrays, (instants,))
     column = iter(range(instants.shape[1]))
 
@@ -79,12 +78,17 @@ def _followed(task: Task, paths: Any, frame: Any, times: Array, one: Any) -> Any
     return {name: tuple(peak(x, part) for x, part in zip(there[name], found[name], strict=True)) for name in task.names}
 
 
-def _nearest(times: Array, whens: Array) -> Array:
-    """For each of `whens` (paths, peaks) the index of the nearest of its path's `times` (paths or 1, instants)."""
-    rows = jnp.broadcast_to(jnp.arange(whens.shape[0])[:, None] % times.shape[0], whens.shape)
-    near = lambda of: jnp.argmin(jnp.abs(times[of[0]] - of[1]))  # noqa: E731
+def _with_place(instants: Array, times: Array) -> Array:
+    """Instants (paths, peaks), each with the derivatives of the nearest of its path's `times` (paths or 1, instants).
+
+    Where it is asks for a search, of which nothing is left if the times have no derivatives.
+    """
+    fixed = _frozen(times)
+    rows = jnp.broadcast_to(jnp.arange(instants.shape[0])[:, None] % times.shape[0], instants.shape)
+    near = lambda of: jnp.argmin(jnp.abs(fixed[of[0]] - of[1]))  # noqa: E731
     at_once = max(1, _samples() // times.shape[1])
-    return jax.lax.map(near, (rows.ravel(), whens.ravel()), batch_size=at_once).reshape(whens.shape)
+    place = jax.lax.map(near, (rows.ravel(), instants.ravel()), batch_size=at_once).reshape(instants.shape)
+    return carrying(instants, times[rows, place])
 
 
 def _frozen(tree: Any) -> Any:
@@ -94,92 +98,102 @@ def _frozen(tree: Any) -> Any:
 
 @functools.lru_cache(maxsize=128)
 def _writing(task: Task, over: Spread | None, donate: bool) -> Any:
-    """A compiled call that writes every block into its results."""
+    """A compiled call that writes every block into its results.
 
-    def call(static: Any, dynamic: Any, times: Array, one: Array, old: Any) -> Any:
+    Of an old table nothing is asked but its memory, which the results then have.
+    """
+
+    def call(static: Any, dynamic: Any, times: Array, old: Any) -> Any:
         times = jnp.atleast_2d(times)
         paths, frame = _stacked(task, eqx.combine(dynamic, static))
 
-        def local(paths: Any, times: Array, one: Array, old: Any) -> Any:
+        def local(paths: Any, times: Array) -> Any:
             count, instants = paths.duration.shape[0], times.shape[1]
-            arrays, work = _worker(paths, frame, task.names, one)
+            arrays, work = _worker(paths, frame, task.names)
             kinds = jax.eval_shape(work, arrays, (times,))
             # Values that differ, lest the compiler takes one buffer for several and then copies it.
-            buffers = old or {
+            buffers = {
                 name: jnp.full(task.raw_shape(name, count, instants), i, kinds[name][0].dtype)
                 for i, name in enumerate(task.names)
             }
             return filled(work, task.write, arrays, (times,), (count, instants), buffers, _samples())
 
-        raw = None if old is None else {name: task.raw(name, x) for name, x in old.items()}
         if over is not None:
             out = {name: task.spec(name, over.lead, "first") for name in task.names}
-            specs = (over.paths, over.columns(times.shape[0]), PartitionSpec(), None if raw is None else out)
+            specs = (over.paths, over.columns(times.shape[0]))
             local = jax.shard_map(local, mesh=over.mesh, in_specs=specs, out_specs=out, check_vma=False)
-        return _results(task, local(paths, times, one, raw))
+        return _results(task, local(paths, times))
 
     formats = {name: Format(task.layout(name), _sharding(task, name, over)) for name in task.names}
-    inputs = (None, None, None, formats if donate else None)
-    return jax.jit(
-        call, static_argnums=0, in_shardings=inputs, out_shardings=formats, donate_argnums=(4,) if donate else ()
-    )
+    donated: dict[str, Any] = {"donate_argnums": (3,), "keep_unused": True} if donate else {}
+    inputs = (None, None, formats if donate else None)
+    return jax.jit(call, static_argnums=0, in_shardings=inputs, out_shardings=formats, **donated)
 
 
 @functools.lru_cache(maxsize=128)
 def _reduction(task: Task, over: Spread | None) -> Any:
     """A compiled call that reduces every block."""
 
-    def call(static: Any, dynamic: Any, times: Array, one: Array) -> Any:
+    def call(static: Any, dynamic: Any, times: Array) -> Any:
         times = jnp.atleast_2d(times)
         paths, frame = _stacked(task, eqx.combine(dynamic, static))
+
+        def local(paths: Any, times: Array, around: Array) -> Any:
+            if task.reduce in LINEAR:
+                return _summed(task, paths, frame, times, around)
+            return _peaks(task, paths, frame, times)
+
+        if task.reduce == "mean" and times.shape[1] == 1:
+            return _finished(task, _of_one_instant(task, paths, frame, times), times)
         if over is None:
-            return _finished(task, _reduced(task, paths, frame, times, one, long=True))
-        heavy = weights(times, task.reduce) if task.reduce in ("integral", "mean") else times
+            return _finished(task, local(paths, times, neighbours(times)), times)
         by_time = over.over == "instants"
-
-        def local(paths: Any, times: Array, heavy: Array, one: Array) -> Any:
-            parts = _reduced(task, paths, frame, times, one, heavy, long=True)
-            return jax.tree.map(lambda x: x[None] if by_time else x, parts)
-
+        around = neighbours(times, over.mesh.size if by_time else 1)
         columns = over.columns(times.shape[0])
         parts = jax.shard_map(
-            local,
+            lambda *given: jax.tree.map(lambda x: x[None] if by_time else x, local(*given)),
             mesh=over.mesh,
-            in_specs=(over.paths, columns, columns, PartitionSpec()),
+            in_specs=(over.paths, columns, columns),
             out_specs=PartitionSpec(AXIS),
             check_vma=False,
-        )(paths, times, heavy, one)
-        if by_time:
-            parts = _joined(task, parts)
-        return _finished(task, parts)
+        )(paths, times, around)
+        return _finished(task, _joined(task, parts) if by_time else parts, times)
 
     return jax.jit(call, static_argnums=0)
 
 
-def _reduced(
-    task: Task, paths: Any, frame: Any, times: Array, one: Any, heavy: Array | None = None, long: bool = False
-) -> Any:
-    """For each name and component the parts of the reduction, (paths,); `long` rows have no derivatives."""
-    if heavy is None:
-        heavy = weights(times, task.reduce) if task.reduce in ("integral", "mean") else times
-    arrays, evaluated = _worker(paths, frame, task.names, one)
+def _summed(task: Task, paths: Any, frame: Any, times: Array, around: Array) -> Any:
+    """For each name and component its integral, (paths,), over times that may be a piece of longer rows."""
+    arrays, work = _worker(paths, frame, task.names)
+    return jax.tree.map(lambda x: (x,), integrals(work, arrays, times, around, _samples()))
+
+
+def _of_one_instant(task: Task, paths: Any, frame: Any, times: Array) -> Any:
+    """For each name and component its value, (paths,): the mean of one instant."""
+    arrays, work = _worker(paths, frame, task.names)
+    return jax.tree.map(lambda x: (x[:, 0].astype(times.dtype),), work(arrays, (times,)))
+
+
+def _peaks(task: Task, paths: Any, frame: Any, times: Array) -> Any:
+    """For each name and component (peak, when), (paths,), without derivatives."""
+    arrays, evaluated = _worker(paths, frame, task.names)
     shape, reduction = (paths.duration.shape[0], times.shape[1]), str(task.reduce)
-    part = block_reducer(reduction)
+    peak = block_peak(reduction)
 
     def samples(path: Any, cut: Any) -> Any:
-        return jax.tree.map(lambda x: x.astype(cut[1].dtype), evaluated(path, cut))
+        return jax.tree.map(lambda x: x.astype(times.dtype), evaluated(path, cut))
 
     def work(path: Any, cut: Any) -> Any:
-        return jax.tree.map(lambda x: part(x, *cut), samples(path, cut))
+        return jax.tree.map(lambda x: peak(x, *cut), samples(path, cut))
 
     def join(parts: Any) -> Any:
         return _joined(task, parts)
 
-    if long and shape[1] >= _long():
+    if shape[1] >= _long():
         rest = lambda path, tail: reduced(work, join, path, tail, (1, tail[0].shape[1]), _samples())  # noqa: E731
         row = lambda path, cut: long_row(samples, reduction, path, cut, rest)  # noqa: E731
-        return by_path(row, arrays, (times, heavy), shape[0])
-    return reduced(work, join, arrays, (times, heavy), shape, _samples())
+        return by_path(row, arrays, (times,), shape[0])
+    return reduced(work, join, arrays, (times,), shape, _samples())
 
 
 def _joined(task: Task, parts: Any) -> Any:
@@ -187,9 +201,11 @@ def _joined(task: Task, parts: Any) -> Any:
     return {name: tuple(join(component) for component in parts[name]) for name in task.names}
 
 
-def _finished(task: Task, parts: Any) -> Any:
-    values = {name: task.shaped(name, jnp.stack([c[0] for c in parts[name]])) for name in task.names}
-    if task.reduce in ("integral", "mean"):
+def _finished(task: Task, parts: Any, times: Array) -> Any:
+    """Values by name, and times of peaks, from the parts of whole rows of `times`."""
+    span = times[:, -1] - times[:, 0] if task.reduce == "mean" and times.shape[1] > 1 else 1
+    values = {name: task.shaped(name, jnp.stack([c[0] / span for c in parts[name]])) for name in task.names}
+    if task.reduce in LINEAR:
         return values, None
     return values, {name: task.shaped(name, jnp.stack([c[1] for c in parts[name]])) for name in task.names}
 
@@ -201,10 +217,15 @@ def _stacked(task: Task, work: Any) -> Any:
     return (paths if task.batched else jax.tree.map(lead, paths)), frame
 
 
-def _worker(paths: Any, frame: Any, names: tuple[str, ...], one: Any) -> Any:
+def _worker(paths: Any, frame: Any, names: tuple[str, ...]) -> Any:
     """The arrays of the paths, and the function that evaluates a block of them at (times, …)."""
     arrays, rest = eqx.partition(paths, eqx.is_array)
-    return arrays, lambda block, cut: channels(eqx.combine(block, rest), cut[0], frame, names, one)
+
+    def work(block: Any, cut: Any) -> Any:
+        leaves, form = jax.tree.flatten(channels(eqx.combine(block, rest), cut[0], frame, names))
+        return form.unflatten(in_one_loop(leaves))
+
+    return arrays, work
 
 
 def _results(task: Task, raw: dict[str, Array]) -> dict[str, Array]:

@@ -1,4 +1,4 @@
-"""Peaks and integrals over the instants of each path, from blocks: the samples are never all there at once."""
+"""Peaks, integrals and means over the instants of each path: what a call gives, and how parts of rows are joined."""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,13 +6,16 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, in_lanes
 from qtraj.path.quantities import AXES, DESCRIPTIONS, INTEGRATED, LABELS, framed
 
 REDUCTIONS = ("max", "min", "integral", "mean")
+
+LINEAR = ("integral", "mean")
+"""These add up samples; the others look for one."""
 
 ROUNDING = 8
 """In machine epsilons: samples so near to a peak are equal to it."""
@@ -61,23 +64,11 @@ class Reduced(AbstractResult):
         )
 
 
-def weights(times: Float[Array, "rows n"], reduction: str) -> Float[Array, "rows n"]:
-    """What each sample counts: the trapezoidal rule [s], over the whole time for a mean; of one sample, its value."""
-    if times.shape[1] == 1:
-        return jnp.zeros_like(times) if reduction == "integral" else jnp.ones_like(times)
-    half = 0.5 * jnp.diff(times, axis=1)
-    edge = jnp.zeros_like(times[:, :1])
-    rule = jnp.concatenate([half, edge], axis=1) + jnp.concatenate([edge, half], axis=1)
-    return rule if reduction == "integral" else rule / (times[:, -1:] - times[:, :1])
-
-
-def block_reducer(reduction: str) -> Callable[[Any, Array, Array], Any]:
-    """(a component (paths, instants), times, weights) → for each path its part, as `joiner` takes it."""
-    if reduction in ("integral", "mean"):
-        return lambda x, t, w: (jnp.sum(x * w, axis=1),)
+def block_peak(reduction: str) -> Callable[[Array, Array], tuple[Array, Array]]:
+    """(a component (paths, instants), times) → for each path its peak and when, as `joiner` takes them."""
     sign = 1 if reduction == "max" else -1
 
-    def peak(x: Array, t: Array, w: Array) -> tuple[Array, Array]:
+    def peak(x: Array, t: Array) -> tuple[Array, Array]:
         value = sign * jnp.max(sign * x, axis=1)
         return value, jnp.min(jnp.where(attained(x, value[:, None]), t, jnp.inf), axis=1)
 
@@ -86,7 +77,7 @@ def block_reducer(reduction: str) -> Callable[[Any, Array, Array], Any]:
 
 def joiner(reduction: str) -> Callable[[Any], Any]:
     """Parts with a leading axis of blocks → the whole."""
-    if reduction in ("integral", "mean"):
+    if reduction in LINEAR:
         return lambda part: (jnp.sum(part[0], axis=0),)
     sign = 1 if reduction == "max" else -1
 

@@ -46,13 +46,6 @@ class Task:
             return raw
         return jnp.moveaxis(raw, range(inner), range(raw.ndim - inner, raw.ndim))
 
-    def raw(self, name: str, result: Array) -> Array:
-        """The inverse of `ordered`."""
-        inner = len(inner_shape(name))
-        if self.components == "first" or not inner:
-            return result
-        return jnp.moveaxis(result, range(result.ndim - inner, result.ndim), range(inner))
-
     def spec(self, name: str, lead: tuple[str | None, str | None], components: str) -> PartitionSpec:
         """How a result, with its components last or first, is divided where paths and instants are as `lead`."""
         inner, over = (None,) * len(inner_shape(name)), lead if self.batched else lead[1:]

@@ -1,4 +1,4 @@
-"""A function with its first two derivatives, traced once for all of them."""
+"""Derivatives: a function with its first two, traced once for all of them, and a value with those of another."""
 
 from collections.abc import Callable
 from typing import Any
@@ -20,3 +20,14 @@ def with_derivatives(f: Callable[[Array], Any], x: Float[Array, " n"]) -> tuple[
 
     second, (y, slopes) = jax.jacfwd(first, has_aux=True)(x)
     return y, slopes, second
+
+
+@jax.custom_jvp
+def carrying(value: Array, derivatives: Array) -> Array:
+    """`value`, with the derivatives of the second array, whose own value is not asked for."""
+    return value
+
+
+@carrying.defjvp
+def _carried(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Array, Array]:
+    return carrying(*primals), tangents[1]

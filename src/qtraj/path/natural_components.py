@@ -3,20 +3,21 @@
 The same definitions as `trihedral.Natural`, in a form that compilers for CPUs turn into few fast loops: everything is
 worked out in the rotating basis (e_ρ, e_φ, k), where the derivatives are polynomials; one cosine and one sine, of half
 the angle, carry the results into the world. The quaternion is (cos φ/2 + k sin φ/2) ∘ that of the trihedral in the
-rotating basis.
+rotating basis. Of an instant there are neither roots, divisions nor branches, each of which would make several loops of
+one.
 
 Arrays are (paths, instants). Where the trihedral does not exist the numbers are the fillers of `trihedral.Natural`.
 """
 
-from typing import Any
-
 import equinox as eqx
 import jax.numpy as jnp
-from jax.lax import cond, rsqrt, stop_gradient
+from jax.lax import rsqrt, split, stop_gradient
 from jaxtyping import Array, Float
 
-from qtraj.path.components import Triple, chosen, cross, dot, jet, scaled
+from qtraj.foundation.one_loop import derivatives_in_one_loop
+from qtraj.path.components import Component, Triple, chosen, cross, dot, jet, scaled
 from qtraj.path.invariants import invariants, largest, rotating_components
+from qtraj.path.inverse_root import inverse_root, root
 from qtraj.path.natural_rates import natural_acceleration, natural_rate
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.trigonometry import cos_sin
@@ -26,25 +27,24 @@ Instants = Float[Array, "paths instants"]
 Quaternion = tuple[Array, Array, Array, Array]
 
 
-def natural_components(paths: SpiralHelix, t: Instants, one: Any) -> dict[str, tuple[Array, ...]]:
+def natural_components(paths: SpiralHelix, t: Instants) -> dict[str, tuple[Array, ...]]:
     """Every output of a batched evaluation by its name, each component an array (paths, instants).
 
-    `paths` is a stack, its arrays with a leading axis; `t` [s] is (paths, instants) or (1, instants). `one` is the
-    number 1, best unknown to the compiler: it copies cheap expressions into each loop that needs them, but stores the
-    result of a division, and so what is needed often is divided by `one`.
+    `paths` is a stack, its arrays with a leading axis; `t` [s] is (paths, instants) or (1, instants).
     """
-    turned = _Turned(paths, t, one)
+    turned = _Turned(paths, t)
     r = [_full(row, t) for row in turned.rows]
     of = invariants(r[1], r[2], r[3])
     speeds, areas = largest(of, r[2], r[3], paths.duration[:, None].astype(t.dtype))
-    tolerance = (DEFINED_TOLERANCE * float(jnp.finfo(t.dtype).eps)) ** 2
-    moving = speeds * tolerance < of.S
-    bending = moving & (areas * tolerance < of.N)
+    limits = jnp.finfo(t.dtype)
+    tolerance = (DEFINED_TOLERANCE * float(limits.eps)) ** 2
+    moving = jnp.maximum(speeds * tolerance, limits.tiny) < of.S
+    bending = moving & (jnp.maximum(areas * tolerance, limits.tiny) < of.N)
     # 1/v and 1/|c|, and 0 where they do not exist, so that all that they multiply vanishes there.
-    slowness, narrowness = rsqrt(jnp.where(moving, of.S, jnp.inf)), rsqrt(jnp.where(bending, of.N, jnp.inf))
+    slowness, narrowness = inverse_root(of.S, moving), inverse_root(of.N, bending)
     c = cross(r[1], r[2])
     tangent, normal, binormal = _axes(turned, r[1], scaled(c, narrowness), bending)
-    quaternion = turned.world_quaternion(_quaternion(tangent, normal, binormal, one))
+    quaternion = turned.world_quaternion(_quaternion(tangent, normal, binormal))
     torsion = of.T * narrowness**2
     nothing = jnp.zeros_like(torsion)
     along, across = natural_rate(of, slowness, narrowness, torsion)
@@ -57,8 +57,8 @@ def natural_components(paths: SpiralHelix, t: Instants, one: Any) -> dict[str, t
         "dcm": (*turned.world(tangent), *turned.world(normal), *turned.world(binormal)),
         "quaternion": quaternion,
         "gibbs": _gibbs(quaternion),
-        "speed": (_root(of.S),),
-        "curvature": (_root(of.N) * slowness**3,),
+        "speed": (root(of.S),),
+        "curvature": (root(of.N) * slowness**3,),
         "torsion": (torsion,),
         "rate": (along, nothing, across),
         "angular_acceleration": (along_rate, nothing, across_rate),
@@ -74,21 +74,15 @@ class _Turned(eqx.Module):
     half_sin: Array
     orientation: Quaternion | None
     origin: Triple | None
-    one: Any
 
-    def __init__(self, paths: SpiralHelix, t: Instants, one: Any):
-        jets = [
-            jet([c[:, k, None].astype(t.dtype) for k in range(c.shape[1])], t, 4)
-            for c in (paths.radius, paths.angle, paths.height)
-        ]
+    def __init__(self, paths: SpiralHelix, t: Instants):
+        jets = _jets([x.astype(t.dtype) for x in (paths.radius, paths.angle, paths.height)], t)
         self.rows = rotating_components(*jets)
-        cos, sin = cos_sin(0.5 * jets[1][0])
-        self.one = one
-        self.half_cos, self.half_sin = cos / one, sin / one
+        self.half_cos, self.half_sin = cos_sin(0.5 * jets[1][0])
         self.orientation = self.origin = None
         if paths.placement is not None:
-            self.orientation = _unit(paths.placement.orientation.astype(cos.dtype))
-            origin = paths.placement.origin.astype(cos.dtype)
+            self.orientation = _unit(paths.placement.orientation.astype(t.dtype))
+            origin = paths.placement.origin.astype(t.dtype)
             self.origin = (origin[:, 0, None], origin[:, 1, None], origin[:, 2, None])
 
     def world(self, v: Triple) -> Triple:
@@ -123,8 +117,15 @@ class _Turned(eqx.Module):
         if self.orientation is not None:
             w, x, y, z = _product(self.orientation, (w, x, y, z))
         negative = (w < 0) | ((w == 0) & ((x < 0) | ((x == 0) & ((y < 0) | ((y == 0) & (z < 0))))))
-        sign = jnp.where(negative, -1.0, 1.0).astype(w.dtype) / self.one
+        sign = jnp.where(negative, -1.0, 1.0).astype(w.dtype)
         return sign * w, sign * x, sign * y, sign * z
+
+
+def _jets(polynomials: list[Float[Array, "paths _"]], t: Float[Array, "rows instants"]) -> list[list[Component]]:
+    """Taylor coefficients of the polynomials at `t`, orders 0 … 4."""
+    single = [c for p in polynomials for c in split(p, [1] * p.shape[1], axis=1)]
+    spread = iter(derivatives_in_one_loop([jnp.broadcast_to(c, (c.shape[0], t.shape[1])) for c in single]))
+    return [jet([next(spread) for _ in range(p.shape[1])], t, 4) for p in polynomials]
 
 
 def _unit(orientations: Float[Array, "paths 4"]) -> Quaternion:
@@ -147,16 +148,11 @@ def _axes(turned: _Turned, r1: Triple, bend: Triple, bending: Array) -> tuple[Tr
     """τ, n and b in the rotating basis; `bend` is c/|c| where the path bends."""
     S = dot(r1, r1)
     still = jnp.less(S, jnp.finfo(S.dtype).tiny)
-    tangent = scaled(r1, rsqrt(jnp.where(still, 1.0, S)))
-    # Fillers are rare, and their expressions long: they are worked out only in a block that needs them.
-    tangent, across = cond(
-        jnp.all(bending),
-        lambda: (tangent, bend),
-        lambda: _with_fillers(turned, chosen(still, turned.rotating(0), tangent), bend, bending),
-    )
+    tangent = chosen(still, turned.rotating(0), scaled(r1, inverse_root(S, ~still)))
+    tangent, across = _with_fillers(turned, tangent, bend, bending)
     # n from c × τ, then b = τ × n: orthonormal to round-off also where c has lost most of its digits.
     towards = cross(across, tangent)
-    normal = scaled(towards, rsqrt(dot(towards, towards)))
+    normal = scaled(towards, inverse_root(dot(towards, towards)))
     return tangent, normal, cross(tangent, normal)
 
 
@@ -170,7 +166,7 @@ def _with_fillers(turned: _Turned, tangent: Triple, bend: Triple, bending: Array
     return tangent, chosen(bending, bend, level)
 
 
-def _quaternion(tangent: Triple, normal: Triple, binormal: Triple, one: Any) -> Quaternion:
+def _quaternion(tangent: Triple, normal: Triple, binormal: Triple) -> Quaternion:
     """The unit quaternion of a trihedral, of either sign, by two complex numbers u = w + ix and m = z − iy.
 
     um = (τ_y + iτ_z)/2, u² = (n_y + b_z + i(n_z − b_y))/2 and m² = (b_z − n_y − i(n_z + b_y))/2. The larger of the two
@@ -182,10 +178,10 @@ def _quaternion(tangent: Triple, normal: Triple, binormal: Triple, one: Any) -> 
     modulus = 1 + jnp.abs(tangent[0])
     right = real >= 0
     larger = modulus + jnp.abs(real)
-    scale = 0.5 * rsqrt(larger)
+    scale = 0.5 * inverse_root(larger)
     a, b = jnp.where(right, larger, imaginary) * scale, jnp.where(right, imaginary, larger) * scale
-    a, b = a / one, b / one
-    c, d = (tangent[1] * a + tangent[2] * b) / modulus, (tangent[2] * a - tangent[1] * b) / modulus
+    part = inverse_root(modulus) ** 2
+    c, d = (tangent[1] * a + tangent[2] * b) * part, (tangent[2] * a - tangent[1] * b) * part
     w, x = jnp.where(forward, a, c), jnp.where(forward, b, d)
     z, y = jnp.where(forward, c, a), -jnp.where(forward, d, b)
     return w, x, y, z
@@ -206,15 +202,11 @@ def _product(p: Quaternion, q: Quaternion) -> Quaternion:
 def _gibbs(q: Quaternion) -> tuple[Array, ...]:
     """G_k = λ_k/λ0; as `gibbs.to_gibbs` at half turns."""
     s = q[0]
-    regular = s * s >= jnp.finfo(s.dtype).tiny
-    safe = jnp.where(regular, s, 1.0)
-    return tuple(jnp.where(regular, u / safe, stop_gradient(jnp.where(u == 0, 0.0, u / jnp.abs(s)))) for u in q[1:])
-
-
-def _root(square: Array) -> Array:
-    """√x, with zero derivative at 0."""
-    positive = square > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+    square = s * s
+    regular = square >= jnp.finfo(s.dtype).tiny
+    inverse = s * inverse_root(square, regular) ** 2
+    far = [stop_gradient(jnp.where(u > 0, jnp.inf, jnp.where(u < 0, -jnp.inf, 0.0)).astype(s.dtype)) for u in q[1:]]
+    return tuple(jnp.where(regular, u * inverse, x) for u, x in zip(q[1:], far, strict=True))
 
 
 def _full(row: Triple, t: Instants) -> Triple:
