@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
+from qtraj.design.magnitudes import squared
 
 import qtraj as qt
 from qtraj.algebra.positivity import OPEN, positive
-from qtraj.design.magnitudes import squared
 from qtraj.design.proof.certificate import STATUSES
 from qtraj.design.proof.inequalities import FORMS, parts, slack
 

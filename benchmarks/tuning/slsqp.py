@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from qtraj.design.magnitudes import squared
 from scipy.optimize import minimize
 
-from qtraj.design.magnitudes import squared
 from qtraj.design.tuning.problem import Problem
 
 INSTANTS = 129

@@ -14,7 +14,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to 
     from qtraj.batch.table import Table as Table
     from qtraj.design.fitting.fit import fit as fit
     from qtraj.design.limits import Limits as Limits
-    from qtraj.design.magnitudes import peak as peak
+    from qtraj.design.peaks import peak as peak
     from qtraj.design.proof.certificate import Certificate as Certificate
     from qtraj.design.proof.certify import certify as certify
     from qtraj.design.tuning.outcome import Tuned as Tuned
@@ -76,7 +76,7 @@ _HOMES = {
     "qtraj.batch.table": ("Table",),
     "qtraj.design.fitting.fit": ("fit",),
     "qtraj.design.limits": ("Limits",),
-    "qtraj.design.magnitudes": ("peak",),
+    "qtraj.design.peaks": ("peak",),
     "qtraj.design.proof.certificate": ("Certificate",),
     "qtraj.design.proof.certify": ("certify",),
     "qtraj.design.tuning.outcome": ("Tuned",),

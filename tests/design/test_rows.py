@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from qtraj.design.magnitudes import UNITS, squared
 
 import qtraj as qt
-from qtraj.design.magnitudes import UNITS, squared
 from qtraj.design.tuning.problem import pose
 from qtraj.design.tuning.rows import excess, find_peaks, rows_at
 

@@ -7,10 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from qtraj.design.magnitudes import magnitude
 from scipy.optimize import NonlinearConstraint, minimize
 
 import qtraj as qt
-from qtraj.design.magnitudes import magnitude
 from qtraj.design.tuning.outcome import STATUSES
 from qtraj.design.tuning.problem import pose
 from qtraj.path.boundary import cylindrical

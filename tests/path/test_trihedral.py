@@ -7,10 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from qtraj.path.invariants import existence, invariants
 
 import qtraj as qt
 from qtraj.algebra import matrices
-from qtraj.path.invariants import existence, invariants
 from qtraj.path.trihedral import AbstractFrame
 
 from .conftest import as_curve

@@ -10,7 +10,8 @@ from jaxtyping import Array
 
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, in_lanes
-from qtraj.path.quantities import AXES, DESCRIPTIONS, INTEGRATED, LABELS, framed
+from qtraj.foundation.units import integrated
+from qtraj.path.quantities import AXES, DESCRIPTIONS, LABELS, framed
 
 REDUCTIONS = ("max", "min", "integral", "mean")
 
@@ -49,7 +50,7 @@ class Reduced(AbstractResult):
             (unit, meaning), axes = DESCRIPTIONS[name], AXES[name]
             lanes = ("path",) if self.batched else ()
             dims = (*lanes, *axes) if self.components == "last" else (*axes, *lanes)
-            whole = INTEGRATED[unit] if self.reduction == "integral" else unit
+            whole = integrated(unit) if self.reduction == "integral" else unit
             what = f"{self.reduction} of {'each component of ' if axes else ''}the {meaning}"
             variables[name] = Quantity(values, whole, what, dims)
             if self.times is not None:

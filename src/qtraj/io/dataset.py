@@ -17,40 +17,21 @@ from jaxtyping import Array, Float
 
 from qtraj.batch.evaluate import evaluate
 from qtraj.design.limits import Limits
-from qtraj.design.magnitudes import magnitude, netcdf_unit
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.provenance import made_with
 from qtraj.foundation.record import notes
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantities import AXES, DESCRIPTIONS, LABELS, framed
+from qtraj.path.quantity import QUANTITIES
 from qtraj.path.track import Track, known, known_elapsed
+from qtraj.path.values import value
 
 SAMPLES = 513
 """Samples of each path unless told otherwise."""
 
-MAGNITUDES = {
-    "curvature": "curvature",
-    "torsion": "torsion_magnitude",
-    "speed": "speed",
-    "acceleration": "acceleration_magnitude",
-    "lateral_acceleration": "lateral_acceleration",
-    "longitudinal_acceleration": "longitudinal_acceleration",
-    "slope": "slope",
-    "angular_rate": "angular_rate",
-    "angular_acceleration": "angular_acceleration_magnitude",
-}
-"""The variable of each limited magnitude, by the name of its limit."""
-
-MEANINGS = {
-    "torsion": "magnitude of the torsion",
-    "acceleration": "magnitude of the acceleration",
-    "lateral_acceleration": "acceleration across the path, |r' × r''| / |r'|",
-    "longitudinal_acceleration": "magnitude of the acceleration along the path, |r' · r''| / |r'|",
-    "slope": "rise over run",
-    "angular_rate": "magnitude of the trihedral's angular rate",
-    "angular_acceleration": "magnitude of the trihedral's angular acceleration",
-}
+MAGNITUDES = {name: entry.variable for name, entry in QUANTITIES.items()}
+"""The variable of each limited quantity, by the name of its limit."""
 
 FRAMED = framed("natural")
 
@@ -119,9 +100,9 @@ def _columns(path: AbstractHodograph, progress: np.ndarray) -> dict[str, tuple[t
     }
     for name, axes in AXES.items():
         columns[name] = (("sample", *axes), np.asarray(outputs[name]), notes(*DESCRIPTIONS[name]))
-    for name, variable in MAGNITUDES.items():
-        about = notes(netcdf_unit(name), MEANINGS.get(name, name))
-        columns.setdefault(variable, (("sample",), np.asarray(magnitudes[name]), about))
+    for name, entry in QUANTITIES.items():
+        about = notes(entry.unit, entry.meaning)
+        columns.setdefault(entry.variable, (("sample",), np.asarray(magnitudes[name]), about))
     return columns
 
 
@@ -129,5 +110,5 @@ def _columns(path: AbstractHodograph, progress: np.ndarray) -> dict[str, tuple[t
 def _sampled(path: AbstractHodograph, times: Float[Array, " n"]) -> tuple[dict[str, Array], dict[str, Array]]:
     """The outputs and the limited magnitudes, by name."""
     table = evaluate(path, times, outputs=tuple(AXES), continuous=True)
-    magnitudes = {name: jax.vmap(lambda t, name=name: magnitude(path, t, name))(times) for name in MAGNITUDES}
+    magnitudes = {name: jax.vmap(lambda t, name=name: value(path, t, name))(times) for name in QUANTITIES}
     return {name: getattr(table, name) for name in AXES}, magnitudes

@@ -1,8 +1,8 @@
 """The keys of a path scenario, for `qtraj tune` and `qtraj evaluate`, each with what it may hold."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, create_model, model_validator
 
 from qtraj.design.fitting.fit import BOUNDS, POSITION_SIGMA, VELOCITY_SIGMA
 from qtraj.io.scenario_part import (
@@ -21,6 +21,7 @@ from qtraj.io.scenario_part import (
     Vector,
     Wholes,
 )
+from qtraj.path.quantity import QUANTITIES, PathQuantity
 
 Motion = Literal["uniform", "hermite"]
 Objective = Literal["nearest", "fastest", "smoothest"]
@@ -108,40 +109,22 @@ class PlacementPart(Part):
     )
 
 
-class LimitsPart(Part):
-    """Upper bounds on magnitudes, anywhere on the path."""
-
-    curvature: Positive | None = Field(default=None, title="of the path", description="a positive finite number [1/m]")
-    torsion: Positive | None = Field(
-        default=None, title="magnitude of the torsion", description="a positive finite number [1/m]"
-    )
-    speed: Positive | None = Field(default=None, title="along the path", description="a positive finite number [m/s]")
-    acceleration: Positive | None = Field(
-        default=None, title="magnitude of the acceleration", description="a positive finite number [m/s²]"
-    )
-    lateral_acceleration: Positive | None = Field(
-        default=None, title="across the path", description="a positive finite number [m/s²]"
-    )
-    longitudinal_acceleration: Positive | None = Field(
-        default=None, title="magnitude of that along the path", description="a positive finite number [m/s²]"
-    )
-    slope: Positive | None = Field(
-        default=None,
-        title="magnitude of the rise over the run",
-        description="a positive finite number [-], rise over run",
-    )
-    angular_rate: Positive | None = Field(
-        default=None, title="magnitude of the trihedral's rate", description="a positive finite number [rad/s]"
-    )
-    angular_acceleration: Positive | None = Field(
-        default=None,
-        title="magnitude of the trihedral's angular acceleration",
-        description="a positive finite number [rad/s²]",
-    )
+class LimitedPart(Part):
+    """Upper bounds on path quantities, anywhere on the path."""
 
     def given(self) -> dict[str, float]:
         """The limits that are set, by name."""
         return {name: value for name, value in self.model_dump().items() if value is not None}
+
+
+def _limit(entry: PathQuantity) -> Any:
+    described = f"a positive finite number [{entry.label}]"
+    return Positive | None, Field(default=None, title=entry.meaning, description=described)
+
+
+_limits: dict[str, Any] = {name: _limit(entry) for name, entry in QUANTITIES.items()}
+LimitsPart = create_model("LimitsPart", __base__=LimitedPart, __doc__=LimitedPart.__doc__, **_limits)
+"""One key for each entry of the registry of path quantities."""
 
 
 class TunePart(Part):

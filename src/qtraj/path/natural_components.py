@@ -16,9 +16,10 @@ from jaxtyping import Array, Float
 
 from qtraj.foundation.one_loop import derivatives_in_one_loop
 from qtraj.path.components import Component, Triple, chosen, cross, dot, jet, scaled
-from qtraj.path.invariants import invariants, largest, rotating_components
+from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate
 from qtraj.path.inverse_root import inverse_root, root
-from qtraj.path.natural_rates import natural_acceleration, natural_rate
+from qtraj.path.moving_basis import moving_components
+from qtraj.path.regularity import largest
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.trigonometry import cos_sin
 from qtraj.path.trihedral import DEFINED_TOLERANCE
@@ -34,21 +35,20 @@ def natural_components(paths: SpiralHelix, t: Instants) -> dict[str, tuple[Array
     """
     turned = _Turned(paths, t)
     r = [_full(row, t) for row in turned.rows]
-    of = invariants(r[1], r[2], r[3])
-    speeds, areas = largest(of, r[2], r[3], paths.duration[:, None].astype(t.dtype))
+    of = Invariants(r)
+    speeds, areas = largest(of, paths.duration[:, None].astype(t.dtype))
     limits = jnp.finfo(t.dtype)
     tolerance = (DEFINED_TOLERANCE * float(limits.eps)) ** 2
     moving = jnp.maximum(speeds * tolerance, limits.tiny) < of.S
     bending = moving & (jnp.maximum(areas * tolerance, limits.tiny) < of.N)
     # 1/v and 1/|c|, and 0 where they do not exist, so that all that they multiply vanishes there.
     slowness, narrowness = inverse_root(of.S, moving), inverse_root(of.N, bending)
-    c = cross(r[1], r[2])
-    tangent, normal, binormal = _axes(turned, r[1], scaled(c, narrowness), bending)
+    tangent, normal, binormal = _axes(turned, r[1], scaled(of.c, narrowness), bending)
     quaternion = turned.world_quaternion(_quaternion(tangent, normal, binormal))
     torsion = of.T * narrowness**2
     nothing = jnp.zeros_like(torsion)
     along, across = natural_rate(of, slowness, narrowness, torsion)
-    along_rate, across_rate = natural_acceleration(r, c, of, slowness, narrowness, torsion)
+    along_rate, across_rate = natural_acceleration(of, slowness, narrowness, torsion)
     return {
         "position": turned.world_position(r[0]),
         "velocity": turned.world(r[1]),
@@ -77,7 +77,8 @@ class _Turned(eqx.Module):
 
     def __init__(self, paths: SpiralHelix, t: Instants):
         jets = _jets([x.astype(t.dtype) for x in (paths.radius, paths.angle, paths.height)], t)
-        self.rows = rotating_components(*jets)
+        radius, angle, height = jets
+        self.rows = moving_components(radius, [0] * len(radius), height, angle)
         self.half_cos, self.half_sin = cos_sin(0.5 * jets[1][0])
         self.orientation = self.origin = None
         if paths.placement is not None:

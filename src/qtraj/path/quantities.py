@@ -42,18 +42,6 @@ DESCRIPTIONS: dict[str, tuple[str, str]] = {
 }
 """Unit and meaning of every output."""
 
-INTEGRATED = {
-    "1": "s",
-    "m": "m s",
-    "m s-1": "m",
-    "m s-2": "m s-1",
-    "m s-3": "m s-2",
-    "m-1": "m-1 s",
-    "rad s-1": "rad",
-    "rad s-2": "rad s-1",
-}
-"""The units of the integrals over time of quantities in these units."""
-
 
 def framed(frame: str) -> dict[str, str]:
     """The attributes of a dataset whose rates and attitudes are those of a `frame` along a path."""

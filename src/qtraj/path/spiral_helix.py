@@ -14,9 +14,8 @@ from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path import boundary_problem as problem
 from qtraj.path.boundary import BoundaryState
-from qtraj.path.components import Triple
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.invariants import Jets, rotating_components
+from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.placement import Placement
 
 
@@ -93,17 +92,11 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
 
     def rotating_derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """As `derivatives`, in the rotating basis (e_ρ, e_φ, k) at `t` and about the path's own axis."""
-        rows = self.rotating_components(one_instant(t), order)
+        rows = self.polynomials().components(one_instant(t), order)
         return jnp.stack([jnp.stack([jnp.asarray(x, self.duration.dtype) for x in row]) for row in rows])
 
-    def rotating_components(self, t: ScalarLike, order: int) -> list[Triple]:
-        """As `rotating_derivatives`, a triple of numbers for each order."""
-        return rotating_components(*self.jets(t, order))
-
-    def jets(self, t: ScalarLike, order: int) -> Jets:
-        """Taylor coefficients of ρ, φ and h at `t`, up to `order`, one number each."""
-        radius, angle, height = (polynomial.terms(c, t, order) for c in (self.radius, self.angle, self.height))
-        return radius, angle, height
+    def polynomials(self) -> MovingPolynomials:
+        return MovingPolynomials(self.radius, None, self.height, self.angle, self.placement)
 
     @property
     def turn(self) -> Scalar:

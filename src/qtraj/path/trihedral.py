@@ -6,6 +6,7 @@ trihedral: `defined` is false there, and every number is finite, as is its gradi
 """
 
 import abc
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -20,10 +21,10 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Flag, Mat3, Quat, Scalar, ScalarLike, Vec3
+from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.invariants import Invariants, existence, invariants
-from qtraj.path.natural_rates import natural_acceleration, natural_rate
 from qtraj.path.quantities import AXES, DESCRIPTIONS, LABELS, framed
+from qtraj.path.regularity import regularity
 
 DEFINED_TOLERANCE = 4096
 """In machine epsilons: a path that bends by less than this over its own length is straight, and a speed below this
@@ -113,9 +114,9 @@ class Natural(AbstractFrame):
         shape = _shape(r, duration)
         tangent = unit(r[1], _axis(r, 0))
         # n from c × r', then b = τ × n: orthonormal to round-off also where c has lost most of its digits.
-        towards = jnp.where(shape.bending, jnp.cross(shape.c, r[1]), 0.0)
+        towards = jnp.where(shape.bending, jnp.cross(shape.of.c, r[1]), 0.0)
         normal = unit(towards, jnp.cross(_across(tangent), tangent))
-        rate, acceleration = _natural_rates(r, shape)
+        rate, acceleration = _natural_rates(shape)
         return Trihedral(
             tangent=tangent,
             normal=normal,
@@ -172,10 +173,9 @@ class Upright(AbstractFrame):
         )
 
 
-class _Shape(eqx.Module):
+class _Shape(NamedTuple):
     """What every frame needs of a path, with finite fillers where it does not exist."""
 
-    c: Vec3
     of: Invariants
     speed: Scalar
     curvature: Scalar
@@ -191,15 +191,14 @@ _REGULAR = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def _shape(r: Float[Array, "5 3"], duration: Scalar) -> _Shape:
-    of = invariants(r[1], r[2], r[3])
-    exists = existence(r[1], r[2], r[3], duration.astype(r.dtype))
-    moving = exists.motion > _tolerance(r) ** 2
-    bending = moving & (exists.bend > _tolerance(r) ** 2)
+    of = Invariants(r)
+    exists = regularity(of, duration.astype(r.dtype))
+    moving = exists.speed > _tolerance(r) ** 2
+    bending = moving & (exists.cross_norm > _tolerance(r) ** 2)
     safe_s = jnp.where(moving, of.S, 1.0)
     safe_n = jnp.where(bending, of.N, 1.0)
-    c = jnp.cross(r[1], r[2])
+    c = of.c
     return _Shape(
-        c=c,
         of=of,
         speed=norm(r[1]),
         curvature=jnp.where(moving, norm(c) / safe_s**1.5, 0.0),
@@ -211,11 +210,11 @@ def _shape(r: Float[Array, "5 3"], duration: Scalar) -> _Shape:
     )
 
 
-def _natural_rates(r: Float[Array, "5 3"], shape: _Shape) -> tuple[Vec3, Vec3]:
+def _natural_rates(shape: _Shape) -> tuple[Vec3, Vec3]:
     """ω⁰ and ε⁰ of the natural trihedral in its own axes, zero where it does not exist."""
     known = (shape.of, 1 / shape.safe_speed, 1 / shape.safe_area, shape.torsion)
     along, across = natural_rate(*known)
-    along_rate, across_rate = natural_acceleration(r, shape.c, *known)
+    along_rate, across_rate = natural_acceleration(*known)
     zero = jnp.zeros_like(along)
     rate, acceleration = jnp.stack([along, zero, across]), jnp.stack([along_rate, zero, across_rate])
     return jnp.where(shape.bending, rate, 0.0), jnp.where(shape.bending, acceleration, 0.0)

@@ -9,13 +9,14 @@ from qtraj._version import __version__
 from qtraj.cli.content import finite, scenario_content
 from qtraj.cli.tuning.job import Job, ends
 from qtraj.cli.tuning.remarks import far_off, held, moved
-from qtraj.design.magnitudes import UNITS
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.tuning.outcome import Tuned
+from qtraj.foundation import units
 from qtraj.io.scenario import ScenarioFile
 from qtraj.path.boundary import BoundaryState, cylindrical
 from qtraj.path.departure import departure
 from qtraj.path.placement import Placement
+from qtraj.path.quantity import quantity
 from qtraj.path.spiral_helix import SpiralHelix
 
 COMPONENTS = ("V_rho", "V_phi", "V_h")
@@ -81,7 +82,7 @@ def fit_content(job: Job) -> dict[str, Any] | None:
 
 def _limit(name: str, before: Certificate, after: Certificate, purpose: dict[str, str]) -> dict[str, Any]:
     return {
-        "unit": UNITS[name],
+        "unit": units.symbol(quantity(name).unit),
         "purpose": purpose.get(name),
         "limit": before.worst[name][2],
         "before": _finding(name, before),

@@ -9,12 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from qtraj.design.magnitudes import netcdf_unit, quantity
 from qtraj.foundation.arrays import as_array, as_float, concrete, require_lane
 from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, counted, in_lanes
 from qtraj.foundation.types import ArrayInput
+from qtraj.foundation.units import with_unit
+from qtraj.path.quantity import quantity
 
 STATUSES = ("proved", "sampled", "broken", "undecided", "undefined")
 """By their codes.
@@ -101,7 +102,7 @@ class Certificate(AbstractResult):
         time, value, limit = self.worst[name]
         if math.isnan(value):
             return f"it does not exist at t = {time:.4g} s, where the path stops or straightens"
-        return f"{value:.6g} of {quantity(name, limit)} at t = {time:.4g} s"
+        return f"{value:.6g} of {with_unit(limit, quantity(name).unit)} at t = {time:.4g} s"
 
     def record(self) -> Record:
         """The findings over `limit`, whose coordinate `limit_unit` holds the unit of each."""
@@ -115,7 +116,7 @@ class Certificate(AbstractResult):
         }
         coordinates = {
             "limit": Quantity(np.array(self.names, dtype=str), "", "what is limited", along),
-            "limit_unit": Quantity(np.array([netcdf_unit(x) for x in self.names], dtype=str), "", "its unit", along),
+            "limit_unit": Quantity(np.array([quantity(x).unit for x in self.names], dtype=str), "", "its unit", along),
         }
         summary = f"{in_lanes(self.codes.shape[:-1], 'paths')}{self.summary}"
         return Record(summary, variables, coordinates, {"frame": "natural"})

@@ -15,7 +15,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.design.limits import Limits
-from qtraj.design.magnitudes import squared
 from qtraj.design.peaks import cell_peaks
 from qtraj.design.tuning.campaign import Found
 from qtraj.design.tuning.problem import Problem, Variables
@@ -24,6 +23,7 @@ from qtraj.design.tuning.sqp import FEASIBLE
 from qtraj.design.tuning.task import Task
 from qtraj.foundation.types import Flag, Scalar
 from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.values import squared
 
 CELLS = 65
 INNER_STEPS, MEMORY, GRADIENT_TOLERANCE = 200, 12, 1e-9

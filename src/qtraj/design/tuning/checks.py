@@ -9,11 +9,11 @@ import jax
 import numpy as np
 
 from qtraj.design.limits import Limits
-from qtraj.design.magnitudes import UNITS
 from qtraj.design.tuning.problem import BOUNDING, MOTIONS, OBJECTIVES, Objective, Problem
 from qtraj.foundation.arrays import concrete, require_positive
 from qtraj.foundation.types import Scalar
 from qtraj.path.boundary import BoundaryState
+from qtraj.path.quantity import quantity
 
 TURN_TOLERANCE = 1e-6
 """[rad] A given turn may miss the azimuth of the end by this much."""
@@ -62,7 +62,7 @@ def require_sound(problem: Problem, turn: Scalar | None, limits: Limits) -> None
     ):
         return
     for name, limit in limits.given().items():
-        require_positive(limit, f"the limit {name}", UNITS[name] or "-")
+        require_positive(limit, f"the limit {name}", quantity(name).label)
     for fault in (_speeds, _radii, _sense, _azimuths, _durations, _objectives):
         fault(problem, turn is not None)
     if turn is not None:

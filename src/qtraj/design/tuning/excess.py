@@ -14,10 +14,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.algebra import polynomial
-from qtraj.design.magnitudes import PER_TIME, order_of, squared_of_spiral
 from qtraj.design.tuning.problem import Course, Problem, Variables
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import times, total
+from qtraj.path.frenet import Invariants
+from qtraj.path.moving_basis import moving_components
+from qtraj.path.quantity import quantity
+from qtraj.path.values import up
 
 
 class Moves(NamedTuple):
@@ -87,24 +90,24 @@ class Excess(NamedTuple):
         )
 
     def _of(self, numbers: _Numbers) -> Scalar:
-        count = order_of(self.name) + 1
+        count = quantity(self.name).order + 1
         radius, angle, height = (
             [*[0] * first, *series, *[0] * (count - first - len(series))]
             for first, series in zip(self._firsts, numbers[:3], strict=True)
         )
         # In unit time, which is simpler to differentiate: the limit is scaled instead.
-        one = jnp.ones_like(numbers.duration)
-        value = squared_of_spiral(self.name, (radius, angle, height), one, self.problem.placement)
-        return 0.5 * (value / (self.limit * numbers.duration ** PER_TIME[self.name]) ** 2 - 1.0)
+        r = moving_components(radius, [0] * count, height, angle)
+        value = quantity(self.name).squared(Invariants(r, up(self.problem.placement, angle[0])))
+        return 0.5 * (value / (self.limit * numbers.duration ** quantity(self.name).per_time) ** 2 - 1.0)
 
     @property
     def _firsts(self) -> tuple[int, int, int]:
         """The lowest orders that matter: azimuth and height only do where the axis may lean against the vertical."""
-        return (0, 0 if self.name == "slope" and self.problem.placement is not None else 1, 1)
+        return (0, 0 if quantity(self.name).upright and self.problem.placement is not None else 1, 1)
 
     def _numbers(self, course: Course, u: Scalar, changes: int = 0) -> list[_Numbers]:
         """What g depends on at the fraction `u` of the duration, and so many derivatives of it in `u`."""
-        order = order_of(self.name)
+        order = quantity(self.name).order
         polynomials = (course.radius, course.angle, course.height)
         series = [polynomial.terms(c, u, order + changes) for c in polynomials]
         kept = [range(first, min(order + 1, c.shape[0])) for first, c in zip(self._firsts, polynomials, strict=True)]

@@ -13,7 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.design.magnitudes import quantity
 from qtraj.design.tuning.campaign import Found, Tell, least_excess, take, without_objective
 from qtraj.design.tuning.problem import Problem
 from qtraj.design.tuning.rows import excess
@@ -21,6 +20,8 @@ from qtraj.design.tuning.sqp import FEASIBLE
 from qtraj.design.tuning.task import Task
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import Scalar
+from qtraj.foundation.units import with_unit
+from qtraj.path.quantity import quantity
 
 RELAXED = 1e6
 """A limit times this limits nothing."""
@@ -62,7 +63,7 @@ def advice(tasks: Task, found: Found, most_steps: int, tell: Tell | None) -> str
     broken = [name for name, ratio in worst.items() if ratio > 1 + FEASIBLE]
     alone = {name: _least_alone(tasks, found, name, most_steps, tell) for name in broken} if len(given) > 1 else worst
     lines = [_verdict(name, alone[name], given[name]) for name in broken]
-    raised = [f"{name} to {quantity(name, MARGIN * worst[name] * given[name])}" for name in broken]
+    raised = [f"{name} to {with_unit(MARGIN * worst[name] * given[name], quantity(name).unit)}" for name in broken]
     remedies = ["raise " + " and ".join(raised)]
     remedies += _move(tasks, found, most_steps, tell)
     problem = tasks.problem
@@ -76,7 +77,7 @@ def advice(tasks: Task, found: Found, most_steps: int, tell: Tell | None) -> str
 def _verdict(name: str, alone: float, limit: float) -> str:
     if alone > 1 + FEASIBLE:
         return f"{name} cannot be met between these positions: even alone the least peak found is " + (
-            f"{quantity(name, alone * limit)}."
+            f"{with_unit(alone * limit, quantity(name).unit)}."
         )
     return f"{name} can be met alone, but not with the others."
 

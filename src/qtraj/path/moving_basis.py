@@ -1,0 +1,69 @@
+"""Paths with polynomial components in a basis that turns about its third axis.
+
+r(t) = R_z(φ(t))·(x(t), y(t), z(t)) in the axes of a placement, all four polynomials in t: a spiral-helix is (ρ, 0, h)
+about its angle φ, and a polynomial path in world axes has φ = 0. Every derivative is a polynomial in the basis itself,
+so that proofs, tuning and batches need no trigonometry.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from qtraj.algebra import polynomial
+from qtraj.foundation.types import ScalarLike
+from qtraj.path.components import Triple, times, total
+from qtraj.path.placement import Placement
+
+Series = Sequence[Any]
+"""Taylor coefficients (k-th derivative / k!), orders 0 … n−1; the integer 0 for one that vanishes identically."""
+
+
+class MovingPolynomials(eqx.Module):
+    """Ascending coefficients in t [s] of x, y, z [m] and of the angle φ [rad]; `y` is None where it vanishes."""
+
+    x: Float[Array, "*lanes _"]
+    y: Float[Array, "*lanes _"] | None
+    z: Float[Array, "*lanes _"]
+    angle: Float[Array, "*lanes _"]
+    placement: Placement | None = None
+
+    def series(self, t: ScalarLike, order: int) -> tuple[Series, Series, Series, Series]:
+        """Taylor coefficients of x, y, z and φ at one instant."""
+        x, z, angle = (polynomial.terms(c, t, order) for c in (self.x, self.z, self.angle))
+        y = [0] * (order + 1) if self.y is None else polynomial.terms(self.y, t, order)
+        return x, y, z, angle
+
+    def components(self, t: ScalarLike, order: int) -> list[Triple]:
+        """Derivatives of r at one instant in the moving basis, orders 0 … `order`, a triple each."""
+        return moving_components(*self.series(t, order))
+
+
+def moving_components(x: Series, y: Series, z: Series, angle: Series) -> list[Triple]:
+    """Derivatives of R_z(φ)·(x, y, z) in the moving basis, orders 0 … n−1, a triple each.
+
+    In the plane r = (x + iy) e^{iφ}: with g(s) = e^{i(φ(t+s)−φ(t))}, g' = iφ'g gives the series of g, and that of the
+    product follows by Cauchy's rule. For y = 0 orders 1 and 2 are (ρ̇, ρφ̇, ḣ) and (ρ̈ − ρφ̇², 2ρ̇φ̇ + ρφ̈, ḧ) (paper S).
+    """
+    count = len(x)
+    cos: list[Any] = [1]
+    sin: list[Any] = [0]
+    for k in range(count - 1):
+        slopes = [times(j + 1, angle[j + 1]) for j in range(k + 1)]
+        part = 1 / (k + 1) if k else 1
+        cos.append(times(-part, _cauchy(slopes, sin, k)))
+        sin.append(times(part, _cauchy(slopes, cos, k)))
+    rows = []
+    for k in range(count):
+        scale = math.factorial(k)
+        across = times(-1, _cauchy(y, sin, k))
+        row = (total([_cauchy(x, cos, k), across]), total([_cauchy(x, sin, k), _cauchy(y, cos, k)]), z[k])
+        rows.append((times(scale, row[0]), times(scale, row[1]), times(scale, row[2])))
+    return rows
+
+
+def _cauchy(p: Series, q: Series, k: int) -> Any:
+    """The k-th coefficient of the product of two series."""
+    return total([times(p[j], q[k - j]) for j in range(k + 1)])

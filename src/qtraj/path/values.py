@@ -1,0 +1,48 @@
+"""Values of path quantities at one instant."""
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from qtraj.foundation.types import Scalar, ScalarLike
+from qtraj.path.components import Triple
+from qtraj.path.frenet import Invariants
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.moving_basis import moving_components
+from qtraj.path.placement import Placement
+from qtraj.path.quantity import quantity
+
+
+def invariants_at(path: AbstractHodograph, t: ScalarLike, order: int) -> Invariants:
+    """The invariants of a path's derivatives up to `order` at `t`, formed in a basis of the path's own choice."""
+    known = path.polynomials()
+    if known is None:
+        return Invariants([(row[0], row[1], row[2]) for row in path.derivatives(t, order)])
+    x, y, z, angle = known.series(t, order)
+    return Invariants(moving_components(x, y, z, angle), up(known.placement, angle[0]))
+
+
+def squared(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
+    """The square of one path quantity at one instant."""
+    entry = quantity(name)
+    return jnp.asarray(entry.squared(invariants_at(path, t, max(entry.order, 1))), path.duration.dtype)
+
+
+def value(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
+    """One path quantity at one instant, in its unit; infinite where it grows without bound."""
+    return root(squared(path, t, name))
+
+
+def root(square: Array) -> Array:
+    """√square, with a derivative of zero where it vanishes."""
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+
+
+def up(placement: Placement | None, angle: Array) -> Triple | None:
+    """The world's vertical in the moving basis where that has turned by `angle`; None for its third axis."""
+    if placement is None:
+        return None
+    zero = jnp.zeros_like(angle)
+    x, y, z = placement.to_local(jnp.stack([zero, zero, jnp.ones_like(zero)]))
+    cos, sin = jnp.cos(angle), jnp.sin(angle)
+    return (x * cos + y * sin, y * cos - x * sin, z)
