@@ -23,7 +23,7 @@ from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import quantity
 from qtraj.path.regularity import regularity
-from qtraj.path.values import invariants_at
+from qtraj.path.values import invariants_at, value
 
 GAP = 1e-9
 """A relative speed or bend that is not proved positive, and below this at its least, cannot be told from zero."""
