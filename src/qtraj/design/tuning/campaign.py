@@ -15,7 +15,6 @@ from qtraj.design.tuning.problem import COMPONENTS, DURATION
 from qtraj.design.tuning.sqp import FEASIBLE, State, begin, proceed, step
 from qtraj.design.tuning.task import Task
 from qtraj.foundation.arrays import part
-from qtraj.foundation.exported.kept import kept
 
 MOVED: tuple[str, ...] = (f"start.{COMPONENTS[0]}", f"end.{COMPONENTS[0]}", DURATION)
 PLANNED = (
@@ -164,7 +163,7 @@ def _rescue(tasks: Task, found: Found, most_steps: int, tell: Tell | None) -> Fo
     return _replaced(least, can[met], _lanes(again._replace(steps=least.steps[can]), met))
 
 
-@kept(Found)
+@eqx.filter_jit
 def _ended(states: State) -> tuple[Found, Float[Array, " *lanes"]]:
     """Where searches ended, and what to choose the least of: the cost, or what is larger and grows with the excess."""
     excess = states.excess

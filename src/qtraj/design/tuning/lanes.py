@@ -13,11 +13,9 @@ import jax
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from qtraj.design.tuning.rows import Peaks
 from qtraj.design.tuning.sqp import State, begin, proceed, step
 from qtraj.design.tuning.task import Task
 from qtraj.foundation import cores
-from qtraj.foundation.exported.kept import kept
 
 STAGES = (5, 8, 12, 18, 28, 48, 80)
 """Steps after which the unfinished lanes are gathered."""
@@ -54,12 +52,12 @@ def search(tasks: Task, z: ArrayLike, most_steps: int, tell: Told | None = None)
     return states
 
 
-@kept(State, Peaks)
+@eqx.filter_jit
 def _begin(given: Task, rest: Task, z: Float[Array, "lanes n"]) -> State:
     return jax.vmap(lambda task, z: begin(eqx.combine(task, rest), z))(given, z)
 
 
-@kept(State, Peaks)
+@eqx.filter_jit
 def _proceed(steps: Array, given: Task, rest: Task, states: State) -> State:
     advance = jax.vmap(lambda task, s: step(eqx.combine(task, rest), s))
     return proceed(lambda s: advance(given, s), states, steps)

@@ -20,14 +20,13 @@ from qtraj.design.tuning.box import Bounds, at_the_wall, box, require_names, wei
 from qtraj.design.tuning.campaign import Found, Tell, take
 from qtraj.design.tuning.checks import require_choices, require_sound
 from qtraj.design.tuning.outcome import CONVERGED, INFEASIBLE, NOT_CONVERGED, Tuned
-from qtraj.design.tuning.problem import Objective, Problem, pose
+from qtraj.design.tuning.problem import Objective, pose
 from qtraj.design.tuning.sensitivity import solution
 from qtraj.design.tuning.sqp import FEASIBLE
 from qtraj.design.tuning.task import Task
 from qtraj.foundation.arrays import as_float
-from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.types import ArrayInput
-from qtraj.path.boundary import BoundaryState, Cylindrical
+from qtraj.path.boundary import BoundaryState
 from qtraj.path.boundary_problem import whole_turns
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
@@ -142,7 +141,7 @@ def _posed(
     return eqx.filter_vmap(one, in_axes=axes)(*data) if batched else one(*data)
 
 
-_posed_once = kept(Task, Problem, Cylindrical, Placement, Limits)(_posed)
+_posed_once = eqx.filter_jit(_posed)
 
 
 def _stacked(start: BoundaryState, end: BoundaryState) -> tuple[BoundaryState, BoundaryState, tuple[int, ...]]:
@@ -238,7 +237,7 @@ def _outcome(tasks: Task, limits: Limits, found: Found, start: BoundaryState, en
     return Tuned(path, *states, objective, certificate, _code(found, certificate.codes), found.steps)
 
 
-@kept()
+@eqx.filter_jit
 def _code(found: Found, codes: Int[Array, "*lanes n"]) -> Int[Array, "*lanes"]:
     """How a tuning ended, whose path has findings of these codes."""
     met = jnp.all(codes <= SAMPLED, axis=-1)
@@ -246,7 +245,7 @@ def _code(found: Found, codes: Int[Array, "*lanes n"]) -> Int[Array, "*lanes"]:
     return jnp.where((found.excess > FEASIBLE) & ~met, INFEASIBLE, code).astype(jnp.int32)
 
 
-@kept(SpiralHelix, Placement, BoundaryState)
+@eqx.filter_jit
 def _reached(
     tasks: Task, found: Found, start: BoundaryState, end: BoundaryState
 ) -> tuple[SpiralHelix, Array, tuple[BoundaryState, BoundaryState]]:
