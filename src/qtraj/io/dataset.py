@@ -10,6 +10,7 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
 import xarray
@@ -18,7 +19,6 @@ from jaxtyping import Array, Float
 from qtraj.batch.evaluate import evaluate
 from qtraj.design.limits import Limits
 from qtraj.foundation.arrays import as_float
-from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.provenance import made_with
 from qtraj.foundation.record import notes
 from qtraj.path.hodograph import AbstractHodograph
@@ -106,7 +106,7 @@ def _columns(path: AbstractHodograph, progress: np.ndarray) -> dict[str, tuple[t
     return columns
 
 
-@kept()
+@eqx.filter_jit
 def _sampled(path: AbstractHodograph, times: Float[Array, " n"]) -> tuple[dict[str, Array], dict[str, Array]]:
     """The outputs and the limited magnitudes, by name."""
     table = evaluate(path, times, outputs=tuple(AXES), continuous=True)
