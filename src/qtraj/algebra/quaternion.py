@@ -19,12 +19,16 @@ Each function takes one quaternion; batches are `jax.vmap`'s. Paper S writes α_
 """
 
 import math
+from typing import Any
 
 import jax.numpy as jnp
 
 from qtraj.algebra import matrices
 from qtraj.algebra.vector import balanced, norm, unit as unit_vector
-from qtraj.foundation.types import Flag, Mat4, Quat, Scalar, Vec3
+from qtraj.foundation.types import Mat4, Quat, Scalar, Vec3
+
+Components = Any
+"""Four components: a quaternion (4,), or a tuple of arrays of one shape."""
 
 _COS = [(-1) ** k / math.factorial(2 * k) for k in range(8)]
 _SINC = [(-1) ** k / math.factorial(2 * k + 1) for k in range(8)]
@@ -35,15 +39,18 @@ _SMALL_TANGENT_SQUARED = 0.0025  # above, the closed forms are, since their deri
 
 def product(p: Quat, q: Quat) -> Quat:
     """p∘q by Hamilton's rule."""
+    return jnp.stack(product_components(p, q))
+
+
+def product_components(p: Components, q: Components) -> Components:
+    """p∘q of four components each, which may be arrays over many quaternions."""
     a, b, c, d = p
     s, x, y, z = q
-    return jnp.stack(
-        [
-            a * s - b * x - c * y - d * z,
-            a * x + b * s + c * z - d * y,
-            a * y - b * z + c * s + d * x,
-            a * z + b * y - c * x + d * s,
-        ]
+    return (
+        a * s - b * x - c * y - d * z,
+        a * x + b * s + c * z - d * y,
+        a * y - b * z + c * s + d * x,
+        a * z + b * y - c * x + d * s,
     )
 
 
@@ -70,8 +77,13 @@ def unit(q: Quat) -> Quat:
 
 def canonical(q: Quat) -> Quat:
     """Of q and −q the one whose first non-zero component is positive: scalar ≥ 0, and one choice for half turns."""
+    return jnp.where(is_negative(q), -q, q)
+
+
+def is_negative(q: Components) -> Any:
+    """Whether the first non-zero component is negative; components may be arrays over many quaternions."""
     s, x, y, z = q
-    return jnp.where(_negative(s, _negative(x, _negative(y, z < 0))), -q, q)
+    return _negative(s, _negative(x, _negative(y, z < 0)))
 
 
 def from_xyzw(xyzw: Quat) -> Quat:
@@ -84,7 +96,7 @@ def to_xyzw(q: Quat) -> Quat:
     return jnp.roll(q, -1, axis=-1)
 
 
-def _negative(x: Scalar, next_is: Flag) -> Flag:
+def _negative(x: Any, next_is: Any) -> Any:
     return (x < 0) | ((x == 0) & next_is)
 
 

@@ -13,13 +13,14 @@ from jaxtyping import Array
 
 from qtraj.batch.blocks import SAMPLES, filled, mapped, reduced
 from qtraj.batch.channels import channels
+from qtraj.batch.cpu import in_one_loop
 from qtraj.batch.devices import AXIS, Spread, spread
 from qtraj.batch.long_rows import LONG, by_path, long_row
 from qtraj.batch.reduction import LINEAR, block_peak, joiner
 from qtraj.batch.sums import integrals, neighbours
-from qtraj.batch.task import Task, inner_shape
+from qtraj.batch.task import Task
 from qtraj.foundation.derivatives import carrying
-from qtraj.foundation.one_loop import in_one_loop
+from qtraj.path.channel import CHANNELS
 
 
 def run(
@@ -53,7 +54,7 @@ def _traced(task: Task, request: Any, times: Array) -> Any:
     values = mapped(work, arrays, (times,), shape, _samples())
     flat = {name: jnp.stack(values[name]) for name in task.names}
     lead = shape if task.batched else shape[1:]
-    return _results(task, {name: x.reshape(*inner_shape(name), *lead) for name, x in flat.items()})
+    return _results(task, {name: x.reshape(*CHANNELS[name].shape, *lead) for name, x in flat.items()})
 
 
 def _followed(task: Task, paths: Any, frame: Any, times: Array) -> Any:

@@ -12,7 +12,7 @@ from qtraj.batch.table import Table
 from qtraj.cli.content import finite
 from qtraj.cli.layout import MOST_ROWS, heading, numbers_table, print_files, print_scenario
 from qtraj.cli.tuning.report import print_fit
-from qtraj.path.quantities import DESCRIPTIONS
+from qtraj.path.channel import CHANNELS
 from qtraj.path.spiral_helix import SpiralHelix
 
 OUTPUTS = ("position", "velocity", "acceleration", "speed", "curvature", "torsion", "quaternion", "rate", "defined")
@@ -53,7 +53,7 @@ def table_content(
         "scenario": scenario,
         "fit": fit,
         "path": {"duration": float(path.duration), "length": float(path.length()), "turn": float(path.turn)},
-        "units": {"time": "s"} | {name: DESCRIPTIONS[name][0] for name in OUTPUTS},
+        "units": {"time": "s"} | {name: CHANNELS[name].unit for name in OUTPUTS},
         "columns": {name: np.asarray(getattr(table, name)).tolist() for name in names},
         "files": [],
     }

@@ -12,6 +12,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
+from qtraj.path.quantity import Division
+
 Numbers = Float[Array, "..."]
 Choice = Bool[Array, "..."] | bool
 
@@ -52,3 +54,7 @@ def root(x: Numbers) -> Numbers:
 def _of_root(primals: tuple[Numbers], tangents: tuple[Numbers]) -> tuple[Numbers, Numbers]:
     (x,) = primals
     return root(x), 0.5 * (inverse_root(x, x > 0) * tangents[0])
+
+
+DIVISION = Division(lambda part, whole: part * inverse_root(whole) ** 2, inverse_root)
+"""Ratios and inverse roots of positive numbers, for the formulas of path quantities."""
