@@ -108,7 +108,7 @@ class Instants:
         return sign * q[0], sign * q[1], sign * q[2], sign * q[3]
 
     @property
-    def gibbs(self) -> Triple:
+    def gibbs(self) -> tuple[Array, ...]:
         return _gibbs(self.quaternion)
 
     @property

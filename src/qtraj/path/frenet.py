@@ -5,7 +5,6 @@ The one home of these formulas. They are written over any arithmetic whose vecto
 derivatives may stand in any orthonormal basis; what refers to the vertical needs it as `up`, or as the third axis.
 """
 
-from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -19,7 +18,7 @@ class Invariants:
     climb rate, H the square of the horizontal speed, P = c·up.
     """
 
-    def __init__(self, derivatives: Sequence[Any], up: Any = None):
+    def __init__(self, derivatives: Any, up: Any = None):
         """`derivatives[k]` is the k-th derivative, from 1 on; `up` is the vertical, the third axis if None."""
         self.r = derivatives
         self.up = up
