@@ -19,16 +19,12 @@ Each function takes one quaternion; batches are `jax.vmap`'s. Paper S writes α_
 """
 
 import math
-from typing import Any
 
 import jax.numpy as jnp
 
-from qtraj.algebra import matrices
+from qtraj.algebra import hamilton, matrices
 from qtraj.algebra.vector import balanced, norm, unit as unit_vector
 from qtraj.foundation.types import Mat4, Quat, Scalar, Vec3
-
-Components = Any
-"""Four components: a quaternion (4,), or a tuple of arrays of one shape."""
 
 _COS = [(-1) ** k / math.factorial(2 * k) for k in range(8)]
 _SINC = [(-1) ** k / math.factorial(2 * k + 1) for k in range(8)]
@@ -39,19 +35,7 @@ _SMALL_TANGENT_SQUARED = 0.0025  # above, the closed forms are, since their deri
 
 def product(p: Quat, q: Quat) -> Quat:
     """p∘q by Hamilton's rule."""
-    return jnp.stack(product_components(p, q))
-
-
-def product_components(p: Components, q: Components) -> Components:
-    """p∘q of four components each, which may be arrays over many quaternions."""
-    a, b, c, d = p
-    s, x, y, z = q
-    return (
-        a * s - b * x - c * y - d * z,
-        a * x + b * s + c * z - d * y,
-        a * y - b * z + c * s + d * x,
-        a * z + b * y - c * x + d * s,
-    )
+    return jnp.stack(hamilton.product(p, q))
 
 
 def conjugate(q: Quat) -> Quat:
@@ -77,13 +61,7 @@ def unit(q: Quat) -> Quat:
 
 def canonical(q: Quat) -> Quat:
     """Of q and −q the one whose first non-zero component is positive: scalar ≥ 0, and one choice for half turns."""
-    return jnp.where(is_negative(q), -q, q)
-
-
-def is_negative(q: Components) -> Any:
-    """Whether the first non-zero component is negative; components may be arrays over many quaternions."""
-    s, x, y, z = q
-    return _negative(s, _negative(x, _negative(y, z < 0)))
+    return jnp.where(hamilton.is_negative(q), -q, q)
 
 
 def from_xyzw(xyzw: Quat) -> Quat:
@@ -94,10 +72,6 @@ def from_xyzw(xyzw: Quat) -> Quat:
 def to_xyzw(q: Quat) -> Quat:
     """The components of λ with the scalar part last."""
     return jnp.roll(q, -1, axis=-1)
-
-
-def _negative(x: Any, next_is: Any) -> Any:
-    return (x < 0) | ((x == 0) & next_is)
 
 
 def rotate(q: Quat, v_body: Vec3) -> Vec3:

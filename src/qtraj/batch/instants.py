@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax.lax import split, stop_gradient
 from jaxtyping import Array, Float
 
-from qtraj.algebra import quaternion, rotation
+from qtraj.algebra import hamilton, quaternion, rotation
 from qtraj.batch.cpu import DIVISION, cos_sin, derivatives_in_one_loop, inverse_root, root
 from qtraj.path.components import Triple, chosen, cross, dot, jet, scaled, times, total
 from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate, upright_rates
@@ -104,7 +104,7 @@ class Instants:
     def quaternion(self) -> Quaternion:
         """That to the world, first non-zero component positive."""
         q = self.basis.world_quaternion(_quaternion(*self._hung.axes))
-        sign = jnp.where(quaternion.is_negative(q), -1.0, 1.0).astype(q[0].dtype)
+        sign = jnp.where(hamilton.is_negative(q), -1.0, 1.0).astype(q[0].dtype)
         return sign * q[0], sign * q[1], sign * q[2], sign * q[3]
 
     @property
@@ -198,7 +198,7 @@ class Basis:
         if self.turning:
             (c, s), (w, x, y, z) = self.half, q
             q = c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w
-        return quaternion.product_components(self.orientation, q) if self.placed else q
+        return hamilton.product(self.orientation, q) if self.placed else q
 
 
 def _turned(v: Triple, cos: Array, sin: Array) -> Triple:
