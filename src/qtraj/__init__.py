@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to 
     from qtraj.design.proof.certify import certify as certify
     from qtraj.design.tuning.outcome import Tuned as Tuned
     from qtraj.design.tuning.tune import tune as tune
+    from qtraj.foundation.compilation_cache import enable_compilation_cache as enable_compilation_cache
     from qtraj.io import exchange as exchange
     from qtraj.io.dataset_file import load_dataset as load_dataset, save_dataset as save_dataset
     from qtraj.io.label import label as label
@@ -81,6 +82,7 @@ _HOMES = {
     "qtraj.design.proof.certify": ("certify",),
     "qtraj.design.tuning.outcome": ("Tuned",),
     "qtraj.design.tuning.tune": ("tune",),
+    "qtraj.foundation.compilation_cache": ("enable_compilation_cache",),
     "qtraj.io.dataset_file": ("load_dataset", "save_dataset"),
     "qtraj.io.label": ("label",),
     "qtraj.io.stored": ("load",),

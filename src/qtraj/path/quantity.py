@@ -34,7 +34,8 @@ class PathQuantity:
 
     `divisor` is what must not vanish for the quantity to exist: "speed" (S), "cross_norm" (N) or "level" (H). `square`
     is a second form of the same ratio for numbers, where the first would overflow or lose digits. `output` is the
-    name in tables and datasets, where a vector may bear the quantity's own name.
+    name in tables and datasets, where a vector may bear the quantity's own name. `bounds_speed`: a limit on it keeps
+    any path from being driven arbitrarily fast.
     """
 
     name: str
@@ -48,6 +49,7 @@ class PathQuantity:
     square: Callable[[Any, Division], Any] | None = None
     output: str = ""
     upright: bool = False
+    bounds_speed: bool = False
 
     @property
     def variable(self) -> str:
@@ -147,7 +149,7 @@ _ENTRIES = (
         divisor="cross_norm",
         output="torsion_magnitude",
     ),
-    PathQuantity("speed", "v", "m s-1", 1, "speed", numerator=lambda i: i.S),
+    PathQuantity("speed", "v", "m s-1", 1, "speed", numerator=lambda i: i.S, bounds_speed=True),
     PathQuantity(
         "acceleration",
         "|r̈|",
@@ -156,6 +158,7 @@ _ENTRIES = (
         "magnitude of the acceleration",
         numerator=lambda i: i.A,
         output="acceleration_magnitude",
+        bounds_speed=True,
     ),
     PathQuantity(
         "lateral_acceleration",
@@ -166,6 +169,7 @@ _ENTRIES = (
         numerator=lambda i: i.N,
         denominator=lambda i: i.S,
         divisor="speed",
+        bounds_speed=True,
     ),
     PathQuantity(
         "longitudinal_acceleration",
@@ -198,6 +202,7 @@ _ENTRIES = (
         denominator=lambda i: _square(i.N * i.S),
         divisor="cross_norm",
         square=_rate_square,
+        bounds_speed=True,
     ),
     PathQuantity(
         "angular_acceleration",
@@ -222,6 +227,7 @@ _ENTRIES = (
         denominator=lambda i: i.S * i.H,
         divisor="level",
         upright=True,
+        bounds_speed=True,
     ),
     PathQuantity(
         "yaw_acceleration",

@@ -11,7 +11,6 @@ from jaxtyping import Array, Bool, Float, Int
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_array, as_float, concrete
 from qtraj.foundation.document import storable
-from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Scalar
@@ -119,7 +118,7 @@ def compare(path: AbstractHodograph, track: Track, converged: bool = True, messa
     )
 
 
-@kept()
+@eqx.filter_jit
 def _measures(
     path: AbstractHodograph,
     times: Float[Array, " n"],

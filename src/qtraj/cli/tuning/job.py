@@ -4,13 +4,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import equinox as eqx
 from jaxtyping import Array, Float
 
 from qtraj.design.fitting.fit import fit
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.given import given_path
 from qtraj.design.tuning.outcome import Tuned
-from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.types import Scalar
 from qtraj.io.scenario import ScenarioFile
 from qtraj.io.scenario_model import Scenario
@@ -132,7 +132,7 @@ def ends(path: SpiralHelix) -> Ends:
     return Ends(BoundaryState(*first), BoundaryState(*last), float(turn), float(length))
 
 
-@kept()
+@eqx.filter_jit
 def _ends(path: SpiralHelix) -> tuple[list[Float[Array, "2 3"]], Scalar, Scalar]:
     return [path.derivatives(t, 1) for t in (0.0, path.duration)], path.turn, path.length()
 

@@ -7,7 +7,6 @@ from jaxtyping import Array, Bool, Float
 from numpy.polynomial import legendre
 
 from qtraj.foundation.arrays import as_array
-from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.types import Scalar
 from qtraj.path.track import Track, known, known_elapsed
 
@@ -83,7 +82,7 @@ def problem(track: Track, centre: np.ndarray, scale: float, bounds: tuple[float,
     )
 
 
-@kept()
+@eqx.filter_jit
 def minimise(
     turn: TurnProblem, start: Float[Array, " m"], max_steps: int
 ) -> tuple[Float[Array, " m"], Scalar, Bool[Array, ""]]:

@@ -16,7 +16,6 @@ from qtraj.design.peaks import largest, peak, summit
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate
 from qtraj.design.proof.inequalities import HIGHEST_DEGREE, divisor, parts, slack
 from qtraj.foundation import cores
-from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.types import Flag, Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials
@@ -126,7 +125,7 @@ def _judged(path: AbstractHodograph, limits: Limits) -> Findings:
     return _in_columns([(*finding, limit) for finding, limit in zip(found, given.values(), strict=True)])
 
 
-@kept()
+@eqx.filter_jit
 def _in_columns(findings: list[Findings]) -> Findings:
     codes, times, values, limits = (jnp.stack(column) for column in zip(*findings, strict=True))
     return codes.astype(jnp.int32), times, values, limits
@@ -140,7 +139,7 @@ class _Gap(NamedTuple):
     time: Scalar
 
 
-@kept(_Gap)
+@eqx.filter_jit
 def _gap(path: AbstractHodograph, which: str) -> _Gap:
     def size(path: AbstractHodograph, t: Scalar) -> Scalar:
         return getattr(regularity(invariants_at(path, t, 3), path.duration), which)
@@ -156,7 +155,7 @@ def _gap(path: AbstractHodograph, which: str) -> _Gap:
     return _Gap(proved, ~proved & (size(path, time) < GAP**2), time)
 
 
-@kept()
+@eqx.filter_jit
 def _finding(path: AbstractHodograph, gap: _Gap | None, limit: Scalar, name: str) -> tuple[Array, Scalar, Scalar]:
     """Code, time [s] and value of one limit, given whether what it divides by vanishes."""
     code, time, value = _as_if_defined(path, gap, name, limit.astype(path.duration.dtype))

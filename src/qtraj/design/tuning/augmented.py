@@ -16,11 +16,12 @@ from jaxtyping import Array, Float
 
 from qtraj.design.limits import Limits
 from qtraj.design.peaks import cell_peaks
-from qtraj.design.tuning.campaign import Found
+from qtraj.design.tuning.model import setting
+from qtraj.design.tuning.multistart import Found
+from qtraj.design.tuning.peaks import find_peaks
 from qtraj.design.tuning.problem import Problem, Variables
-from qtraj.design.tuning.rows import find_peaks
 from qtraj.design.tuning.sqp import FEASIBLE
-from qtraj.design.tuning.task import Task
+from qtraj.design.tuning.task import AIM, LEAST_LIMIT, Present, Task
 from qtraj.foundation.types import Flag, Scalar
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.values import squared
@@ -82,15 +83,18 @@ class Iterate(NamedTuple):
     steps: Array  # L-BFGS steps taken so far
 
 
-def search(task: Task, z: Variables, most_rounds: int, tell: Callable[[str], None] | None) -> Found:
+def search(
+    task: Task, which: Present, limits: Limits, z: Variables, most_rounds: int, tell: Callable[[str], None] | None
+) -> Found:
     """Where rounds from `z` end: the limits met at a stationary point, or not."""
     boxed = Boxed(task.problem, task.low, task.high)
-    last, settled = _solve(boxed, task.limits, boxed.outside(z), most_rounds, tell)
+    limits = jax.tree.map(lambda x: jnp.maximum(AIM * x, LEAST_LIMIT), limits)
+    last, settled = _solve(boxed, limits, boxed.outside(z), most_rounds, tell)
     z = boxed.inside(last.z)
     # Advice starts from the peaks of the other method, whose multipliers it finds itself.
-    peaks = find_peaks(task.problem.without_objective(), task.limits, z)
-    settled_at = jnp.asarray(settled)
-    return Found(z, jnp.zeros_like(peaks.time), peaks.time, last.violation, settled_at, last.steps)
+    peaks = find_peaks(setting(task.problem, z), which, task.limits)
+    nothing = jnp.zeros_like(peaks.time)
+    return Found(z, nothing, peaks.time, peaks.value, last.violation, jnp.asarray(settled), last.steps)
 
 
 def begin(problem: Boxed, limits: Limits, z: Variables) -> Iterate:

@@ -5,7 +5,10 @@ import jax.numpy as jnp
 
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.checks import require_choices, require_sound
-from qtraj.design.tuning.problem import Objective, Problem, pose
+from qtraj.design.tuning.motions.motion import AbstractMotion
+from qtraj.design.tuning.motions.registry import motion_of
+from qtraj.design.tuning.objectives.registry import Objective, objective_of
+from qtraj.design.tuning.problem import Problem, pose
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState, azimuth_difference, cylindrical
@@ -18,7 +21,7 @@ def given_path(
     start: BoundaryState,
     end: BoundaryState,
     objective: Objective = "nearest",
-    motion: str = "uniform",
+    motion: str | AbstractMotion = "uniform",
     duration: ArrayInput | None = None,
     turns: int = 0,
     placement: Placement | None = None,
@@ -31,16 +34,18 @@ def given_path(
 
     **Raises:** ValueError for input that makes no path, saying what was given and what to do.
     """
+    aim, kind = objective_of(objective), motion_of(motion)
     if start.acceleration is None and end.acceleration is None:
         any_limit = Limits(speed=1.0)  # a tuning problem must have one, and its starting path is the same for all
-        require_choices(start, end, any_limit, objective, motion, duration is not None)
+        require_choices(start, end, any_limit, aim, kind, duration is not None)
         duration, turn = (None if x is None else as_float(x) for x in (duration, turn))
         # A callable objective may hold arrays, which are constants of the problem: it is not traced.
-        posed = _posed_once if isinstance(objective, str) else pose
-        problem = posed(start, end, objective, motion, duration, whole_turns(turns), placement, turn)
+        posed = _posed_once if aim.is_smooth else pose
+        problem = posed(start, end, aim, kind, duration, whole_turns(turns), placement, turn)
         require_sound(problem, turn, any_limit)
-        return _unmoved(problem.without_objective())
-    if motion != "hermite" or duration is None:
+        path = _unmoved(problem.without_objective())
+        return path if placement is not None else eqx.tree_at(lambda path: path.placement, path, None)
+    if kind.is_uniform or duration is None:
         raise ValueError("boundary states with accelerations make a path only with motion='hermite' and a duration")
     a, b = cylindrical(start, placement), cylindrical(end, placement)
     short = azimuth_difference(a, b)

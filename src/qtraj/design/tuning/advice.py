@@ -4,6 +4,7 @@ The least excess is a smooth function of the boundary data, whose gradient is th
 multipliers (envelope theorem). A move is taken along it, and named only once the limits are seen to be met there.
 """
 
+import dataclasses
 import math
 from typing import Any, NamedTuple
 
@@ -11,13 +12,16 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
-from qtraj.design.tuning.campaign import Found, Tell, least_excess, take, without_objective
+from qtraj.design.limits import Limits
+from qtraj.design.tuning.constraints import values
+from qtraj.design.tuning.model import setting
+from qtraj.design.tuning.multistart import Found, Tell, least_violation, take, without_objective
+from qtraj.design.tuning.peaks import ABSENT
 from qtraj.design.tuning.problem import Problem
-from qtraj.design.tuning.rows import excess
 from qtraj.design.tuning.sqp import FEASIBLE
-from qtraj.design.tuning.task import Task
+from qtraj.design.tuning.task import Present, Task
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import Scalar
 from qtraj.foundation.units import with_unit
@@ -54,24 +58,36 @@ NUMBERS = (
 )
 
 
-def advice(tasks: Task, found: Found, most_steps: int, tell: Tell | None) -> str:
-    """What to do about the limits of one problem (a batch of one), from where it exceeds them least."""
+def advice(tasks: Task, which: Present, limits: Limits, found: Found, most_steps: int, tell: Tell | None) -> str:
+    """What to do about the limits of one problem (a batch of one), from where it violates them least."""
     tasks = without_objective(tasks)
-    task = take(tasks, 0)
-    given = {name: float(limit) for name, limit in task.limits.given().items()}
-    worst = _ratios(task, take(found, 0))
-    broken = [name for name, ratio in worst.items() if ratio > 1 + FEASIBLE]
-    alone = {name: _least_alone(tasks, found, name, most_steps, tell) for name in broken} if len(given) > 1 else worst
-    lines = [_verdict(name, alone[name], given[name]) for name in broken]
-    raised = [f"{name} to {with_unit(MARGIN * worst[name] * given[name], quantity(name).unit)}" for name in broken]
-    remedies = ["raise " + " and ".join(raised)]
-    remedies += _move(tasks, found, most_steps, tell)
-    problem = tasks.problem
-    if problem.motion == "uniform":
+    given = {name: float(limit) for name, limit in limits.given().items()}
+    search = _Search(which, most_steps, tell)
+    worst = dict(zip(given, _ratios(found)[0], strict=False))
+    violated = [name for name, ratio in worst.items() if ratio > 1 + FEASIBLE]
+    alone = worst
+    if len(given) > 1:
+        alone = {name: _least_alone(tasks, found, [*given].index(name), search) for name in violated}
+    lines = [_verdict(name, alone[name], given[name]) for name in violated]
+    raised = [f"{name} to {with_unit(MARGIN * worst[name] * given[name], quantity(name).unit)}" for name in violated]
+    remedies = ["raise " + " and ".join(raised), *_move(tasks, found, search)]
+    if tasks.problem.motion.is_uniform:
         remedies.append("take motion 'hermite', whose angle need not turn uniformly")
-    if problem.holds_duration:
+    if tasks.problem.objective.holds_duration:
         remedies.append("give a longer duration, which this objective holds fixed")
     return " ".join([*lines, "What would help: " + "; or ".join(remedies) + "."])
+
+
+class _Search(NamedTuple):
+    """What all searches of one piece of advice share."""
+
+    which: Present
+    most_steps: int
+    tell: Tell | None
+
+    def least(self, tasks: Task, found: Found) -> Found:
+        """The least violation from where another search ended."""
+        return least_violation(tasks, self.which, found, self.most_steps, self.tell)
 
 
 def _verdict(name: str, alone: float, limit: float) -> str:
@@ -82,43 +98,24 @@ def _verdict(name: str, alone: float, limit: float) -> str:
     return f"{name} can be met alone, but not with the others."
 
 
-def _ratios(task: Task, found: Found) -> dict[str, float]:
-    """The largest value of each quantity over its limit, of one problem."""
-    return {name: math.sqrt(max(1 + 2 * float(value), 0.0)) for name, value in _excesses(task, found).items()}
+def _ratios(found: Found) -> Float[np.ndarray, "batch slots"]:
+    """The largest value of each quantity over its limit."""
+    return np.sqrt(np.maximum(1 + 2 * np.max(np.asarray(found.values), axis=2), 0.0))
 
 
-@eqx.filter_jit
-def _excesses(task: Task, found: Found) -> dict[str, Scalar]:
-    """The largest excess over each limit."""
-    return {name: jnp.max(rows) for name, rows in _rows(task.problem, task, found).items()}
-
-
-def _rows(problem: Problem, task: Task, found: Found) -> dict[str, Float[Array, " k"]]:
-    """The excess over each limit of `task` at the times that were found, on the path that `problem` has there."""
-    return {
-        name: jax.vmap(lambda u, n=name, x=limit: excess(problem, found.z, u, n, x))(found.times[k])
-        for k, (name, limit) in enumerate(task.limits.given().items())
-    }
-
-
-def _least_alone(tasks: Task, found: Found, name: str, most_steps: int, tell: Tell | None) -> float:
+def _least_alone(tasks: Task, found: Found, slot: int, search: _Search) -> float:
     """The least peak of one quantity over its limit, found with every other limit relaxed."""
-    # Relaxed and not left out: the problem keeps its structure, so nothing is compiled again.
-    others = [n for n in tasks.limits.given() if n != name]
-    alone = eqx.tree_at(
-        lambda t: [getattr(t.limits, n) for n in others],
-        tasks,
-        [RELAXED * np.asarray(getattr(tasks.limits, n)) for n in others],
-    )
-    ended = least_excess(alone, found, most_steps, tell)
-    return math.sqrt(1 + 2 * float(ended.excess[0]))
+    others = np.arange(tasks.limits.shape[1]) != slot
+    relaxed = np.where(others, RELAXED * np.asarray(tasks.limits), tasks.limits)
+    ended = search.least(dataclasses.replace(tasks, limits=relaxed), found)
+    return math.sqrt(1 + 2 * float(ended.violation[0]))
 
 
-def _move(tasks: Task, found: Found, most_steps: int, tell: Tell | None) -> list[str]:
+def _move(tasks: Task, found: Found, search: _Search) -> list[str]:
     """The move of one boundary number that helps, in words; the one that is moved least, of those that do."""
-    steps = _tangents(tasks, found)
+    steps = _tangents(tasks, found, search.which)
     for k in sorted(range(len(NUMBERS)), key=lambda k: abs(steps[k][1]))[:TRIED]:
-        moved = _moved_until_met(tasks, found, k, most_steps, tell)
+        moved = _moved_until_met(tasks, found, k, search)
         if moved is not None:
             number = NUMBERS[k]
             before = float(_value(take(tasks.problem, 0), number))
@@ -126,47 +123,58 @@ def _move(tasks: Task, found: Found, most_steps: int, tell: Tell | None) -> list
     return []
 
 
-def _moved_until_met(tasks: Task, found: Found, k: int, most_steps: int, tell: Tell | None) -> float | None:
+def _moved_until_met(tasks: Task, found: Found, k: int, search: _Search) -> float | None:
     number, problem = NUMBERS[k], take(tasks.problem, 0)
     first, size = float(_value(problem, number)), _size(problem, number)
     for _ in range(MOVES):
-        step, relative = _tangents(tasks, found)[k]
+        step, relative = _tangents(tasks, found, search.which)[k]
         value = float(_value(take(tasks.problem, 0), number)) + OVERSHOT * step
         through_zero = number.field != "height" and value * first <= 0
         if not math.isfinite(relative) or abs(value - first) > FARTHEST * size or through_zero:
             return None
         tasks = eqx.tree_at(lambda t: t.problem, tasks, _with(tasks.problem, number, as_float([value])))
-        found = least_excess(tasks, found._replace(excess=_excess_there(tasks, found)), most_steps, tell)
-        if float(found.excess[0]) <= FEASIBLE:
+        there = _values_there(take(tasks, 0), search.which, take(found, 0))
+        found = search.least(tasks, found._replace(violation=np.maximum(np.max(there), 0.0)[None]))
+        if float(found.violation[0]) <= FEASIBLE:
             return value
     return None
 
 
-def _tangents(tasks: Task, found: Found) -> list[tuple[float, float]]:
+def _tangents(tasks: Task, found: Found, which: Present) -> list[tuple[float, float]]:
     """Of each number the step at which its tangent meets the limits, and the same over the number's size."""
     task, at = take(tasks, 0), take(found, 0)
-    excess_now, slopes = float(at.excess), [float(s) for s in _slopes(task, at)]
-    steps = [-excess_now / s if s != 0 else math.inf for s in slopes]
+    violation, slopes = float(at.violation), [float(s) for s in _slopes(task, which, at)]
+    steps = [-violation / s if s != 0 else math.inf for s in slopes]
     return [(step, step / _size(task.problem, number)) for step, number in zip(steps, NUMBERS, strict=True)]
 
 
 @eqx.filter_jit
-def _slopes(task: Task, at: Found) -> tuple[Scalar, ...]:
-    """The derivatives of the least excess in each number."""
+def _slopes(task: Task, which: Present, at: Found) -> tuple[Scalar, ...]:
+    """The derivatives of the least violation in each number."""
 
     def weighed(numbers: tuple[Scalar, ...]) -> Scalar:
         problem = task.problem
         for number, value in zip(NUMBERS, numbers, strict=True):
             problem = _with(problem, number, value)
-        rows = jnp.stack([*_rows(problem, task, at).values()])
+        rows = _values(dataclasses.replace(task, problem=problem), which, at)
         return jnp.sum(at.multipliers * rows) / jnp.maximum(at.multipliers.sum(), jnp.finfo(at.z.dtype).tiny)
 
-    return jax.grad(weighed)(tuple(_value(task.problem, number) for number in NUMBERS))
+    return jax.jacfwd(weighed)(tuple(_value(task.problem, number) for number in NUMBERS))
 
 
-def _excess_there(tasks: Task, found: Found) -> Float[np.ndarray, "1"]:
-    ratios = _ratios(take(tasks, 0), take(found, 0))
-    return np.asarray([max(0.5 * (max(ratios.values()) ** 2 - 1), 0.0)])
+def _values(task: Task, which: Present, at: Found) -> Float[Array, "slots k"]:
+    """The values of the constraints of a task at the times that were found, on the path that its problem has there."""
+    here = setting(task.problem, at.z)
+
+    def of_slot(slot: Int[Array, ""], found: Array) -> Array:
+        index = jnp.asarray(which.index)[slot]
+        own = values(here, index, task.limits[slot], at.times[slot])
+        return found.at[slot].set(jnp.where(at.values[slot] > ABSENT, own, ABSENT))
+
+    return jax.lax.fori_loop(0, jnp.asarray(which.count), of_slot, jnp.full_like(at.times, ABSENT))
+
+
+_values_there = eqx.filter_jit(_values)
 
 
 def _value(problem: Problem, number: _Number) -> Float[Array, "*lanes"]:

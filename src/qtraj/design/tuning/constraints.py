@@ -1,0 +1,332 @@
+"""The limits as constraints on a path: values at many places of many searches, with their derivatives.
+
+A constraint is g(z, u) = ½((value/limit)² − 1) ≤ 0 at the fraction u of the duration. In unit time the duration T only
+scales the limit: (value/limit)² = κ·G with κ = T^−2p/limit², p being the power of 1/s in the quantity's unit. G is a
+function of a few invariants, and these are scalar products of r', r'', …, c = r'×r'' and c' = r'×r''', called blocks.
+
+Which limit is meant is a number that all searches of a batch share, so that each limit's formula is compiled once, and
+only the limits that are present are worked out.
+"""
+
+from collections.abc import Callable, Sequence
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from qtraj.design.tuning import monomials
+from qtraj.design.tuning.curves import Changes, Curves, along_u, angle_at, unpacked
+from qtraj.design.tuning.monomials import Table
+from qtraj.foundation.types import Scalar
+from qtraj.path.frenet import Invariants
+from qtraj.path.quantity import QUANTITIES, PathQuantity
+
+Places = Float[Array, " places"]
+
+
+class Setting(NamedTuple):
+    """A path, and the rotation from the axes of its placement to the world's."""
+
+    curves: Curves
+    axes: Float[Array, "3 3"]
+
+
+class Expansion(NamedTuple):
+    """Of g at many places: value, derivatives in the variables, and in u."""
+
+    value: Places
+    slope: Float[Array, "n places"]
+    curvature: Float[Array, "n n places"]
+    mixed: Float[Array, "n places"]  # ∂²g/∂z∂u
+    rate: Places  # ∂g/∂u
+    bend: Places  # ∂²g/∂u²
+
+
+class Group(NamedTuple):
+    """Quantities that are formed from the same invariants.
+
+    `products` gives each invariant as a scalar product of two blocks, by their names, or of one block and the vertical.
+    """
+
+    order: int
+    members: tuple[Callable[[Any], Any], ...]
+    products: dict[str, tuple[str, str]]
+    table: Table
+    upright: bool = False
+
+    @property
+    def others(self) -> tuple[int, ...]:
+        """The derivatives, from r' as 0 on, whose cross products with r' are blocks, too: c is that with r''."""
+        used = {name for pair in self.products.values() for name in pair}
+        return tuple(k for name, k in (("c", 1), ("c1", 2)) if name in used)
+
+    @property
+    def blocks(self) -> tuple[str, ...]:
+        """The derivatives, then cross products."""
+        return (*("r1", "r2", "r3", "r4")[: self.order], *("c", "c1")[: len(self.others)])
+
+    def forms(self) -> tuple[np.ndarray, np.ndarray]:
+        """Invariants as ½ΣQ·Y·Y + Σℓ·Y: Q (invariants, blocks, blocks, 3) and ℓ (invariants, blocks, 3)."""
+        index = {name: k for k, name in enumerate(self.blocks)}
+        Q = np.zeros((len(self.products), len(index), len(index), 3))
+        linear = np.zeros(Q.shape[:1] + Q.shape[2:])
+        for k, (name, (a, b)) in enumerate(self.products.items()):
+            if b == "up":
+                linear[k, index[a], 2] = 1.0
+                continue
+            axes = slice(0, 2) if name in LEVEL else slice(None)
+            Q[k, index[a], index[b], axes] += 1.0
+            Q[k, index[b], index[a], axes] += 1.0
+        return Q, linear
+
+
+LEVEL = ("H", "G")
+"""Invariants of the horizontal parts."""
+
+
+def _slowness(i: Any) -> Any:
+    return -1 * i.S
+
+
+def _group(order: int, products: dict[str, tuple[str, str]], entries: Sequence[PathQuantity], *more: Any) -> Group:
+    tables = [monomials.table(entry, tuple(products)) for entry in entries]
+    slowest = Table(-np.ones(1), np.eye(len(products))[:1])
+    table = monomials.stacked([*tables, *([slowest] if more else [])])
+    members = (*(entry.squared for entry in entries), *more)
+    return Group(order, members, products, table, any(entry.upright for entry in entries))
+
+
+def _place(entry: PathQuantity) -> int:
+    return 2 if entry.upright else int(entry.order > 2)
+
+
+_ENTRIES = [[entry for entry in QUANTITIES.values() if _place(entry) == k] for k in range(3)]
+_BOTH = {"S": ("r1", "r1"), "B": ("r1", "r2"), "N": ("c", "c")}
+GROUPS = (
+    _group(2, {**_BOTH, "A": ("r2", "r2")}, _ENTRIES[0], _slowness),
+    _group(4, {**_BOTH, "T": ("c", "r3"), "J": ("r3", "r3"), "E": ("c", "c1"), "D": ("c", "r4")}, _ENTRIES[1]),
+    _group(
+        3,
+        {
+            "S": ("r1", "r1"),
+            "B": ("r1", "r2"),
+            "V": ("r1", "up"),
+            "H": ("r1", "r1"),
+            "G": ("r1", "r2"),
+            "P": ("c", "up"),
+            "P1": ("c1", "up"),
+        },
+        _ENTRIES[2],
+    ),
+)
+
+SLOWEST = len(QUANTITIES)
+"""The place after the last limit: minus the square of the speed, whose peak is where a path is slowest."""
+
+_PLACES = [_place(entry) for entry in QUANTITIES.values()]
+GROUP = np.asarray([*_PLACES, 0], np.int32)
+MEMBER = np.asarray([*(_PLACES[:k].count(g) for k, g in enumerate(_PLACES)), len(_ENTRIES[0])], np.int32)
+PER_TIME = np.asarray([*(entry.per_time for entry in QUANTITIES.values()), 0], np.int32)
+
+
+def values(setting: Setting, index: Int[Array, ""], limit: Scalar, u: Places) -> Places:
+    """g at the places `u`."""
+    curves, axes = setting
+    scale, _ = _scale(curves, index, limit)
+
+    def of(group: Group) -> Callable[[], Places]:
+        def branch() -> Places:
+            r = along_u(curves.up_to(group.order), u, 0)[0]
+            r = _upright(axes, curves, r, u) if group.upright else r
+            found = Invariants([None, *((x[0], x[1], x[2]) for x in r)])
+            known = SimpleNamespace(**{name: getattr(found, name) for name in group.products})
+            squares = [lambda square=square: square(known) for square in group.members]
+            return jax.lax.switch(jnp.asarray(MEMBER)[index], squares)
+
+        return branch
+
+    return 0.5 * (scale * _branch(index, of) - 1)
+
+
+def slopes(
+    setting: Setting, changes: Changes, index: Int[Array, ""], limit: Scalar, u: Places
+) -> tuple[Places, Float[Array, "n places"]]:
+    """g at the places `u`, and its derivatives in the variables."""
+    curves, axes = setting
+    scale, per_log = _scale(curves, index, limit)
+
+    def of(group: Group) -> Callable[[], tuple[Places, Array]]:
+        def branch() -> tuple[Places, Array]:
+            r = along_u(curves.up_to(group.order), u, 0)[0]
+            moved = along_u(changes.first.up_to(group.order), u, 0)[0]
+            if group.upright:
+                angle, first = angle_at(curves, u, 0)[0], angle_at(changes.first, u, 0)[0]
+                moved = _turned(axes, angle, moved + first[:, None, None] * _spun(r)[None])
+                r = _turned(axes, angle, r)
+            G, bar, _ = _gradient(group, r, index)
+            return G, jnp.einsum("okp,nokp->np", bar, moved)
+
+        return branch
+
+    G, slope = _branch(index, of)
+    in_scale = (per_log * changes.first.log_duration)[:, None] * G[None]
+    return 0.5 * (scale * G - 1), 0.5 * scale * (slope + in_scale)
+
+
+def expansions(setting: Setting, changes: Changes, index: Int[Array, ""], limit: Scalar, u: Places) -> Expansion:
+    """g at the places `u`, with first and second derivatives in the variables and in u."""
+    scale, per_log = _scale(setting.curves, index, limit)
+    G = Expansion(*_branch(index, lambda group: lambda: _expanded(group, setting, changes, index, u)))
+    # κ = exp(−2p ln T)/limit²: its derivatives in the variables are those of ln T, which is linear in them.
+    first = (per_log * changes.first.log_duration)[:, None]
+    cross = first[:, None] * G.slope[None]
+    second = first[:, None] * first[None] * G.value[None, None]
+    return Expansion(
+        0.5 * (scale * G.value - 1),
+        0.5 * scale * (G.slope + first * G.value[None]),
+        0.5 * scale * (G.curvature + second + cross + jnp.swapaxes(cross, 0, 1)),
+        0.5 * scale * (G.mixed + first * G.rate[None]),
+        0.5 * scale * G.rate,
+        0.5 * scale * G.bend,
+    )
+
+
+def _scale(curves: Curves, index: Int[Array, ""], limit: Scalar) -> tuple[Array, Array]:
+    """κ, and d ln κ / d ln T."""
+    per_log = jnp.asarray(-2.0 * PER_TIME)[index].astype(limit.dtype)
+    return jnp.exp(per_log * curves.log_duration) / limit**2, per_log
+
+
+def _branch(index: Int[Array, ""], of: Callable[[Group], Callable[[], Any]]) -> Any:
+    return jax.lax.switch(jnp.asarray(GROUP)[index], [of(group) for group in GROUPS])
+
+
+def _expanded(group: Group, setting: Setting, changes: Changes, index: Int[Array, ""], u: Places) -> tuple[Array, ...]:
+    """G, its derivatives in the variables, those in variables and u, and in u.
+
+    In the directions w of the variables and of u, with s for invariants and Y for blocks,
+    G_ww = Σ G_ss s_w s_w + Σ W Y_w Y_w + Σ Ȳ·Y_ww, where W are the weights of the blocks' products and Ȳ = G_Y.
+    """
+    curves = setting.curves
+    r, in_u, in_u_twice = along_u(curves.up_to(group.order), u, 2)
+    moved, moved_in_u = along_u(changes.first.up_to(group.order), u, 1)
+    w = jnp.concatenate([moved, in_u[None]])
+    back: Any = lambda bar: (bar, 0.0)  # noqa: E731
+    if group.upright:
+        r, w, back = _in_world(setting, changes, r, w, u)
+    G, bar, (Y, bar_Y, V, W, hessian) = _gradient(group, r, index)
+    in_w = jnp.concatenate([w, *(_crossed(w, Y, k)[:, None] for k in group.others)], axis=1)
+    s_w = jnp.einsum("ibkp,mbkp->imp", V, in_w)
+    curved = jnp.einsum("imp,ijp,jnp->mnp", s_w, hessian, s_w)
+    curved = curved + jnp.einsum("mbkp,bckp,nckp->mnp", in_w, W, in_w)
+    for place, k in enumerate(group.others):
+        half = jnp.einsum("mkp,nkp->mnp", _cross(bar_Y[group.order + place][None], w[:, 0]), w[:, k])
+        curved = curved + half + jnp.swapaxes(half, 0, 1)
+    own, turned = back(bar)
+    curved = curved + turned
+    powers = [jnp.ones_like(u)]
+    second = changes.second.up_to(group.order)
+    for _ in range(second.shape[-2] - 1):
+        powers.append(powers[-1] * u)
+    onto = own[:, None] * jnp.stack(powers)[None, :, None]
+    rows = second.reshape(second.shape[0], -1) @ onto.reshape(-1, u.shape[0])
+    n = moved.shape[0]
+    flat = jnp.einsum("okp,mokp->mp", bar, w)
+    return (
+        G,
+        flat[:n],
+        curved[:n, :n] + unpacked(rows),
+        curved[:n, n] + jnp.einsum("okp,nokp->np", own, moved_in_u),
+        flat[n],
+        curved[n, n] + 2 * jnp.einsum("okp,okp->p", own, in_u_twice),
+    )
+
+
+def _gradient(group: Group, r: Array, index: Int[Array, ""]) -> tuple[Places, Array, tuple[Array, ...]]:
+    """G, its derivatives in r', r'', …; blocks, G_Y, derivatives of the invariants, weights, G_ss."""
+    Y = jnp.concatenate([r, *(_cross(r[0], r[k])[None] for k in group.others)])
+    Q, linear = (jnp.asarray(x, r.dtype) for x in group.forms())
+    product = jnp.einsum("ibck,ckp->ibkp", Q, Y)
+    V = product + linear[..., None]
+    s = jnp.einsum("ibkp,bkp->ip", 0.5 * product + linear[..., None], Y)
+    member = jnp.asarray(MEMBER)[index]
+    coefficients, exponents = (jnp.asarray(x, r.dtype)[member] for x in group.table)
+    G, of_s, hessian = monomials.expand(coefficients, exponents, s)
+    bar_Y = jnp.einsum("ip,ibkp->bkp", of_s, V)
+    W = jnp.einsum("ip,ibck->bckp", of_s, Q)
+    bar = [bar_Y[k] for k in range(group.order)]
+    for place, k in enumerate(group.others):
+        along = bar_Y[group.order + place]
+        bar[0], bar[k] = bar[0] + _cross(r[k], along), bar[k] + _cross(along, r[0])
+    return G, jnp.stack(bar), (Y, bar_Y, V, W, hessian)
+
+
+def _crossed(w: Array, Y: Array, k: int) -> Array:
+    """The derivatives of r' × r^(k+1) in the directions w."""
+    return _cross(w[:, 0], Y[k][None]) + _cross(Y[0][None], w[:, k])
+
+
+def _upright(axes: Array, curves: Curves, r: Array, u: Places) -> Array:
+    """r', r'', … with the third axis vertical, where the axis of the path is not."""
+    tilted = jnp.any(axes[2, :2] != 0)
+    return jax.lax.cond(tilted, lambda: _turned(axes, angle_at(curves, u, 0)[0], r), lambda: r)
+
+
+def _turned(axes: Array, angle: Places, v: Array) -> Array:
+    """Vectors (…, 3, places) from the moving basis to the world's."""
+    x, y, z = v[..., 0, :], v[..., 1, :], v[..., 2, :]
+    cos, sin = _cos_sin(angle, x.ndim)
+    local = jnp.stack([x * cos - y * sin, x * sin + y * cos, z], axis=-2)
+    return jnp.einsum("ij,...jp->...ip", axes, local)
+
+
+def _turned_back(axes: Array, angle: Places, v: Array) -> Array:
+    """Vectors (…, 3, places) from the world's axes to the moving basis."""
+    local = jnp.einsum("ji,...jp->...ip", axes, v)
+    x, y, z = local[..., 0, :], local[..., 1, :], local[..., 2, :]
+    cos, sin = _cos_sin(angle, x.ndim)
+    return jnp.stack([x * cos + y * sin, y * cos - x * sin, z], axis=-2)
+
+
+def _cos_sin(angle: Places, ndim: int) -> tuple[Array, Array]:
+    wide = angle[(None,) * (ndim - 1)]
+    return jnp.cos(wide), jnp.sin(wide)
+
+
+def _spun(v: Array) -> Array:
+    """k × v."""
+    x, y = v[..., 0, :], v[..., 1, :]
+    return jnp.stack([-y, x, jnp.zeros_like(x)], axis=-2)
+
+
+def _in_world(setting: Setting, changes: Changes, r: Array, w: Array, u: Places) -> tuple[Array, Array, Any]:
+    """r', r'', … and their derivatives in all directions in the world's axes; and what takes derivatives back.
+
+    That gives derivatives in the moving basis, and what the turning of the basis adds to second ones.
+    """
+    curves, axes = setting
+    angle, in_u, in_u_twice = angle_at(curves, u, 2)
+    moved, moved_in_u = angle_at(changes.first, u, 1)
+    second = unpacked(angle_at(changes.second, u, 0)[0])
+    first = jnp.concatenate([moved, in_u[None]])
+    spun, again = _spun(r), _spun(_spun(r))
+    twice = jnp.concatenate([second, moved_in_u[:, None]], axis=1)
+    twice = jnp.concatenate([twice, jnp.concatenate([moved_in_u, 2 * in_u_twice[None]])[None]])
+
+    def back(bar: Array) -> tuple[Array, Array]:
+        own = _turned_back(axes, angle, bar)
+        half = first[:, None] * jnp.einsum("okp,mokp->mp", own, _spun(w))[None]
+        square = first[:, None] * first[None] * jnp.einsum("okp,okp->p", own, again)[None, None]
+        added = twice * jnp.einsum("okp,okp->p", own, spun)[None, None]
+        return own, half + jnp.swapaxes(half, 0, 1) + square + added
+
+    return _turned(axes, angle, r), _turned(axes, angle, w + first[:, None, None] * spun[None]), back
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """a × b of vectors (…, 3, places)."""
+    x, y = ([v[..., k, :] for k in range(3)] for v in (a, b))
+    return jnp.stack([x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]], axis=-2)

@@ -1,0 +1,26 @@
+"""A polynomial angle that meets all velocities at both ends."""
+
+from typing import ClassVar
+
+from jaxtyping import Array, Float
+
+from qtraj.design.tuning.motions.motion import VELOCITIES, AbstractMotion
+from qtraj.foundation.types import Scalar, Vec3
+from qtraj.path.boundary import Cylindrical
+
+
+class Hermite(AbstractMotion):
+    """All six velocity components move; ρ, φ and h are cubics."""
+
+    name: ClassVar[str] = "hermite"
+    velocities: ClassVar[tuple[str, ...]] = VELOCITIES
+    is_uniform: ClassVar[bool] = False
+
+    def boundary_velocities(
+        self, a: Cylindrical, b: Cylindrical, changes: Float[Array, " n"], turn: Scalar, duration: Scalar
+    ) -> tuple[Vec3, Vec3]:
+        return a.velocity + changes[:3], b.velocity + changes[3:]
+
+    def duration(self, a: Cylindrical, b: Cylindrical, turn: Scalar) -> Scalar:
+        """The turn over the mean of both V_φ/ρ."""
+        return 2 * turn / (a.rate + b.rate)

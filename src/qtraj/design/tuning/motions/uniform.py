@@ -1,0 +1,30 @@
+"""Uniform rotation: the angle turns at one rate, as in paper S."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.design.tuning.motions.motion import VELOCITIES, AbstractMotion
+from qtraj.foundation.types import Scalar, Vec3
+from qtraj.path.boundary import Cylindrical
+
+
+class Uniform(AbstractMotion):
+    """V_ρ and V_h move at both ends; V_φ = ωρ follows from the duration."""
+
+    name: ClassVar[str] = "uniform"
+    velocities: ClassVar[tuple[str, ...]] = tuple(v for v in VELOCITIES if not v.endswith("V_phi"))
+    is_uniform: ClassVar[bool] = True
+
+    def boundary_velocities(
+        self, a: Cylindrical, b: Cylindrical, changes: Float[Array, " n"], turn: Scalar, duration: Scalar
+    ) -> tuple[Vec3, Vec3]:
+        rate = turn / duration
+        va = jnp.stack([a.velocity[0] + changes[0], rate * a.radius, a.velocity[2] + changes[1]])
+        vb = jnp.stack([b.velocity[0] + changes[2], rate * b.radius, b.velocity[2] + changes[3]])
+        return va, vb
+
+    def duration(self, a: Cylindrical, b: Cylindrical, turn: Scalar) -> Scalar:
+        """The turn over the rate nearest to both V_φ/ρ."""
+        return turn * (a.radius**2 + b.radius**2) / (a.radius * a.velocity[1] + b.radius * b.velocity[1])

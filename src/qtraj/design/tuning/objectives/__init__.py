@@ -1,0 +1,1 @@
+"""Objectives of a tuning: what is least at the solution."""

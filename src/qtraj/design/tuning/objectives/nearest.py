@@ -1,0 +1,28 @@
+"""The least change of the initial states."""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.design.tuning.objectives.objective import AbstractObjective
+from qtraj.foundation.types import Scalar
+
+
+class Nearest(AbstractObjective):
+    """The weighted sum of the squared changes of the velocity components, and of a free duration [m² s⁻²]."""
+
+    name: ClassVar[str] = "nearest"
+
+    def value(self, problem: Any, z: Float[Array, " n"]) -> Scalar:
+        duration = problem.time(z)
+        va, vb = problem.velocities(z, duration)
+        changes = jnp.concatenate([va - problem.start.velocity, vb - problem.end.velocity])
+        total = jnp.sum(problem.weights[:6] * changes**2)
+        if problem.motion.is_uniform:
+            return total
+        return total + problem.weights[6] * ((duration - problem.duration) / problem.duration * problem.speed) ** 2
+
+    def scale(self, problem: Any) -> Scalar:
+        heaviest = jnp.max(problem.weights)
+        return problem.speed**2 * jnp.where(heaviest > 0, heaviest, 1.0)

@@ -1,0 +1,163 @@
+"""The highest peaks of each constraint in time."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from qtraj.design.tuning.constraints import SLOWEST, Setting, values
+from qtraj.design.tuning.task import SLOTS, Present
+from qtraj.foundation.least import least
+from qtraj.foundation.types import Scalar
+
+NODES = 65
+"""Times at which peaks are sought."""
+
+PICKED = 4
+"""Of the highest inner local maxima so many are refined."""
+
+ALWAYS = 3
+"""Peaks that are always sought: where the path is slowest, and next to both ends."""
+
+PEAKS = PICKED + ALWAYS
+
+REACH = 1 / (NODES - 1)
+"""So far from its node a peak is sought."""
+
+OFFSETS = 9
+"""Places about a peak at which one round of refinement looks: for all peaks together nearly as many as nodes."""
+
+ROUNDS = (1.0, 1 / 16)
+"""The halves of the intervals of the rounds, in reaches; a parabola through the three highest places ends each."""
+
+SAME = 1e-5
+"""Peaks nearer to each other are one; a fraction of the duration."""
+
+ABSENT = -1e3
+"""The value of a constraint at a peak that is not there."""
+
+TOO_MUCH = 1e9
+"""The value of a constraint that is not finite."""
+
+
+class Peaks(NamedTuple):
+    """Where the peaks and ends of all constraints stand, which of them there are, and how high they are."""
+
+    time: Float[Array, "slots k"]
+    present: Bool[Array, "slots k"]
+    moving: Bool[Array, "slots k"]  # an inner peak, whose time changes with the variables
+    value: Float[Array, "slots k"]
+
+
+def none(dtype: Any) -> Peaks:
+    """No peaks of any constraint, in NumPy arrays."""
+    no = np.zeros((SLOTS, PEAKS), bool)
+    return Peaks(np.zeros(no.shape, dtype), no, no, np.full(no.shape, ABSENT, dtype))
+
+
+def find_peaks(setting: Setting, which: Present, limits: Float[Array, " slots"]) -> Peaks:
+    """The peaks and ends of all constraints that are present."""
+
+    def of_slot(slot: Int[Array, ""], found: tuple[Peaks, Scalar]) -> tuple[Peaks, Scalar]:
+        peaks, slowest = found
+        place = jnp.maximum(slot, 0)
+        # First of all where the path is slowest: there a curvature may rise to a needle between the nodes.
+        index = jnp.where(slot < 0, SLOWEST, jnp.asarray(which.index)[place])
+        own = _peaks(setting, index, limits[place], slowest)
+        whole = jax.tree.map(lambda x, one: x.at[place].set(one), peaks, own)
+        return whole, jnp.where(slot < 0, own.time[0], slowest)
+
+    start = jax.tree.map(jnp.asarray, none(limits.dtype)), jnp.full((), 0.5, limits.dtype)
+    peaks, _ = jax.lax.fori_loop(-1, jnp.asarray(which.count), of_slot, start)
+    return peaks
+
+
+class _Round(NamedTuple):
+    """A round of the search: places to look at, where peaks were first suspected and now stand, and their values."""
+
+    places: Float[Array, " nodes"]
+    start: Float[Array, " k"]
+    time: Float[Array, " k"]
+    present: Bool[Array, " k"]
+    value: Float[Array, " k"]
+
+
+def _peaks(setting: Setting, index: Int[Array, ""], limit: Scalar, slowest: Scalar) -> Peaks:
+    dtype = limit.dtype
+    nodes = jnp.linspace(0.0, 1.0, NODES, dtype=dtype)
+    offsets = jnp.linspace(-1.0, 1.0, OFFSETS, dtype=dtype)[:, None]
+    ends = jnp.stack([slowest, jnp.zeros((), dtype), jnp.ones((), dtype)])
+    halves = REACH * jnp.asarray([*ROUNDS, 0.0, 0.0], dtype)
+
+    def look(k: Int[Array, ""], now: _Round) -> _Round:
+        g = values(setting, index, limit, now.places)
+
+        def choose() -> tuple[Array, Array]:
+            picked, there = _highest_nodes(g)
+            return jnp.concatenate([picked, ends]), jnp.concatenate([there, jnp.ones(ALWAYS, bool)])
+
+        def refine() -> tuple[Array, Array]:
+            at, seen = (x[: OFFSETS * PEAKS].reshape(OFFSETS, PEAKS) for x in (now.places, g))
+            return jnp.where(k > len(ROUNDS), now.time, _top_of_parabola(at, seen)), now.present
+
+        time, present = jax.lax.cond(k == 0, choose, refine)
+        around = jnp.clip(time[None] + halves[k] * offsets, 0.0, 1.0).reshape(-1)
+        middle = OFFSETS // 2 * PEAKS
+        return _Round(
+            jnp.concatenate([around, nodes[OFFSETS * PEAKS :]]),
+            jnp.where(k == 0, time, now.start),
+            time,
+            present,
+            g[middle : middle + PEAKS],
+        )
+
+    nothing = jnp.zeros(PEAKS, dtype)
+    begun = _Round(nodes, nothing, nothing, jnp.zeros(PEAKS, bool), nothing)
+    end = jax.lax.fori_loop(0, len(ROUNDS) + 2, look, begun)
+    low, high = jnp.maximum(end.start - REACH, 0.0), jnp.minimum(end.start + REACH, 1.0)
+    moving = (end.time > low) & (end.time < high)
+    present = end.present & ~_repeated(end.time, end.present)
+    value = jnp.where(present, jnp.where(jnp.isfinite(end.value), end.value, TOO_MUCH), ABSENT)
+    return Peaks(end.time, present, moving, value)
+
+
+def _highest_nodes(g: Float[Array, " nodes"]) -> tuple[Float[Array, " picked"], Bool[Array, " picked"]]:
+    """The inner nodes of the highest local maxima, and which of them there are."""
+    known = jnp.where(jnp.isnan(g), jnp.inf, g)
+    middle = known[1:-1]
+    heights = jnp.where((middle >= known[:-2]) & (middle > known[2:]), middle, -jnp.inf)
+    rows = jnp.arange(heights.shape[0])
+
+    def pick(heights: Array, _: None) -> tuple[Array, tuple[Array, Array]]:
+        below, place = least(-heights)
+        time = REACH * (place + 1).astype(g.dtype)
+        return jnp.where(rows == place, -jnp.inf, heights), (time, below < jnp.inf)
+
+    return jax.lax.scan(pick, heights, None, length=PICKED)[1]
+
+
+def _top_of_parabola(at: Float[Array, "offsets k"], seen: Float[Array, "offsets k"]) -> Float[Array, " k"]:
+    """The top of the parabola about the highest place, or the place next to that where it is the first or the last."""
+    known = jnp.where(seen < TOO_MUCH, seen, TOO_MUCH)  # NaN too
+    best = jnp.argmax(known, axis=0)
+    inner = jnp.clip(best, 1, OFFSETS - 2)
+    here = jnp.arange(OFFSETS)[:, None]
+
+    def beside(k: int) -> tuple[Array, Array]:
+        chosen = here == (inner + k)[None]
+        return jnp.sum(jnp.where(chosen, at, 0.0), axis=0), jnp.sum(jnp.where(chosen, known, 0.0), axis=0)
+
+    (left, low), (centre, middle), (right, high) = (beside(k) for k in (-1, 0, 1))
+    fall = 2 * middle - low - high
+    top = centre + jnp.where(fall > 0, 0.25 * (right - left) * (high - low) / jnp.where(fall > 0, fall, 1.0), 0.0)
+    edge = jnp.where(best == 0, left, right)
+    return jnp.where(best == inner, jnp.clip(top, left, right), edge)
+
+
+def _repeated(times: Array, present: Array) -> Array:
+    """Which times are those of an earlier peak: one constraint for each, or their multipliers are not unique."""
+    k = times.shape[0]
+    earlier = jnp.arange(k)[None] < jnp.arange(k)[:, None]
+    return jnp.any(earlier & present[None] & (jnp.abs(times[None] - times[:, None]) < SAME), axis=1)

@@ -1,1 +1,0 @@
-"""Traced programs, kept in a folder from one process to the next."""
