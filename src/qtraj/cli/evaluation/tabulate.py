@@ -46,15 +46,15 @@ def table_content(
     path: SpiralHelix, table: Table, scenario: dict[str, Any], fit: dict[str, Any] | None
 ) -> dict[str, Any]:
     """The table of a path, of JSON's types only."""
-    names = ("time", *OUTPUTS)
+    names = [name for name in CHANNELS if name in table.values]
     content = {
         "qtraj": __version__,
         "command": "evaluate",
         "scenario": scenario,
         "fit": fit,
         "path": {"duration": float(path.duration), "length": float(path.length()), "turn": float(path.turn)},
-        "units": {"time": "s"} | {name: CHANNELS[name].unit for name in OUTPUTS},
-        "columns": {name: np.asarray(getattr(table, name)).tolist() for name in names},
+        "units": {"time": "s"} | {name: CHANNELS[name].unit for name in names},
+        "columns": {name: np.asarray(getattr(table, name)).tolist() for name in ("time", *names)},
         "files": [],
     }
     return finite(content)
