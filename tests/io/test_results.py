@@ -83,9 +83,9 @@ def many():
         "frictions, one in flight": jax.vmap(qt.dynamics.FrictionDemand)(
             jnp.array([1 / 3, np.inf]), jnp.array([0.5, np.inf])
         ),
-        "tables": qt.Table(each, positions, batched=True),
+        "tables": qt.Table(each, position=positions, batched=True),
         "tables, components first": qt.Table(
-            jnp.asarray(INSTANTS), jnp.moveaxis(positions, 2, 0), batched=True, components="first"
+            jnp.asarray(INSTANTS), position=jnp.moveaxis(positions, 2, 0), batched=True, components="first"
         ),
         "reduced": qt.evaluate(tuned.path, INSTANTS, ("speed", "position"), reduce="max", components="first"),
     }

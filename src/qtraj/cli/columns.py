@@ -1,6 +1,7 @@
 """Columns of numbers as a text file."""
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,6 @@ def csv_headers(dataset: xarray.Dataset) -> dict[str, list[str]]:
     headers = {"time": ["time [s]"]}
     for name, variable in dataset.data_vars.items():
         unit = symbol(variable.attrs["units"])
-        components = [f"_{label}" for label in dataset[variable.dims[1]].values] if variable.ndim > 1 else [""]
-        headers[str(name)] = [f"{name}{component}{f' [{unit}]' if unit else ''}" for component in components]
+        components = product(*(dataset[axis].values for axis in variable.dims[1:]))
+        headers[str(name)] = ["_".join([str(name), *labels]) + (f" [{unit}]" if unit else "") for labels in components]
     return headers

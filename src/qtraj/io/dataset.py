@@ -10,22 +10,18 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-import equinox as eqx
-import jax
 import numpy as np
 import xarray
-from jaxtyping import Array, Float
 
 from qtraj.batch.evaluate import evaluate
 from qtraj.design.limits import Limits
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.provenance import made_with
 from qtraj.foundation.record import notes
+from qtraj.path.channel import CHANNELS, LABELS, framed
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.quantities import AXES, DESCRIPTIONS, LABELS, framed
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.track import Track, known, known_elapsed
-from qtraj.path.values import value
 
 SAMPLES = 513
 """Samples of each path unless told otherwise."""
@@ -52,9 +48,8 @@ def path_dataset(
 ) -> xarray.Dataset:
     """The paths, by name, as one dataset with units, meanings and conventions in its attributes (extra `io`).
 
-    All outputs of `qtraj.evaluate` and the limited magnitudes, at `samples` instants of each path. A variable that a
-    limit bounds holds it as attribute `limit`. A recorded `track` is added as `recorded_position` over
-    `recorded_time`, from its first sample on.
+    All outputs of `qtraj.evaluate`, at `samples` instants of each path. A variable that a limit bounds holds it as
+    attribute `limit`. A recorded `track` is added as `recorded_position` over `recorded_time`, from its first sample.
 
     **Raises:** ValueError for no path, or fewer than 2 samples.
     """
@@ -93,22 +88,11 @@ def _columns(path: AbstractHodograph, progress: np.ndarray) -> dict[str, tuple[t
     """Every variable of one path: dimensions, values and notes."""
     duration = np.asarray(path.duration)
     times = as_float(duration * progress.astype(duration.dtype))
-    outputs, magnitudes = _sampled(path, times)
+    table = evaluate(path, times, outputs=tuple(CHANNELS), continuous=True)
     columns: dict[str, Any] = {
         "time": (("sample",), np.asarray(times), notes("s", "time from the start of the path")),
         "duration": ((), duration, notes("s", "duration of the path")),
     }
-    for name, axes in AXES.items():
-        columns[name] = (("sample", *axes), np.asarray(outputs[name]), notes(*DESCRIPTIONS[name]))
-    for name, entry in QUANTITIES.items():
-        about = notes(entry.unit, entry.meaning)
-        columns.setdefault(entry.variable, (("sample",), np.asarray(magnitudes[name]), about))
+    for name, entry in CHANNELS.items():
+        columns[name] = (("sample", *entry.axes), np.asarray(table.values[name]), notes(entry.unit, entry.meaning))
     return columns
-
-
-@eqx.filter_jit
-def _sampled(path: AbstractHodograph, times: Float[Array, " n"]) -> tuple[dict[str, Array], dict[str, Array]]:
-    """The outputs and the limited magnitudes, by name."""
-    table = evaluate(path, times, outputs=tuple(AXES), continuous=True)
-    magnitudes = {name: jax.vmap(lambda t, name=name: value(path, t, name))(times) for name in QUANTITIES}
-    return {name: getattr(table, name) for name in AXES}, magnitudes

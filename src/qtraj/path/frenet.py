@@ -5,7 +5,6 @@ The one home of these formulas. They are written over any arithmetic whose vecto
 derivatives may stand in any orthonormal basis; what refers to the vertical needs it as `up`, or as the third axis.
 """
 
-from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -19,7 +18,7 @@ class Invariants:
     climb rate, H the square of the horizontal speed, P = c·up.
     """
 
-    def __init__(self, derivatives: Sequence[Any], up: Any = None):
+    def __init__(self, derivatives: Any, up: Any = None):
         """`derivatives[k]` is the k-th derivative, from 1 on; `up` is the vertical, the third axis if None."""
         self.r = derivatives
         self.up = up
@@ -55,6 +54,11 @@ class Invariants:
         return dot(self.r[1], self.r[2])
 
     @cached_property
+    def C(self) -> Any:
+        """r'·r''', the derivative of B less A."""
+        return dot(self.r[1], self.r[3])
+
+    @cached_property
     def N(self) -> Any:
         """c·c."""
         return dot(self.c, self.c)
@@ -78,6 +82,16 @@ class Invariants:
     def V(self) -> Any:
         """r'·up."""
         return self._vertical(self.r[1])
+
+    @cached_property
+    def W(self) -> Any:
+        """r''·up, the derivative of V."""
+        return self._vertical(self.r[2])
+
+    @cached_property
+    def X(self) -> Any:
+        """r'''·up, the derivative of W."""
+        return self._vertical(self.r[3])
 
     @cached_property
     def H(self) -> Any:
@@ -124,3 +138,28 @@ def natural_acceleration(i: Invariants, inv_speed: Any, inv_cross_norm: Any, tor
     speed, cross_norm = i.S * inv_speed, i.N * inv_cross_norm
     along = i.B * inv_speed * torsion + speed * torsion_rate
     return along, i.E * inv_cross_norm * inv_S - 2 * cross_norm * i.B * inv_S**2
+
+
+def yaw(i: Invariants, inv_speed: Any, inv_level: Any) -> tuple[Any, Any]:
+    """ω_z [rad/s] and ε_z [rad/s²] of the upright frame about its own z axis: ω_z = P/(v√H).
+
+    `inv_level` = 1/√H is one over the horizontal speed; where an inverse does not exist, as in `natural_rate`.
+    """
+    rate = i.P * inv_speed * inv_level
+    return rate, i.P1 * inv_speed * inv_level - rate * (i.B * inv_speed**2 + i.G * inv_level**2)
+
+
+def upright_rates(i: Invariants, inv_speed: Any, inv_level: Any) -> tuple[tuple, tuple]:
+    """ω [rad/s] and ε [rad/s²] of the upright frame in its own axes, with n = up×r'/√H and b = (S·up − V·r')/(v√H).
+
+    ω = (VP/(vH), (VB − SW)/(S√H), P/(v√H)), and ε is its derivative.
+    """
+    stretch, widening = i.B * inv_speed**2, i.G * inv_level**2  # the logarithmic derivatives of v and √H
+    rolls, pitches = inv_speed * inv_level**2, inv_speed**2 * inv_level
+    roll, pitch = i.V * i.P * rolls, (i.V * i.B - i.S * i.W) * pitches
+    rate, acceleration = yaw(i, inv_speed, inv_level)
+    return (roll, pitch, rate), (
+        (i.W * i.P + i.V * i.P1) * rolls - roll * (stretch + 2 * widening),
+        (i.V * (i.A + i.C) - i.B * i.W - i.S * i.X) * pitches - pitch * (2 * stretch + widening),
+        acceleration,
+    )

@@ -7,15 +7,25 @@ tuning read it.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
 from qtraj.foundation import units
-from qtraj.path.frenet import Invariants, natural_acceleration
+from qtraj.path.frenet import Invariants, natural_acceleration, yaw
 
 Formula = Callable[[Any], Any]
 """What is formed from `Invariants`, over any arithmetic."""
+
+
+class Division(NamedTuple):
+    """How numbers are divided: part/whole and 1/√x of positive numbers."""
+
+    quotient: Callable[[Any, Any], Any]
+    inverse_root: Callable[[Any], Any]
+
+
+PLAIN = Division(lambda part, whole: part / whole, lambda x: x**-0.5)
 
 
 @dataclass(frozen=True)
@@ -36,7 +46,7 @@ class PathQuantity:
     numerator: Formula
     denominator: Formula | None = None
     divisor: str | None = None
-    square: Formula | None = None
+    square: Callable[[Any, Division], Any] | None = None
     output: str = ""
     upright: bool = False
     bounds_speed: bool = False
@@ -61,19 +71,19 @@ class PathQuantity:
         """The power of 1/s in its unit."""
         return units.per_time(self.unit)
 
-    def squared(self, i: Invariants) -> Any:
+    def squared(self, i: Invariants, by: Division = PLAIN) -> Any:
         """Its square in numbers, of one instant or of many; infinite where it grows without bound."""
         if self.square is not None:
-            return self.square(i)
+            return self.square(i, by)
         part = self.numerator(i)
-        return part if self.denominator is None else ratio(part, self.denominator(i))
+        return part if self.denominator is None else ratio(part, self.denominator(i), by)
 
 
-def ratio(part: Any, whole: Any) -> Any:
+def ratio(part: Any, whole: Any, by: Division = PLAIN) -> Any:
     """part/whole of numbers; 0/0 is 0, and anything else over 0 is infinite, with zero gradient there."""
     part, whole = jnp.asarray(part), jnp.asarray(whole)
     positive = whole > 0
-    found = part / jnp.where(positive, whole, 1.0)
+    found = by.quotient(part, jnp.where(positive, whole, 1.0))
     return jnp.where(positive, found, jnp.where(part > 0, jnp.inf, 0.0))
 
 
@@ -85,25 +95,24 @@ def _cube(x: Any) -> Any:
     return x * (x * x)
 
 
-def _rate_square(i: Invariants) -> Any:
-    return i.S * ratio(_square(i.T), _square(i.N)) + ratio(i.N, _square(i.S))
+def _rate_square(i: Invariants, by: Division) -> Any:
+    return i.S * ratio(_square(i.T), _square(i.N), by) + ratio(i.N, _square(i.S), by)
 
 
-def _acceleration_square(i: Invariants) -> Any:
+def _acceleration_square(i: Invariants, by: Division) -> Any:
     """|ε⁰|² in numbers; zero where the trihedral does not exist."""
-    inv_speed, inv_cross_norm = (_inverse_root(x) for x in (i.S, i.N))
+    inv_speed, inv_cross_norm = (_inverse_root(x, by) for x in (i.S, i.N))
     along, across = natural_acceleration(i, inv_speed, inv_cross_norm, i.T * inv_cross_norm**2)
     return _square(along) + _square(across)
 
 
-def _yaw_acceleration_square(i: Invariants) -> Any:
-    u = _inverse_root(i.S * i.H)
-    return _square(u * (i.P1 - i.P * (ratio(i.B, i.S) + ratio(i.G, i.H))))
+def _yaw_acceleration_square(i: Invariants, by: Division) -> Any:
+    return _square(yaw(i, _inverse_root(i.S, by), _inverse_root(i.H, by))[1])
 
 
-def _inverse_root(x: Any) -> Any:
+def _inverse_root(x: Any, by: Division) -> Any:
     positive = x > 0
-    return jnp.where(positive, jnp.where(positive, x, 1.0) ** -0.5, 0.0)
+    return jnp.where(positive, by.inverse_root(jnp.where(positive, x, 1.0)), 0.0)
 
 
 def _acceleration_numerator(i: Invariants) -> Any:

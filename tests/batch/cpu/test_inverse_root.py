@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from qtraj.path.inverse_root import inverse_root, root
+from qtraj.batch.cpu.inverse_root import inverse_root, root
 
 LAST_PLACES = 2
 

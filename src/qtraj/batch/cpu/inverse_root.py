@@ -5,12 +5,15 @@ all that the loops on both sides need. Here it is a guess from the bits of the n
 become part of any loop; its errors stay below two units in the last place.
 """
 
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
+
+from qtraj.path.quantity import Division
 
 Numbers = Float[Array, "..."]
 Choice = Bool[Array, "..."] | bool
@@ -20,9 +23,14 @@ Choice = Bool[Array, "..."] | bool
 _GUESS = {"float64": (jnp.int64, 0x5FE6EB50C7B537A9, 4), "float32": (jnp.int32, 0x5F375A86, 3)}
 
 
-@jax.custom_jvp
+@partial(jax.jit, inline=True)  # traced once for each shape
 def inverse_root(x: Numbers, there: Choice = True) -> Numbers:
     """1/√x where `there` says so and x is a normal number; elsewhere 0 with a derivative of 0, but NaN of NaN."""
+    return _inverse_root(x, there)
+
+
+@jax.custom_jvp
+def _inverse_root(x: Numbers, there: Choice) -> Numbers:
     limits = jnp.finfo(x.dtype)
     normal = there & (x >= limits.tiny) & (x <= limits.max)
     safe = jnp.where(normal, x, 1.0)
@@ -34,21 +42,30 @@ def inverse_root(x: Numbers, there: Choice = True) -> Numbers:
     return jnp.where(normal, y, jnp.where(there & jnp.isnan(x), x, 0.0))
 
 
-@inverse_root.defjvp
+@_inverse_root.defjvp
 def _of_inverse_root(primals: tuple[Numbers, Choice], tangents: tuple[Numbers, Any]) -> tuple[Numbers, Numbers]:
     y = inverse_root(*primals)
     # One factor after the other: the cube alone may be too large or too small for a float.
     return y, -0.5 * (y * (y * (y * tangents[0])))
 
 
-@jax.custom_jvp
+@partial(jax.jit, inline=True)
 def root(x: Numbers) -> Numbers:
     """√x; 0 with a derivative of 0 where x is not positive, or too small for a normal number."""
+    return _root(x)
+
+
+@jax.custom_jvp
+def _root(x: Numbers) -> Numbers:
     finite = jnp.where(x > 0, x * inverse_root(x, x > 0), 0.0)
     return jnp.where((x > jnp.finfo(x.dtype).max) | jnp.isnan(x), x, finite)
 
 
-@root.defjvp
+@_root.defjvp
 def _of_root(primals: tuple[Numbers], tangents: tuple[Numbers]) -> tuple[Numbers, Numbers]:
     (x,) = primals
     return root(x), 0.5 * (inverse_root(x, x > 0) * tangents[0])
+
+
+DIVISION = Division(lambda part, whole: part * inverse_root(whole) ** 2, inverse_root)
+"""Ratios and inverse roots of positive numbers, for the formulas of path quantities."""

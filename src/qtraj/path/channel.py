@@ -1,0 +1,97 @@
+"""The registry of outputs: what can be evaluated along a path and its frame.
+
+One entry says all of an output: name, unit, meaning, axes, and the formula. Those of the path quantities come from
+their own registry. `qtraj.evaluate`, its tables and reductions, datasets and the command line read this one.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from qtraj.foundation import record
+from qtraj.path.quantity import QUANTITIES, PathQuantity
+
+LABELS = {
+    "world": record.LABELS["world"],
+    "body": ["tangent", "normal", "binormal"],
+    "quaternion_component": record.LABELS["component"],
+}
+"""The coordinates along the axes of components."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """An output: `axes` are those of its components, and `formula` forms it of what `batch.instants` knows."""
+
+    name: str
+    unit: str
+    meaning: str
+    axes: tuple[str, ...]
+    formula: Callable[[Any], Any]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Its shape at one instant."""
+        return tuple(len(LABELS[axis]) for axis in self.axes)
+
+    def labelled(self, values: Any, *lead: str) -> record.Quantity:
+        """Values with unit and meaning; `lead` are the axes in front of those of the components."""
+        return record.Quantity(values, self.unit, self.meaning, (*lead, *self.axes))
+
+
+def _scalar(entry: PathQuantity, formula: Callable[[Any], Any] | None = None) -> Channel:
+    return Channel(entry.variable, entry.unit, entry.meaning, (), formula or (lambda at: at.magnitude(entry)))
+
+
+_ENTRIES = (
+    Channel("position", "m", "position, world axes", ("world",), lambda at: at.derivative(0)),
+    Channel("velocity", "m s-1", "velocity, world axes", ("world",), lambda at: at.derivative(1)),
+    Channel("acceleration", "m s-2", "acceleration, world axes", ("world",), lambda at: at.derivative(2)),
+    Channel("jerk", "m s-3", "jerk, world axes", ("world",), lambda at: at.derivative(3)),
+    Channel(
+        "dcm",
+        "1",
+        "direction cosines: rows are the body axes in world components; maps world to body",
+        ("body", "world"),
+        lambda at: at.dcm,
+    ),
+    Channel(
+        "quaternion",
+        "1",
+        "unit quaternion, scalar first, Hamilton, body to world",
+        ("quaternion_component",),
+        lambda at: at.quaternion,
+    ),
+    Channel("gibbs", "1", "Gibbs vector e tan(angle/2)", ("body",), lambda at: at.gibbs),
+    _scalar(QUANTITIES["speed"], lambda at: at.speed),
+    _scalar(QUANTITIES["curvature"], lambda at: at.curvature),
+    Channel("torsion", "m-1", "torsion of the path", (), lambda at: at.torsion),
+    Channel("rate", "rad s-1", "angular rate of the frame, body axes", ("body",), lambda at: at.rate),
+    Channel(
+        "angular_acceleration",
+        "rad s-2",
+        "angular acceleration of the frame, body axes",
+        ("body",),
+        lambda at: at.acceleration,
+    ),
+    Channel(
+        "defined",
+        "1",
+        "whether the frame exists; where it does not, its numbers are finite fallback values",
+        (),
+        lambda at: at.defined,
+    ),
+)
+
+CHANNELS: dict[str, Channel] = {entry.name: entry for entry in _ENTRIES}
+"""By name; their order here is the order everywhere."""
+CHANNELS |= {x.variable: _scalar(x) for x in QUANTITIES.values() if x.variable not in CHANNELS}
+
+
+def framed(frame: str) -> dict[str, str]:
+    """The attributes of a dataset whose rates and attitudes are those of a `frame` along a path."""
+    return {
+        "frame": frame,
+        "frame_convention": "right-handed; body axes x = tangent (forward), y = normal, z = binormal",
+        "quaternion_convention": f"{record.CONVENTIONS['quaternion_convention']}, unit norm",
+    }
