@@ -65,7 +65,7 @@ class Problem(eqx.Module):
         return jnp.stack(first), jnp.stack(last)
 
     def slopes(self, z: Variables) -> tuple[Float[Array, "2 3"], Scalar]:
-        """The derivatives of ρ, φ and h in the fraction of the duration at both ends, and ln T of the duration T [s]."""
+        """The derivatives of ρ, φ and h in the fraction of the duration T [s] at both ends, and ln T."""
         duration = self.time(z)
         one = jnp.ones_like(duration)
         over = jnp.stack([one, 1 / self.start.radius, one, one, 1 / self.end.radius, one])
