@@ -9,8 +9,9 @@ multiples of the identity when that is not enough. A second program about where 
 step that raises what is minimised is refused, and the trust radius shrinks.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,6 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 from qtraj.design.tuning import model as models, peaks as peaking
 from qtraj.design.tuning.peaks import Peaks, find_peaks
 from qtraj.design.tuning.problem import Variables
+from qtraj.design.tuning.search import AbstractSearch, Found
 from qtraj.design.tuning.subproblem import ELASTIC, Step, best_step
 from qtraj.design.tuning.task import Present, Task
 from qtraj.foundation.types import Flag, Scalar
@@ -41,6 +43,26 @@ than the second of the way to go."""
 
 STATIONARY = 1e-6
 """An imbalance of cost and multipliers below this part of the penalty counts as none."""
+
+
+class SequentialQuadratic(AbstractSearch):
+    """The search "sqp"; `most_steps` are quadratic steps."""
+
+    stages: ClassVar[tuple[int, ...]] = (5, 8, 12, 18, 28, 48, 80)
+    most_steps: Int[Array | np.ndarray, ""] = eqx.field(converter=np.asarray)
+
+    def unstarted(self, tasks: Task, z: Any) -> "State":
+        return unstarted(tasks.low, tasks.high, tasks.weight, z)
+
+    def proceed(self, tasks: Task, which: Present, states: "State", most_steps: int | Int[Array, ""]) -> "State":
+        return proceed(tasks, which, states, most_steps)
+
+    def ended(self, tasks: Task, states: "State", xp: Any) -> tuple[Found, Any]:
+        peaks = states.peaks
+        violation = xp.maximum(xp.max(peaks.value, axis=(-2, -1)), 0.0)
+        steps = xp.maximum(states.steps, 0)
+        found = Found(states.z, states.multipliers, peaks.time, peaks.value, violation, states.settled, steps)
+        return found, states.cost
 
 
 class State(NamedTuple):
