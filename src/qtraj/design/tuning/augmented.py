@@ -20,20 +20,20 @@ from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.design.tuning import peaks as peaking
 from qtraj.design.tuning.lagrangian import (
-    CELLS,
     Held,
-    OfCells,
+    OfParts,
     expand,
     inside,
     lagrangian,
     outside,
+    parts,
     worst_times,
 )
 from qtraj.design.tuning.peaks import Peaks
 from qtraj.design.tuning.problem import Variables
 from qtraj.design.tuning.search import AbstractSearch, Found
 from qtraj.design.tuning.sqp import FEASIBLE
-from qtraj.design.tuning.task import SLOTS, Present, Task
+from qtraj.design.tuning.task import Present, Task
 from qtraj.foundation.types import Flag, Scalar
 
 FIRST_PENALTY, PENALTY_GROWTH, HIGHEST_PENALTY = 10.0, 4.0, 1e9
@@ -49,7 +49,7 @@ COMPLEMENTARY = 1e-6
 LOOSEST, FINEST, OF_RESIDUAL = 1e-2, 1e-7, 0.1
 """Gradients at which a round ends: a part of the last residual, between these."""
 
-SHORTER, LONGER, SHORTEST = 0.5, 2.0, 1e-9
+SHORTER, LONGER, SHORTEST = 0.5, 1.0, 1e-9
 LAST_PART = 0.9
 """A best point later than this part of a round says that the steps still lead somewhere."""
 
@@ -65,8 +65,8 @@ class Point(NamedTuple):
     size: Scalar  # of the largest component of the gradient
     cost: Scalar
     step: Int[Array, ""]  # of the round
-    force: OfCells  # max(0, m + μg), the next multipliers
-    times: OfCells
+    force: OfParts  # max(0, m + μg), the next multipliers
+    times: OfParts
     peaks: Peaks
 
 
@@ -111,20 +111,20 @@ class AugmentedLagrangian(AbstractSearch):
         memory = jax.tree.map(lambda x: xp.zeros((*batch, *x.shape), x.dtype), one)
         peaks = jax.tree.map(lambda x: xp.broadcast_to(xp.asarray(x), (*batch, *x.shape)), peaking.none(dtype))
         number, no, none = xp.zeros(batch, dtype), xp.zeros(batch, bool), xp.zeros(batch, np.int32)
-        cells, unknown = xp.zeros((*batch, SLOTS, CELLS), dtype), xp.full(batch, np.inf, dtype)
+        unknown = xp.full(batch, np.inf, dtype)
         z = xp.clip(z, tasks.low, tasks.high)
         return State(
             y=z,
             memory=memory,
             fresh=~no,
             stuck=no,
-            best=Point(z, unknown, unknown, number, none, cells, cells, peaks),
-            held=Held(cells, number + FIRST_PENALTY, number),
+            best=Point(z, unknown, unknown, number, none, peaks.time, peaks.time, peaks),
+            held=Held(peaks.present, peaks.time, peaks.time, peaks.time, number + FIRST_PENALTY),
             stride=number + 1.0,
             tolerance=number + LOOSEST,
             residual=unknown,
             hopeless=none,
-            round=none,
+            round=none - 1,
             step=none,
             steps=none - 1,
             done=no,
@@ -147,22 +147,21 @@ class AugmentedLagrangian(AbstractSearch):
         best = states.best
         z = jax.vmap(inside)(tasks, jnp.asarray(best.y)) if xp is jnp else _inside(tasks, best.y)
         violation = xp.maximum(xp.max(best.peaks.value, axis=(-2, -1)), 0.0)
-        multipliers = _of_peaks(best, xp)
         steps = xp.maximum(states.steps, 0)
-        return Found(z, multipliers, best.peaks.time, best.peaks.value, violation, states.settled, steps), best.cost
+        return Found(z, states.held.multipliers, best.peaks.time, best.peaks.value, violation, states.settled, steps), best.cost
 
     def _step(self, task: Task, which: Present, s: State, on: Flag) -> State:
         """One look at where a search stands; then the next step of the optimiser, or the next round."""
         y = jnp.where(s.steps < 0, outside(task, s.y), s.y)
-        times, peaks = worst_times(task, which, y)
+        times, peaks = worst_times(task, which, s.held, y)
         at = expand(task, which, s.held, times, y)
         size = jnp.max(jnp.abs(at.gradient))
         force = jnp.maximum(s.held.multipliers + s.held.penalty * at.g, 0.0)
         here = Point(y, at.value, size, at.cost, s.step, force, times, peaks)
         better = (s.step == 0) | _better(here, s.best)
         best: Point = jax.tree.map(lambda a, b: jnp.where(better, a, b), here, s.best)
-        solved = best.size <= s.tolerance
-        over = solved | s.stuck | (s.step >= self.inner_steps) | ~jnp.isfinite(at.value)
+        solved = (s.steps >= 0) & (best.size <= s.tolerance)
+        over = (s.steps < 0) | solved | s.stuck | (s.step >= self.inner_steps) | ~jnp.isfinite(at.value)
         y, memory = self._moved(task, which, s, at, times, y, on & ~over)
         stepped = s._replace(
             y=y,
@@ -177,7 +176,7 @@ class AugmentedLagrangian(AbstractSearch):
         return jax.tree.map(lambda a, b: jnp.where(over, a, b), begun, stepped)
 
     def _moved(
-        self, task: Task, which: Present, s: State, at: Any, times: OfCells, y: Variables, moves: Flag
+        self, task: Task, which: Present, s: State, at: Any, times: OfParts, y: Variables, moves: Flag
     ) -> tuple[Variables, Any]:
         """Where the optimiser's step leads, and its memory."""
         # A search that waits for others must not keep them with a line search of its own.
@@ -220,10 +219,13 @@ def _next_round(s: State, best: Point, solved: Flag, rounds: Int[Array | np.ndar
         fresh=jnp.ones_like(s.fresh),
         stuck=jnp.zeros_like(s.stuck),
         best=best,
-        held=Held(
-            jnp.where(exact, best.force, held.multipliers),
-            jnp.where(slow, PENALTY_GROWTH, 1.0) * held.penalty,
-            held.margin,
+        held=parts(
+            held._replace(
+                multipliers=jnp.where(exact, best.force, held.multipliers),
+                penalty=jnp.where(slow, PENALTY_GROWTH, 1.0) * held.penalty,
+            ),
+            best.times,
+            best.peaks,
         ),
         stride=stride,
         tolerance=jnp.where(exact, finer, s.tolerance),
@@ -239,12 +241,3 @@ def _next_round(s: State, best: Point, solved: Flag, rounds: Int[Array | np.ndar
 
 def _inside(tasks: Task, y: Float[np.ndarray, "batch n"]) -> Float[np.ndarray, "batch n"]:
     return np.asarray(jax.vmap(inside)(tasks, jnp.asarray(y)))
-
-
-def _of_peaks(best: Point, xp: Any) -> Any:
-    """The multipliers of the cells, each given to the nearest peak of its limit that there is."""
-    peaks = best.peaks
-    apart = xp.where(peaks.present, 0.0, 2.0)[..., None]
-    nearest = xp.argmin(xp.abs(peaks.time[..., None] - best.times[..., None, :]) + apart, axis=-2)
-    here = nearest[..., None, :] == xp.arange(peaks.time.shape[-1])[:, None]
-    return xp.sum(xp.where(here, best.force[..., None, :], 0.0), axis=-1)

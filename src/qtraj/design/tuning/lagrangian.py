@@ -1,8 +1,8 @@
-"""The augmented Lagrangian of a tuning problem (Powell–Hestenes–Rockafellar) over the cells of a time grid.
+"""The augmented Lagrangian of a tuning problem (Powell–Hestenes–Rockafellar), over parts of the time.
 
-Time is divided into cells, and every limit is a constraint on its largest value in each cell, with its own multiplier:
-what holds in the cells holds between the nodes. The largest value in a cell is a continuous function of the variables,
-whichever peaks come and go, and its gradient is that at the time where it stands (envelope theorem).
+Each limit divides the time into parts, one about each of its peaks at the beginning of a round, and its largest value
+in each part is a constraint with a multiplier of its own. That value is a continuous function of the variables while
+peaks move from part to part, come and go, and its gradient is that at the time where it stands (envelope theorem).
 
 The box of the variables is met by z = m + r sin((y − m)/r), whose y is not bounded. A variable reaches its bound at a
 finite y, where the curvature in y is the multiplier of the bound: there, too, a minimum is a regular one.
@@ -13,32 +13,31 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.design.tuning.constraints import Setting, slopes, values
 from qtraj.design.tuning.curves import changes
 from qtraj.design.tuning.model import setting
-from qtraj.design.tuning.peaks import NODES, PEAKS, TOO_MUCH, Peaks, find_peaks
+from qtraj.design.tuning.peaks import ABSENT, PEAKS, TOO_MUCH, Peaks, find_peaks, hand_over
 from qtraj.design.tuning.problem import Variables
-from qtraj.design.tuning.task import SLOTS, Present, Task
-from qtraj.foundation.least import place_of_largest
+from qtraj.design.tuning.task import Present, Task
+from qtraj.foundation.least import least
 from qtraj.foundation.types import Scalar
-
-CELLS = NODES
-"""Cells of time, one about each node of the search for peaks."""
 
 NEAR = 1 - 1e-4
 """A start on a bound is moved to this part of the way there: on the bound itself the gradient in y vanishes."""
 
-OfCells = Float[Array, "slots cells"]
+OfParts = Float[Array, "slots k"]
 
 
 class Held(NamedTuple):
-    """What stands still while the augmented Lagrangian is minimised; `margin` is added to every constraint."""
+    """What stands still in one round: the parts of the time, [low, high], their multipliers, and the penalty."""
 
-    multipliers: OfCells
+    there: Bool[Array, "slots k"]  # or else there is no such part
+    low: OfParts
+    high: OfParts
+    multipliers: OfParts
     penalty: Scalar
-    margin: Scalar
 
 
 class Expanded(NamedTuple):
@@ -47,7 +46,7 @@ class Expanded(NamedTuple):
     value: Scalar
     gradient: Variables
     cost: Scalar
-    g: OfCells
+    g: OfParts
 
 
 def inside(task: Task, y: Variables) -> Variables:
@@ -67,28 +66,35 @@ def _box(task: Task) -> tuple[Variables, Variables, Variables]:
     return (task.low + task.high) / 2, half, jnp.where(half > 0, half, 1.0)
 
 
-def worst_times(task: Task, which: Present, y: Variables) -> tuple[OfCells, Peaks]:
-    """Where in each cell each limit is largest, as fractions of the duration, and the peaks of the limits."""
+def parts(held: Held, times: OfParts, peaks: Peaks) -> Held:
+    """Parts about these peaks, with the multipliers that the parts before had at the given times."""
+    own, other = peaks.time[:, :, None], peaks.time[:, None]
+    there = peaks.present[:, None]
+    middle = (own + other) / 2
+    low = jnp.max(jnp.where(there & (other < own), middle, 0.0), axis=2)
+    high = jnp.min(jnp.where(there & (other > own), middle, 1.0), axis=2)
+    return Held(peaks.present, low, high, hand_over(held.multipliers, times, peaks), held.penalty)
+
+
+def worst_times(task: Task, which: Present, held: Held, y: Variables) -> tuple[OfParts, Peaks]:
+    """Where in each part of the time each limit is largest, as fractions of the duration, and the peaks there."""
     here = setting(task.problem, inside(task, y))
     peaks = find_peaks(here, which, task.limits)
-    looks = jnp.linspace(0.0, 1.0, 2 * CELLS - 1, dtype=y.dtype)  # the nodes, and the borders between the cells
-    places = jnp.clip(2 * jnp.arange(CELLS)[None] + jnp.arange(-1, 2)[:, None], 0, 2 * CELLS - 2)
 
     def of_slot(slot: Int[Array, ""], found: Array) -> Array:
-        g = values(here, jnp.asarray(which.index)[slot], task.limits[slot], looks)
-        seen, own = jnp.where(jnp.isfinite(g), g, TOO_MUCH)[places], peaks.time[slot]
-        cell = jnp.round(own * (CELLS - 1)).astype(jnp.int32)
-        there = peaks.present[slot][:, None] & (cell[:, None] == jnp.arange(CELLS)[None])
-        heights = jnp.concatenate([jnp.where(there, peaks.value[slot][:, None], -jnp.inf), seen])
-        times = jnp.concatenate([jnp.broadcast_to(own[:, None], (PEAKS, CELLS)), looks[places]])
-        highest = jax.vmap(place_of_largest, in_axes=1)(heights)
-        return found.at[slot].set(jnp.sum(jnp.where(jnp.arange(PEAKS + 3)[:, None] == highest, times, 0.0), axis=0))
+        low, high, own = held.low[slot], held.high[slot], peaks.time[slot]
+        g = values(here, jnp.asarray(which.index)[slot], task.limits[slot], jnp.concatenate([low, high]))
+        ends = jnp.where(jnp.isfinite(g), g, TOO_MUCH).reshape(2, PEAKS)
+        within = peaks.present[slot][:, None] & (own[:, None] >= low[None]) & (own[:, None] <= high[None])
+        heights = jnp.concatenate([jnp.where(within, peaks.value[slot][:, None], -jnp.inf), ends])
+        times = jnp.concatenate([jnp.broadcast_to(own[:, None], (PEAKS, PEAKS)), low[None], high[None]])
+        highest = least(-heights)[1]
+        return found.at[slot].set(jnp.sum(jnp.where(jnp.arange(PEAKS + 2)[:, None] == highest, times, 0.0), axis=0))
 
-    nothing = jnp.zeros((SLOTS, CELLS), y.dtype)
-    return jax.lax.fori_loop(0, jnp.asarray(which.count), of_slot, nothing), peaks
+    return jax.lax.fori_loop(0, jnp.asarray(which.count), of_slot, jnp.zeros_like(held.low)), peaks
 
 
-def expand(task: Task, which: Present, held: Held, times: OfCells, y: Variables) -> Expanded:
+def expand(task: Task, which: Present, held: Held, times: OfParts, y: Variables) -> Expanded:
     """The augmented Lagrangian cost + Σ (max(0, m + μg)² − m²)/(2μ), with the constraints g at the given times."""
     z, outer = jax.jvp(lambda y: inside(task, y), (y,), (jnp.ones_like(y),))  # the map is diagonal
     cost, of_cost = jax.value_and_grad(task.problem.cost)(z)
@@ -101,19 +107,19 @@ def expand(task: Task, which: Present, held: Held, times: OfCells, y: Variables)
         total, gradient, rows = found
         value, slope = slopes(here, changed, jnp.asarray(which.index)[slot], task.limits[slot], times[slot])
         known = jnp.isfinite(value) & jnp.all(jnp.isfinite(slope), axis=0)
-        g = jnp.where(known, value, TOO_MUCH) + held.margin
+        g = jnp.where(held.there[slot], jnp.where(known, value, TOO_MUCH), ABSENT)
         force = jnp.maximum(m[slot] + penalty * g, 0.0)
         added = jnp.sum(force**2 - m[slot] ** 2) / (2 * penalty)
         pull = jnp.where(known[None], slope, 0.0) @ force
         return total + added, gradient + pull, rows.at[slot].set(g)
 
-    start = task.weight * cost, task.weight * of_cost, jnp.full_like(times, -jnp.inf)
+    start = task.weight * cost, task.weight * of_cost, jnp.full_like(times, ABSENT)
     value, gradient, g = jax.lax.fori_loop(0, jnp.asarray(which.count), of_slot, start)
     return Expanded(value, gradient * outer, cost, g)
 
 
 @eqx.filter_custom_jvp
-def lagrangian(y: Variables, task: Task, which: Present, held: Held, times: OfCells) -> Scalar:
+def lagrangian(y: Variables, task: Task, which: Present, held: Held, times: OfParts) -> Scalar:
     """The value of `expand`; it can be differentiated in y alone, forward and in reverse."""
     return expand(task, which, held, times, y).value
 
