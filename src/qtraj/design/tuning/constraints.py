@@ -59,15 +59,15 @@ class Group(NamedTuple):
     upright: bool = False
 
     @property
-    def others(self) -> tuple[int, ...]:
-        """The derivatives, from r' as 0 on, whose cross products with r' are blocks, too: c is that with r''."""
+    def others(self) -> slice:
+        """The derivatives, from r' as 0 on, whose cross products with r' are blocks, too."""
         used = {name for pair in self.products.values() for name in pair}
-        return tuple(k for name, k in (("c", 1), ("c1", 2)) if name in used)
+        return slice(1, 1 + len(used & {"c", "c1"}))
 
     @property
     def blocks(self) -> tuple[str, ...]:
         """The derivatives, then cross products."""
-        return (*("r1", "r2", "r3", "r4")[: self.order], *("c", "c1")[: len(self.others)])
+        return (*("r1", "r2", "r3", "r4")[: self.order], *("c", "c1")[: self.others.stop - 1])
 
     def forms(self) -> tuple[np.ndarray, np.ndarray]:
         """Invariants as ½ΣQ·Y·Y + Σℓ·Y: Q (invariants, blocks, blocks, 3) and ℓ (invariants, blocks, 3)."""
@@ -101,28 +101,27 @@ def _group(order: int, products: dict[str, tuple[str, str]], entries: Sequence[P
 
 
 def _place(entry: PathQuantity) -> int:
-    return 2 if entry.upright else int(entry.order > 2)
+    return int(entry.order > 2 or entry.upright)
 
 
-_ENTRIES = [[entry for entry in QUANTITIES.values() if _place(entry) == k] for k in range(3)]
+_ENTRIES = [[entry for entry in QUANTITIES.values() if _place(entry) == k] for k in range(2)]
 _BOTH = {"S": ("r1", "r1"), "B": ("r1", "r2"), "N": ("c", "c")}
+_FURTHER = {
+    "T": ("c", "r3"),
+    "J": ("r3", "r3"),
+    "E": ("c", "c1"),
+    "D": ("c", "r4"),
+    "V": ("r1", "up"),
+    "H": ("r1", "r1"),
+    "G": ("r1", "r2"),
+    "P": ("c", "up"),
+    "P1": ("c1", "up"),
+}
 GROUPS = (
     _group(2, {**_BOTH, "A": ("r2", "r2")}, _ENTRIES[0], _slowness),
-    _group(4, {**_BOTH, "T": ("c", "r3"), "J": ("r3", "r3"), "E": ("c", "c1"), "D": ("c", "r4")}, _ENTRIES[1]),
-    _group(
-        3,
-        {
-            "S": ("r1", "r1"),
-            "B": ("r1", "r2"),
-            "V": ("r1", "up"),
-            "H": ("r1", "r1"),
-            "G": ("r1", "r2"),
-            "P": ("c", "up"),
-            "P1": ("c1", "up"),
-        },
-        _ENTRIES[2],
-    ),
+    _group(4, {**_BOTH, **_FURTHER}, _ENTRIES[1]),
 )
+"""What most roads are limited by, and everything else."""
 
 SLOWEST = len(QUANTITIES)
 """The place after the last limit: minus the square of the speed, whose peak is where a path is slowest."""
@@ -226,13 +225,13 @@ def _expanded(group: Group, setting: Setting, changes: Changes, index: Int[Array
     if group.upright:
         r, w, back = _in_world(setting, changes, r, w, u)
     G, bar, (Y, bar_Y, V, W, hessian) = _gradient(group, r, index)
-    in_w = jnp.concatenate([w, *(_crossed(w, Y, k)[:, None] for k in group.others)], axis=1)
+    crossed = _cross(w[:, :1], r[None, group.others]) + _cross(r[None, :1], w[:, group.others])
+    in_w = jnp.concatenate([w, crossed], axis=1)
     s_w = jnp.einsum("ibkp,mbkp->imp", V, in_w)
     curved = jnp.einsum("imp,ijp,jnp->mnp", s_w, hessian, s_w)
     curved = curved + jnp.einsum("mbkp,bckp,nckp->mnp", in_w, W, in_w)
-    for place, k in enumerate(group.others):
-        half = jnp.einsum("mkp,nkp->mnp", _cross(bar_Y[group.order + place][None], w[:, 0]), w[:, k])
-        curved = curved + half + jnp.swapaxes(half, 0, 1)
+    half = jnp.einsum("mbkp,nbkp->mnp", _cross(bar_Y[None, group.order :], w[:, :1]), w[:, group.others])
+    curved = curved + half + jnp.swapaxes(half, 0, 1)
     own, turned = back(bar)
     curved = curved + turned
     if changes.second is not None:
@@ -257,7 +256,7 @@ def _expanded(group: Group, setting: Setting, changes: Changes, index: Int[Array
 
 def _gradient(group: Group, r: Array, index: Int[Array, ""]) -> tuple[Places, Array, tuple[Array, ...]]:
     """G, its derivatives in r', r'', …; blocks, G_Y, derivatives of the invariants, weights, G_ss."""
-    Y = jnp.concatenate([r, *(_cross(r[0], r[k])[None] for k in group.others)])
+    Y = jnp.concatenate([r, _cross(r[:1], r[group.others])])
     Q, linear = (jnp.asarray(x, r.dtype) for x in group.forms())
     product = jnp.einsum("ibck,ckp->ibkp", Q, Y)
     V = product + linear[..., None]
@@ -267,16 +266,10 @@ def _gradient(group: Group, r: Array, index: Int[Array, ""]) -> tuple[Places, Ar
     G, of_s, hessian = monomials.expand(coefficients, exponents, s)
     bar_Y = jnp.einsum("ip,ibkp->bkp", of_s, V)
     W = jnp.einsum("ip,ibck->bckp", of_s, Q)
-    bar = [bar_Y[k] for k in range(group.order)]
-    for place, k in enumerate(group.others):
-        along = bar_Y[group.order + place]
-        bar[0], bar[k] = bar[0] + _cross(r[k], along), bar[k] + _cross(along, r[0])
-    return G, jnp.stack(bar), (Y, bar_Y, V, W, hessian)
-
-
-def _crossed(w: Array, Y: Array, k: int) -> Array:
-    """The derivatives of r' × r^(k+1) in the directions w."""
-    return _cross(w[:, 0], Y[k][None]) + _cross(Y[0][None], w[:, k])
+    along = bar_Y[group.order :]
+    first, rest = jnp.sum(_cross(r[group.others], along), axis=0, keepdims=True), _cross(along, r[:1])
+    crossed = jnp.concatenate([first, rest, *([jnp.zeros_like(first)] * (group.order - group.others.stop))])
+    return G, bar_Y[: group.order] + crossed, (Y, bar_Y, V, W, hessian)
 
 
 def _upright(setting: Setting, r: Array, u: Places) -> Array:
