@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
-from qtraj.design.magnitudes import squared
+from qtraj.path.values import squared
 
 import qtraj as qt
 from qtraj.algebra.positivity import OPEN, positive

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from qtraj.design.magnitudes import squared
+from qtraj.path.values import squared
 from scipy.optimize import minimize
 
 from qtraj.design.tuning.problem import Problem

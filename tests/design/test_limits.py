@@ -6,10 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from qtraj.design.magnitudes import UNITS, magnitude
 from scipy.optimize import minimize_scalar
 
 import qtraj as qt
+from qtraj.path.quantity import QUANTITIES as UNITS
+from qtraj.path.values import value as magnitude
 
 ALL = dict.fromkeys(UNITS, 1.0)
 PLACEMENTS = [None, qt.Placement([5.0, 6.0, 7.0]), qt.Placement([0.0, 0.0, 0.0], [1.0, 0.2, -0.1, 0.3])]

@@ -7,13 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from qtraj.design.magnitudes import magnitude
 from scipy.optimize import NonlinearConstraint, minimize
 
 import qtraj as qt
-from qtraj.design.tuning.outcome import STATUSES
 from qtraj.design.tuning.problem import pose
 from qtraj.path.boundary import cylindrical
+from qtraj.path.values import value as magnitude
 
 RATE = 0.35
 START = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, RATE * 20, 0.3])
@@ -416,6 +415,7 @@ def test_the_search_that_cannot_be_traced_says_so(change):
 def test_one_step_is_no_steps(status, steps, said):
     path = qt.SpiralHelix([10.0], [0.0, 0.4], [0.0, 0.5], 5.0)
     ends = path.state(0.0), path.state(path.duration)
-    found = qt.Tuned(path, *ends, 0.0, qt.certify(path, qt.Limits(speed=9.0)), STATUSES.index(status), steps)
+    code = {"converged": qt.ResultCode.successful, "not converged": qt.ResultCode.not_converged}[status]
+    found = qt.Tuned(path, *ends, 0.0, qt.certify(path, qt.Limits(speed=9.0)), code, steps)
     assert f"{status} {'after' if ' ' in status else 'in'} {said}: " in found.result
     assert f", {said};" in repr(found)

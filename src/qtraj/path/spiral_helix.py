@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra import polynomial
 from qtraj.foundation.arrays import as_float, one_instant, real_scalar, require_finite, require_positive
-from qtraj.foundation.document import storable
+from qtraj.foundation.document import reads_older, storable
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
@@ -19,6 +19,12 @@ from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.placement import Placement
 
 
+def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
+    """Older fitted paths were stored with their residual, which now belongs to the result of a fit."""
+    return {name: value for name, value in fields.items() if name != "residual"}
+
+
+@reads_older(_from_older)
 @storable
 class SpiralHelix(AbstractHodograph, AbstractResult):
     """A spiral about an axis with a height along it.
@@ -26,7 +32,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
     `radius`, `angle` and `height` are ascending coefficients in t [s] of ρ [m], φ [rad] and h [m], of any degree;
     `duration` [s]; the axis is the world's z axis unless a `placement` says otherwise. Outside [0, duration] the
     polynomials extrapolate. `mismatch` is the relative disagreement of the two V_φ/ρ that `from_boundary` was given
-    (infinite where its problem has no solution); `residual` compares a fitted path with its recording.
+    (infinite where its problem has no solution).
 
     **Raises:** ValueError for coefficients that are not a finite vector, or a duration that is not positive.
     """
@@ -37,7 +43,6 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
     duration: Scalar
     placement: Placement | None
     mismatch: Scalar
-    residual: Any
 
     def __init__(
         self,
@@ -47,7 +52,6 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         duration: ArrayInput,
         placement: Placement | None = None,
         mismatch: ArrayInput = 0.0,
-        residual: Any = None,
     ):
         self.radius = _coefficients(radius, "radius")
         self.angle = _coefficients(angle, "angle")
@@ -55,7 +59,6 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         self.duration = real_scalar(duration, "the duration of a spiral-helix")
         self.placement = placement
         self.mismatch = as_float(mismatch)
-        self.residual = residual
         require_positive(self.duration, "the duration of a spiral-helix", "s")
 
     def record(self) -> Record:
@@ -71,8 +74,6 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
             variables["origin"] = Quantity(self.placement.origin, "m", "a point of the axis, world axes", ("world",))
             orientation = Quantity(self.placement.orientation, "1", "path's axes to world, any length", ("component",))
             variables["orientation"] = orientation
-        if isinstance(self.residual, AbstractResult):
-            variables |= {f"residual_{name}": q for name, q in self.residual.record().variables.items()}
         first, last = (extent(radius, "m") for radius in _ends(self.radius, self.duration))
         turn, climb = (np.diff(_ends(x, self.duration), axis=0) for x in (self.angle, self.height))
         over = f"turn {extent(np.rad2deg(turn))}°, climb {extent(climb, 'm')} in {extent(self.duration, 's')}"

@@ -12,6 +12,7 @@ from qtraj.cli.tuning.remarks import far_off, held, moved
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation import units
+from qtraj.foundation.outcome import ResultCode
 from qtraj.io.scenario import ScenarioFile
 from qtraj.path.boundary import BoundaryState, cylindrical
 from qtraj.path.departure import departure
@@ -54,9 +55,9 @@ def tune_content(
 
 def fit_content(job: Job) -> dict[str, Any] | None:
     """The fitted path against its recording; None for a path that was not fitted."""
-    found = job.residual
-    if found is None or job.track is None:
+    if job.fitted is None:
         return None
+    found = job.fitted.residual
     placement = job.path.placement or Placement()
     numbers = {
         "samples": found.samples,
@@ -75,8 +76,8 @@ def fit_content(job: Job) -> dict[str, Any] | None:
     return plain | {
         "samples": int(found.samples),
         "axis": np.asarray(placement.origin)[:2].tolist(),
-        "converged": bool(found.converged),
-        "message": found.message,
+        "status": ResultCode(int(job.fitted.code)).name,
+        "result": job.fitted.result,
     }
 
 

@@ -8,6 +8,7 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from qtraj.design.fitting.fit import fit
+from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.given import given_path
 from qtraj.design.tuning.outcome import Tuned
@@ -17,7 +18,6 @@ from qtraj.io.scenario_model import Scenario
 from qtraj.io.track_file import read_track
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.placement import Placement
-from qtraj.path.residual import Residual
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track
 
@@ -48,7 +48,7 @@ class Job:
     bounds: dict[str, tuple[float | None, float | None]] = field(default_factory=dict)
     turn: float | None = None
     track: Track | None = None
-    residual: Residual | None = None
+    fitted: Fitted | None = None
 
     def tuning(self) -> dict[str, Any]:
         """The arguments of `tune`."""
@@ -80,8 +80,8 @@ def lay(given: ScenarioFile[Scenario], choice: Choice = Choice()) -> Job:
     limits = Limits(**scenario.limits.given())
     try:
         if scenario.track is not None:
-            path, track = _fitted(given, scenario, motion)
-            return _along(path, scenario, limits, objective, motion, starts, track)
+            fitted, track = _fitted(given, scenario, motion)
+            return _along(fitted.path, scenario, limits, objective, motion, starts, track, fitted)
         if scenario.path is not None:
             return _along(saved_path(given.beside(scenario.path)), scenario, limits, objective, motion, starts)
         return _between(scenario, limits, objective, motion, starts)
@@ -104,14 +104,14 @@ def _top(file: Path) -> list[str]:
 
 
 def saved_path(file: Path) -> SpiralHelix:
-    """The path in a saved document; of a tuned result, its path.
+    """The path in a saved document; of a tuned or fitted result, its path.
 
     **Raises:** OSError, or ValueError naming the file where it holds no spiral-helix.
     """
     from qtraj.io.stored import load  # here, for it imports every class that can be stored
 
     stored = load(file)
-    path = stored.path if isinstance(stored, Tuned) else stored
+    path = stored.path if isinstance(stored, Tuned | Fitted) else stored
     if not isinstance(path, SpiralHelix):
         raise ValueError(f"{file}: a saved path was expected, but the file holds a {type(stored).__name__}")
     return path
@@ -137,7 +137,7 @@ def _ends(path: SpiralHelix) -> tuple[list[Float[Array, "2 3"]], Scalar, Scalar]
     return [path.derivatives(t, 1) for t in (0.0, path.duration)], path.turn, path.length()
 
 
-def _fitted(given: ScenarioFile[Scenario], scenario: Scenario, motion: str) -> tuple[SpiralHelix, Track]:
+def _fitted(given: ScenarioFile[Scenario], scenario: Scenario, motion: str) -> tuple[Fitted, Track]:
     part = scenario.track
     if part is None:
         raise ValueError("there is no [track] to fit")
@@ -159,11 +159,12 @@ def _along(
     motion: str,
     starts: int,
     track: Track | None = None,
+    fitted: Fitted | None = None,
 ) -> Job:
     """The job of a path that is there already: its ends are the boundary states, its turn is kept."""
     holds = motion == "hermite" or objective == "smoothest"
     duration = scenario.tune.duration or (float(path.duration) if holds else None)
-    # Without residual and mismatch it has the structure of a tuned path, and what is compiled for one serves both.
+    # Without its mismatch it has the structure of a tuned path, and what is compiled for one serves both.
     plain = SpiralHelix(path.radius, path.angle, path.height, path.duration, path.placement)
     start, end, turn, _ = ends(plain)
     return Job(
@@ -180,7 +181,7 @@ def _along(
         bounds=_bounds(scenario),
         turn=turn,
         track=track,
-        residual=path.residual,
+        fitted=fitted,
     )
 
 

@@ -28,9 +28,10 @@ Places = Float[Array, " places"]
 
 
 class Setting(NamedTuple):
-    """A path, and the rotation from the axes of its placement to the world's."""
+    """A path in unit time, ln T, and the rotation from the axes of its placement to the world's."""
 
     curves: Curves
+    log_duration: Scalar
     axes: Float[Array, "3 3"]
 
 
@@ -134,13 +135,13 @@ PER_TIME = np.asarray([*(entry.per_time for entry in QUANTITIES.values()), 0], n
 
 def values(setting: Setting, index: Int[Array, ""], limit: Scalar, u: Places) -> Places:
     """g at the places `u`."""
-    curves, axes = setting
-    scale, _ = _scale(curves, index, limit)
+    curves = setting.curves
+    scale, _ = _scale(setting, index, limit)
 
     def of(group: Group) -> Callable[[], Places]:
         def branch() -> Places:
             r = along_u(curves.up_to(group.order), u, 0)[0]
-            r = _upright(axes, curves, r, u) if group.upright else r
+            r = _upright(setting, r, u) if group.upright else r
             found = Invariants([None, *((x[0], x[1], x[2]) for x in r)])
             known = SimpleNamespace(**{name: getattr(found, name) for name in group.products})
             squares = [lambda square=square: square(known) for square in group.members]
@@ -155,49 +156,56 @@ def slopes(
     setting: Setting, changes: Changes, index: Int[Array, ""], limit: Scalar, u: Places
 ) -> tuple[Places, Float[Array, "n places"]]:
     """g at the places `u`, and its derivatives in the variables."""
-    curves, axes = setting
-    scale, per_log = _scale(curves, index, limit)
+    curves = setting.curves
+    scale, per_log = _scale(setting, index, limit)
 
     def of(group: Group) -> Callable[[], tuple[Places, Array]]:
         def branch() -> tuple[Places, Array]:
             r = along_u(curves.up_to(group.order), u, 0)[0]
             moved = along_u(changes.first.up_to(group.order), u, 0)[0]
             if group.upright:
-                angle, first = angle_at(curves, u, 0)[0], angle_at(changes.first, u, 0)[0]
-                moved = _turned(axes, angle, moved + first[:, None, None] * _spun(r)[None])
-                r = _turned(axes, angle, r)
+                angle, first = (angle_at(x.angle, u, 0)[0] for x in (curves, changes.first))
+                moved = _turned(setting.axes, angle, moved + first[:, None, None] * _spun(r)[None])
+                r = _turned(setting.axes, angle, r)
             G, bar, _ = _gradient(group, r, index)
             return G, jnp.einsum("okp,nokp->np", bar, moved)
 
         return branch
 
-    G, slope = _branch(index, of)
-    in_scale = (per_log * changes.first.log_duration)[:, None] * G[None]
-    return 0.5 * (scale * G - 1), 0.5 * scale * (slope + in_scale)
+    G, of_slopes = _branch(index, of)
+    slope = changes.slopes.T @ of_slopes + (per_log * changes.log_duration)[:, None] * G[None]
+    return 0.5 * (scale * G - 1), 0.5 * scale * slope
 
 
 def expansions(setting: Setting, changes: Changes, index: Int[Array, ""], limit: Scalar, u: Places) -> Expansion:
     """g at the places `u`, with first and second derivatives in the variables and in u."""
-    scale, per_log = _scale(setting.curves, index, limit)
+    scale, per_log = _scale(setting, index, limit)
     G = Expansion(*_branch(index, lambda group: lambda: _expanded(group, setting, changes, index, u)))
-    # κ = exp(−2p ln T)/limit²: its derivatives in the variables are those of ln T, which is linear in them.
-    first = (per_log * changes.first.log_duration)[:, None]
-    cross = first[:, None] * G.slope[None]
+    # The slopes are T times velocities: what is linear in the velocities is so in T, too.
+    J, e = changes.slopes, changes.log_duration[:, None]
+    slope, mixed = J.T @ G.slope, J.T @ G.mixed
+    curved = jnp.einsum("in,ijp,jm->nmp", J, G.curvature, J)
+    with_log = e[:, None] * slope[None]
+    both = e[:, None] * e[None] * jnp.sum(e * slope, axis=0)[None, None]
+    curved = curved + with_log + jnp.swapaxes(with_log, 0, 1) - both
+    # κ = exp(−2p ln T)/limit².
+    first = per_log * e
+    cross = first[:, None] * slope[None]
     second = first[:, None] * first[None] * G.value[None, None]
     return Expansion(
         0.5 * (scale * G.value - 1),
-        0.5 * scale * (G.slope + first * G.value[None]),
-        0.5 * scale * (G.curvature + second + cross + jnp.swapaxes(cross, 0, 1)),
-        0.5 * scale * (G.mixed + first * G.rate[None]),
+        0.5 * scale * (slope + first * G.value[None]),
+        0.5 * scale * (curved + second + cross + jnp.swapaxes(cross, 0, 1)),
+        0.5 * scale * (mixed + first * G.rate[None]),
         0.5 * scale * G.rate,
         0.5 * scale * G.bend,
     )
 
 
-def _scale(curves: Curves, index: Int[Array, ""], limit: Scalar) -> tuple[Array, Array]:
+def _scale(setting: Setting, index: Int[Array, ""], limit: Scalar) -> tuple[Array, Array]:
     """κ, and d ln κ / d ln T."""
     per_log = jnp.asarray(-2.0 * PER_TIME)[index].astype(limit.dtype)
-    return jnp.exp(per_log * curves.log_duration) / limit**2, per_log
+    return jnp.exp(per_log * setting.log_duration) / limit**2, per_log
 
 
 def _branch(index: Int[Array, ""], of: Callable[[Group], Callable[[], Any]]) -> Any:
@@ -205,9 +213,9 @@ def _branch(index: Int[Array, ""], of: Callable[[Group], Callable[[], Any]]) -> 
 
 
 def _expanded(group: Group, setting: Setting, changes: Changes, index: Int[Array, ""], u: Places) -> tuple[Array, ...]:
-    """G, its derivatives in the variables, those in variables and u, and in u.
+    """G, its derivatives in the slopes at the ends, those in slopes and u, and in u.
 
-    In the directions w of the variables and of u, with s for invariants and Y for blocks,
+    In the directions w of the slopes and of u, with s for invariants and Y for blocks,
     G_ww = Σ G_ss s_w s_w + Σ W Y_w Y_w + Σ Ȳ·Y_ww, where W are the weights of the blocks' products and Ȳ = G_Y.
     """
     curves = setting.curves
@@ -227,18 +235,20 @@ def _expanded(group: Group, setting: Setting, changes: Changes, index: Int[Array
         curved = curved + half + jnp.swapaxes(half, 0, 1)
     own, turned = back(bar)
     curved = curved + turned
-    powers = [jnp.ones_like(u)]
-    second = changes.second.up_to(group.order)
-    for _ in range(second.shape[-2] - 1):
-        powers.append(powers[-1] * u)
-    onto = own[:, None] * jnp.stack(powers)[None, :, None]
-    rows = second.reshape(second.shape[0], -1) @ onto.reshape(-1, u.shape[0])
+    if changes.second is not None:
+        second = changes.second.up_to(group.order)
+        powers = [jnp.ones_like(u)]
+        for _ in range(second.shape[-2] - 1):
+            powers.append(powers[-1] * u)
+        onto = own[:, None] * jnp.stack(powers)[None, :, None]
+        added = unpacked(second.reshape(second.shape[0], -1) @ onto.reshape(-1, u.shape[0]))
+        curved = curved + jnp.pad(added, ((0, 1), (0, 1), (0, 0)))
     n = moved.shape[0]
     flat = jnp.einsum("okp,mokp->mp", bar, w)
     return (
         G,
         flat[:n],
-        curved[:n, :n] + unpacked(rows),
+        curved[:n, :n],
         curved[:n, n] + jnp.einsum("okp,nokp->np", own, moved_in_u),
         flat[n],
         curved[n, n] + 2 * jnp.einsum("okp,okp->p", own, in_u_twice),
@@ -269,10 +279,11 @@ def _crossed(w: Array, Y: Array, k: int) -> Array:
     return _cross(w[:, 0], Y[k][None]) + _cross(Y[0][None], w[:, k])
 
 
-def _upright(axes: Array, curves: Curves, r: Array, u: Places) -> Array:
+def _upright(setting: Setting, r: Array, u: Places) -> Array:
     """r', r'', … with the third axis vertical, where the axis of the path is not."""
-    tilted = jnp.any(axes[2, :2] != 0)
-    return jax.lax.cond(tilted, lambda: _turned(axes, angle_at(curves, u, 0)[0], r), lambda: r)
+    tilted = jnp.any(setting.axes[2, :2] != 0)
+    angle = lambda: angle_at(setting.curves.angle, u, 0)[0]  # noqa: E731
+    return jax.lax.cond(tilted, lambda: _turned(setting.axes, angle(), r), lambda: r)
 
 
 def _turned(axes: Array, angle: Places, v: Array) -> Array:
@@ -307,10 +318,10 @@ def _in_world(setting: Setting, changes: Changes, r: Array, w: Array, u: Places)
 
     That gives derivatives in the moving basis, and what the turning of the basis adds to second ones.
     """
-    curves, axes = setting
-    angle, in_u, in_u_twice = angle_at(curves, u, 2)
-    moved, moved_in_u = angle_at(changes.first, u, 1)
-    second = unpacked(angle_at(changes.second, u, 0)[0])
+    axes = setting.axes
+    angle, in_u, in_u_twice = angle_at(setting.curves.angle, u, 2)
+    moved, moved_in_u = angle_at(changes.first.angle, u, 1)
+    second = jnp.zeros((*moved.shape[:1] * 2, *moved.shape[1:]), u.dtype)  # φ is linear in the slopes
     first = jnp.concatenate([moved, in_u[None]])
     spun, again = _spun(r), _spun(_spun(r))
     twice = jnp.concatenate([second, moved_in_u[:, None]], axis=1)
@@ -328,5 +339,9 @@ def _in_world(setting: Setting, changes: Changes, r: Array, w: Array, u: Places)
 
 def _cross(a: Array, b: Array) -> Array:
     """a × b of vectors (…, 3, places)."""
-    x, y = ([v[..., k, :] for k in range(3)] for v in (a, b))
-    return jnp.stack([x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]], axis=-2)
+    return _next(a * _next(b) - _next(a) * b)
+
+
+def _next(v: Array) -> Array:
+    """The components (y, z, x)."""
+    return jnp.concatenate([v[..., 1:, :], v[..., :1, :]], axis=-2)

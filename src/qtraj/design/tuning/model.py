@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from qtraj.algebra import rotation
 from qtraj.design.tuning.constraints import Setting, expansions, slopes, values
 from qtraj.design.tuning.curves import Changes, changes, curve
 from qtraj.design.tuning.peaks import ABSENT, NODES, PEAKS, Peaks
@@ -51,14 +50,16 @@ class Model(NamedTuple):
 
 def setting(problem: Problem, z: Variables) -> Setting:
     """The path of the variables, in unit time."""
-    return Setting(curve(problem, z), _axes(problem))
+    slopes, log_duration = problem.slopes(z)
+    return Setting(curve(problem, slopes), log_duration, problem.axes)
 
 
 def build(task: Task, which: Present, z: Variables, peaks: Peaks) -> Model:
     """The cost and the constraints at `z`, with their derivatives."""
     _, slope, curvature = with_derivatives(task.problem.cost, z)
-    at, changed = changes(task.problem, z)
-    here = Setting(at, _axes(task.problem))
+    slopes, log_duration = task.problem.slopes(z)
+    at, changed = changes(task.problem, z, slopes)
+    here = Setting(at, log_duration, task.problem.axes)
     nodes = jnp.linspace(0.0, 1.0, NODES, dtype=z.dtype)[STRIDE:-1:STRIDE]
     n = z.shape[0]
 
@@ -93,10 +94,6 @@ def values_nearby(
         return found.at[slot].set(kept)
 
     return jax.lax.fori_loop(0, jnp.asarray(which.count), of_slot, jnp.full_like(known.value, ABSENT))
-
-
-def _axes(problem: Problem) -> Float[Array, "3 3"]:
-    return rotation.to_dcm(problem.placement.orientation).T
 
 
 def _constraints(

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from qtraj.algebra import rotation
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.objectives.nearest import Nearest
 from qtraj.design.tuning.objectives.objective import AbstractObjective
@@ -36,6 +37,7 @@ class Problem(eqx.Module):
     speed: Scalar  # V_ref [m/s]
     scale: Scalar  # the size of the objective
     placement: Placement
+    axes: Float[Array, "3 3"]  # from the axes of the placement to the world's
     weights: Float[Array, " 7"]  # of the squared changes in "nearest": of VELOCITIES, and of the duration
     motion: AbstractMotion
     objective: AbstractObjective
@@ -55,22 +57,21 @@ class Problem(eqx.Module):
         duration = self.time(z)
         return SpiralHelix(*self._between(*self.velocities(z, duration), duration), duration, self.placement)
 
-    def coefficients(self, z: Variables) -> tuple[Float[Array, "4 3"], Scalar]:
-        """Ascending coefficients of ρ, φ and h in the fraction of the duration, and ln T of the duration T [s]."""
-        duration = self.time(z)
+    @property
+    def ends(self) -> tuple[Vec3, Vec3]:
+        """(ρ, φ, h) at both ends."""
         a, b = self.start, self.end
-        slopes = [
-            duration * v / jnp.stack([jnp.ones_like(radius), radius, jnp.ones_like(radius)])
-            for v, radius in zip(self.velocities(z, duration), (a.radius, b.radius), strict=True)
-        ]
-        first, last = (
-            jnp.stack([a.radius, a.azimuth, a.height]),
-            jnp.stack([b.radius, a.azimuth + self.turn, b.height]),
-        )
-        rise = last - first
-        cubic = [first, slopes[0], 3 * rise - 2 * slopes[0] - slopes[1], slopes[0] + slopes[1] - 2 * rise]
+        first, last = (a.radius, a.azimuth, a.height), (b.radius, a.azimuth + self.turn, b.height)
+        return jnp.stack(first), jnp.stack(last)
+
+    def slopes(self, z: Variables) -> tuple[Float[Array, "2 3"], Scalar]:
+        """The derivatives of ρ, φ and h in the fraction of the duration T [s] at both ends, and ln T."""
+        duration = self.time(z)
+        one = jnp.ones_like(duration)
+        over = jnp.stack([one, 1 / self.start.radius, one, one, 1 / self.end.radius, one])
+        both = duration * jnp.concatenate(self.velocities(z, duration)) * over
         logarithm = jnp.log(self.duration)
-        return jnp.stack(cubic), logarithm if self.objective.holds_duration else logarithm + z[-1]
+        return both.reshape(2, 3), logarithm if self.objective.holds_duration else logarithm + z[-1]
 
     def time(self, z: Variables) -> Scalar:
         """The duration [s] of the path of these variables."""
@@ -112,6 +113,7 @@ def pose(
     weights: Float[Array, " 7"] | None = None,
 ) -> Problem:
     """The tuning problem between two states, of choices that `checks` has accepted; it can be traced."""
+    placement = Placement() if placement is None else placement
     a, b = cylindrical(start, placement), cylindrical(end, placement)
     angle = directed_turn(a, b, turns) if turn is None else _next_turn(a, b, turn)
     speed = jnp.sqrt((start.velocity @ start.velocity + end.velocity @ end.velocity) / 2)
@@ -122,7 +124,8 @@ def pose(
         duration=motion.duration(a, b, angle) if duration is None else jnp.asarray(duration, speed.dtype),
         speed=speed,
         scale=jnp.ones_like(speed),
-        placement=Placement() if placement is None else placement,
+        placement=placement,
+        axes=rotation.to_dcm(placement.orientation).T,
         weights=jnp.ones(7, speed.dtype) if weights is None else weights,
         motion=motion,
         objective=objective,

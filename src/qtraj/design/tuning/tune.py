@@ -108,7 +108,10 @@ def tune(
     # A callable objective may hold arrays, which are constants of the problem: it is not traced.
     posed = _posed_once if aim.is_smooth else _posed
     problem, low, high = posed(data, axes, aim, motion, whole_turns(turns), tuple(fixed), weighed)
-    tasks = Task(problem, by_slots(limits, size), low, high, np.ones(size) if not traced else jnp.ones(size))
+    xp: Any = jnp if traced else np
+    aims = by_slots(limits, count)
+    aims = xp.concatenate([aims, xp.repeat(aims[-1:], size - count, axis=0)])
+    tasks = Task(problem, aims, low, high, xp.ones(size))
     which = present(limits)
     require_sound(jax.tree.map(lambda x: x[:count], problem) if batch else take(problem, 0), turn, limits)
     if traced:

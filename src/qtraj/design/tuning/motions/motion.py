@@ -18,7 +18,9 @@ class AbstractMotion(eqx.Module):
     """A family of paths between two boundary states.
 
     `velocities` names the variables among the cylindrical velocity components; the logarithm of the duration is one
-    more variable, unless the objective holds it. `is_uniform` says whether the angle turns at one rate.
+    more variable, unless the objective holds it. `is_uniform` says whether the angle turns at one rate. ρ, φ and h are
+    the cubics of their values and velocities at the ends; the velocities are linear in the changes, and what else they
+    consist of is in inverse proportion to the duration or does not depend on it.
     """
 
     name: ClassVar[str]

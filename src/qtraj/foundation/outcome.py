@@ -1,0 +1,240 @@
+"""How a solve ended: one table of codes and texts for every solve, and what each solved result offers of them.
+
+A failure is a value: the result of a solve has a `code` for each element of its batch and a text that says what to do.
+`throw=True` raises instead. Codes below `NOTES` are clean, those below `FAILURES` succeeded with something to know.
+"""
+
+import abc
+import enum
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, TypeVar, overload
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Int
+
+from qtraj.foundation.arrays import concrete
+from qtraj.foundation.result import AbstractResult
+
+T = TypeVar("T", bound="AbstractOutcome")
+
+NOTES, FAILURES, ILL_POSED = 10, 20, 60
+"""The first codes: success with something to know, failure, and a problem that has no solution to look for."""
+
+
+class ResultCode(enum.IntEnum):
+    """How a solve ended; `.text` says it in words, with what to do."""
+
+    text: str
+
+    def __new__(cls, value: int, text: str = "") -> "ResultCode":
+        code = int.__new__(cls, value)
+        code._value_ = value
+        code.text = text
+        return code
+
+    successful = 0, "the solve succeeded."
+
+    near_zero_error = (
+        NOTES + 0,
+        "finished, but the error quaternion came near zero, where the command grows as 1/|μ|²: look at peak_command. "
+        "The other sign of λ may pass more smoothly: start from choose_sign(law, program(t0), quaternion, rate).",
+    )
+    held_by_bounds = (
+        NOTES + 1,
+        "This window alone does not determine the axis. Choose a window with one clear bend, or pass other "
+        "radius_bounds.",
+    )
+    limits_sampled = (
+        NOTES + 2,
+        "every limit is met, some only as far as refined sampling shows. Loosen those limits a little for a proof, or "
+        "describe the path by polynomials.",
+    )
+
+    max_steps_reached = (
+        FAILURES + 0,
+        "stopped: max_steps were not enough. Try a larger max_steps, a larger rtol and atol, or a shorter span of "
+        "times; at instants where the acceleration jumps, pass them as jumps.",
+    )
+    step_too_small = (
+        FAILURES + 1,
+        "stopped: the step fell to round-off. The acceleration has a pole there or is not finite: look at its values "
+        "near the last instant reached, and for a tolerance below round-off raise rtol.",
+    )
+    wrong_sign = (
+        FAILURES + 2,
+        "stopped: the error quaternion started with a negative scalar part (μ0 < 0) and ran into zero, where the law "
+        "has no command. λ and −λ are one attitude: start from −λ, or from choose_sign(law, program(t0), quaternion, "
+        "rate).",
+    )
+    not_finite = (
+        FAILURES + 3,
+        "stopped: a number is NaN or infinite. Look at the initial values, the times and the values of the rate or "
+        "acceleration that was given.",
+    )
+    tolerance_not_reached = (
+        FAILURES + 4,
+        "the tolerance was not reached. Try a larger max_steps (or steps), a larger tolerance, or a method of higher "
+        "order; at instants where the rate jumps, put a time.",
+    )
+    not_converged = FAILURES + 5, "the search stopped before it converged. Try a larger max_steps."
+    infeasible = (
+        FAILURES + 6,
+        "no boundary velocities were found that meet the limits. Raise the limits that are broken, or move the ends.",
+    )
+    radius_vanishes = (
+        FAILURES + 7,
+        "the radius vanishes inside the window, so the path runs through its own axis. Choose a window with one clear "
+        "bend, or raise the lower of radius_bounds.",
+    )
+    limits_broken = FAILURES + 8, "a limit is broken. Tune the path, or raise the limit."
+    limits_undecided = (
+        FAILURES + 9,
+        "a limit is neither proved nor broken: its largest value is too near to it for the rounding. Change the limit "
+        "a little.",
+    )
+    limits_undefined = (
+        FAILURES + 10,
+        "a limited quantity does not exist somewhere on the path, which stops or straightens there. Limit another "
+        "quantity, or change the path.",
+    )
+
+    velocity_vanishes = (
+        ILL_POSED + 0,
+        "the given velocities must be finite and not all zero, for they set the scale of the search.",
+    )
+    position_on_axis = (
+        ILL_POSED + 1,
+        "a boundary position lies on the axis (radius 0). Give a placement whose axis lies elsewhere.",
+    )
+    sense_unknown = (
+        ILL_POSED + 2,
+        "V_phi at the start is 0, so the sense of rotation is unknown. Give the start a velocity about the axis, or a "
+        "placement whose axis lies elsewhere.",
+    )
+    azimuths_equal = (
+        ILL_POSED + 3,
+        "the start and the end have the same azimuth. Pass turns=1 for one whole turn.",
+    )
+    senses_opposite = (
+        ILL_POSED + 4,
+        "the given states turn in opposite senses, so they have no common duration. Give the end a velocity in the "
+        "sense of the start's, or take motion='hermite' with a duration.",
+    )
+    turn_against_sense = (
+        ILL_POSED + 5,
+        "the given turn is against the sense of V_phi, so the states have no duration of their own. Give one, with "
+        "motion='hermite', or a turn in the sense of the states.",
+    )
+    duration_not_positive = ILL_POSED + 6, "the duration must be positive and finite [s]."
+    objective_not_finite = (
+        ILL_POSED + 7,
+        "the objective is not finite at the given boundary states. Give other states, or another objective.",
+    )
+    turn_mismatch = (
+        ILL_POSED + 8,
+        "the given turn does not lead from the start's azimuth to the end's. Give the turn between them, plus whole "
+        "turns.",
+    )
+    limit_not_positive = ILL_POSED + 9, "every limit must be positive and finite."
+
+
+MESSAGES = tuple(code.text for code in ResultCode)
+_PLACES = np.zeros(max(ResultCode) + 1, np.int32)
+_PLACES[[int(code) for code in ResultCode]] = np.arange(len(ResultCode))
+
+
+class Texts(Sequence[str]):
+    """The texts of a batch, each made when it is asked for; with several axes as a nested list has them."""
+
+    def __init__(self, make: Callable[[tuple[int, ...]], str], shape: tuple[int, ...]):
+        self._make, self._shape = make, shape
+        self._at = np.arange(np.prod(shape, dtype=int)).reshape(shape)
+
+    @overload
+    def __getitem__(self, index: int) -> str: ...
+    @overload
+    def __getitem__(self, index: slice) -> "Texts": ...
+    def __getitem__(self, index: Any) -> Any:
+        at = self._at[index]
+        if np.ndim(at) == 0:
+            return self._make(tuple(int(k) for k in np.unravel_index(at, self._shape)))
+        some = Texts(self._make, self._shape)
+        some._at = at
+        return some
+
+    def __len__(self) -> int:
+        return len(self._at)
+
+    def __iter__(self) -> Iterator[Any]:
+        return (self[k] for k in range(len(self)))
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        texts = [self._make(tuple(map(int, np.unravel_index(k, self._shape)))) for k in self._at.ravel()]
+        return np.array(texts, dtype=dtype or str).reshape(self._at.shape)
+
+    def __repr__(self) -> str:
+        return f"<texts of {' × '.join(map(str, self._at.shape))} results>"
+
+
+class AbstractOutcome(AbstractResult):
+    """The result of a solve: `code`, a `ResultCode` for each element of the batch, and its text on demand."""
+
+    code: eqx.AbstractVar[Int[Array, "*lanes"]]
+
+    @abc.abstractmethod
+    def explain(self, at: tuple[int, ...]) -> str:
+        """How the solve of one element of the batch ended and what to do; of one problem `at` is empty."""
+
+    @property
+    def successful(self) -> Bool[Array, "*lanes"]:
+        """Whether the solve did what it was asked; also inside a trace."""
+        return self.code < FAILURES
+
+    @property
+    def result(self) -> Any:
+        """How it ended, and what to do: a text, or a sequence of texts that are made when they are asked for.
+
+        **Raises:** ValueError inside a trace, where only `code` and `successful` are known.
+        """
+        shape = known_codes(self).shape
+        return Texts(self.explain, shape) if shape else self.explain(())
+
+    def check(self: T) -> T:
+        """This result, if the solve succeeded for every element of the batch: what `throw=True` does.
+
+        **Raises:** RuntimeError with the text of the first element that failed; inside a trace, when the compiled
+        function runs, with the text of its code.
+        """
+        codes = concrete(self.code)
+        if codes is None:
+            return eqx.branched_error_if(self, ~self.successful, jnp.asarray(_PLACES)[self.code], MESSAGES)
+        failed = np.argwhere(codes >= FAILURES)
+        if not len(failed):
+            return self
+        at = tuple(int(k) for k in failed[0])
+        which = f"element {', '.join(map(str, at))} of the batch: " if at else ""
+        raise RuntimeError(which + self.explain(at))
+
+
+def known_codes(solved: AbstractOutcome) -> np.ndarray:
+    """The codes of a result (ValueError inside a trace)."""
+    codes = concrete(solved.code)
+    if codes is None:
+        raise ValueError("the text of a result is known outside jit, vmap and grad only: use successful or code")
+    return codes
+
+
+def names_of(codes: np.ndarray, names: Mapping[ResultCode, str], other: str) -> np.ndarray:
+    """The names of many codes at once, and `other` for those that have none."""
+    table = np.full(max(ResultCode) + 1, other, dtype=object)
+    table[[int(code) for code in names]] = list(names.values())
+    return np.asarray(table.astype(str)[codes])
+
+
+def renumbered(codes: Any, numbers: Mapping[int, ResultCode]) -> Any:
+    """The codes of an older document by today's numbers: a number, or nested lists of them."""
+    if isinstance(codes, list):
+        return [renumbered(code, numbers) for code in codes]
+    return int(numbers.get(codes, codes))

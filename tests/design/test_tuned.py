@@ -1,0 +1,77 @@
+"""What a tuning says of how it ended: texts of one problem and of a batch, errors on request, older files."""
+
+import tomllib
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import tomli_w
+
+import qtraj as qt
+
+LIMITS = qt.Limits(speed=9.0, curvature=0.2)
+CODES = [
+    qt.ResultCode.successful,
+    qt.ResultCode.infeasible,
+    qt.ResultCode.not_converged,
+    qt.ResultCode.azimuths_equal,
+]
+
+
+def tuned(code=qt.ResultCode.successful, radius=10.0):
+    path = qt.SpiralHelix([radius], [0.0, 0.4], [0.0, 0.5], 5.0)
+    return qt.Tuned(path, path.state(0.0), path.state(5.0), 0.0, qt.certify(path, LIMITS), code, 7)
+
+
+@pytest.fixture(scope="module")
+def many():
+    return jax.tree.map(lambda *x: jnp.stack(x), *(tuned(code, 2.0 + k) for k, code in enumerate(CODES)))
+
+
+def test_texts_of_a_batch_are_those_of_its_elements(many):
+    assert list(many.status) == ["converged", "infeasible", "not converged", "ill-posed"]
+    assert str(many).startswith("4 tunings: 1 converged, 1 infeasible, 1 not converged, 1 ill-posed\n")
+    assert list(many.result) == [many[k].result for k in range(len(CODES))]
+    assert many.result[3] == f"ill-posed: {qt.ResultCode.azimuths_equal.text}"
+    assert "curvature is broken: 0.227758" in many[2].result
+    assert "Tune this problem alone for advice" in many.result[1]
+
+
+def test_an_element_that_failed_is_a_result_and_an_error_only_on_request(many):
+    assert many.successful.tolist() == [True, False, False, False]
+    assert many.converged.tolist() == [True, False, False, False]
+    with pytest.raises(RuntimeError, match=r"element 1 of the batch: infeasible: .*curvature is 0\.284"):
+        many.check()
+    assert many[0].check().status == "converged"
+
+
+def test_a_certificate_says_what_its_findings_come_to(many):
+    codes = many.certificate.code
+    assert codes.tolist() == [qt.ResultCode.limits_broken] * 3 + [qt.ResultCode.successful]
+    assert many.certificate.result[3] == "every limit is proved on the whole path."
+    assert "curvature is broken: 0.359551" in many.certificate.result[0]
+    assert jax.jit(lambda c: c.successful)(many.certificate).tolist() == [False, False, False, True]
+    with pytest.raises(RuntimeError, match="element 0 of the batch: a limit is broken"):
+        many.certificate.check()
+
+
+@pytest.mark.parametrize(("old", "code"), [(0, "successful"), (1, "infeasible"), (2, "not_converged")])
+def test_older_files_keep_their_meaning(tmp_path, old, code):
+    file = tmp_path / "tuned.toml"
+    today = tuned(qt.ResultCode[code])
+    today.save(file)
+    assert eqx.tree_equal(qt.load(file), today)
+    file.write_text(tomli_w.dumps(tomllib.loads(file.read_text()) | {"code": old}))
+    assert eqx.tree_equal(qt.load(file), today)
+
+
+@pytest.mark.parametrize("old", range(5))
+def test_older_files_of_motions_keep_their_meaning(tmp_path, old):
+    names = ("successful", "max_steps_reached", "step_too_small", "near_zero_error", "wrong_sign")
+    today = qt.Solution(np.arange(3.0), np.ones((3, 4)), np.ones((3, 4)), qt.ResultCode[names[old]])
+    today.save(tmp_path / "motion.toml")
+    text = tomllib.loads((tmp_path / "motion.toml").read_text()) | {"code": old}
+    (tmp_path / "motion.toml").write_text(tomli_w.dumps(text))
+    assert eqx.tree_equal(qt.load(tmp_path / "motion.toml"), today)

@@ -1,0 +1,93 @@
+"""How solves end: one table of codes, texts made when they are asked for, and errors only on request."""
+
+import re
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Array, Int
+
+from qtraj.foundation.outcome import FAILURES, AbstractOutcome, ResultCode, Texts
+from qtraj.foundation.record import Quantity, Record
+
+made = []
+
+
+class Solved(AbstractOutcome):
+    """A result with no more than its codes; it notes which texts it was asked for."""
+
+    code: Int[Array, "*lanes"]
+
+    def explain(self, at):
+        made.append(at)
+        return f"{ResultCode(int(np.asarray(self.code)[at])).text} At {at}."
+
+    def record(self):
+        return Record("a line", {"code": Quantity(self.code, "1", "how it ended")})
+
+
+def solved(codes):
+    return Solved(jnp.asarray(codes, jnp.int32))
+
+
+CODES = [0, ResultCode.near_zero_error, ResultCode.infeasible, ResultCode.max_steps_reached]
+
+
+ADVICE = re.compile(r"\b(try|look|give|take|pass|raise|choose|tune|change|limit|must be|start from)\b", re.IGNORECASE)
+
+
+def test_every_code_has_its_own_text_and_every_failure_says_what_to_do():
+    assert len({code.text for code in ResultCode}) == len(ResultCode)
+    for code in ResultCode:
+        assert code.text.endswith(".")
+        if code >= FAILURES:
+            assert ADVICE.search(code.text), code.name
+
+
+def test_a_result_is_a_text_and_of_a_batch_a_sequence_made_on_demand():
+    assert solved(ResultCode.infeasible).result.startswith("no boundary velocities")
+    made.clear()
+    texts = solved(np.tile(CODES, 1000)).result
+    assert (len(texts), made) == (4000, [])
+    assert "max_steps" in texts[-1]
+    assert made == [(3999,)]
+    assert texts[1:3][1] == texts[2]
+    with pytest.raises(IndexError):
+        texts[4000]
+    assert [text[:8] for text in solved(CODES).result] == ["the solv", "finished", "no bound", "stopped:"]
+
+
+def test_texts_have_the_axes_of_the_batch():
+    texts = Texts(lambda at: f"{at}", (2, 3))
+    assert len(texts) == 2
+    assert list(texts[1]) == ["(1, 0)", "(1, 1)", "(1, 2)"]
+    np.testing.assert_array_equal(np.asarray(texts)[1], list(texts[1]))
+    assert np.asarray(texts).shape == (2, 3)
+    assert texts[1, 2] == "(1, 2)"
+    assert "2 × 3" in repr(texts)
+
+
+def test_success_is_an_array_also_inside_a_trace():
+    assert solved(CODES).successful.tolist() == [True, True, False, False]
+    found = jax.jit(jax.vmap(lambda code: Solved(code).successful))(jnp.asarray(CODES, jnp.int32))
+    assert found.tolist() == [True, True, False, False]
+    with pytest.raises(ValueError, match="outside jit, vmap and grad only: use successful or code"):
+        jax.jit(lambda one: len(one.result))(solved(0))
+
+
+def test_check_raises_the_text_of_the_first_failure_and_gives_back_what_succeeded():
+    good = solved(CODES[:2])
+    assert good.check() is good
+    with pytest.raises(RuntimeError, match=r"^no boundary velocities .* At \(\)\.$"):
+        solved(CODES[2]).check()
+    with pytest.raises(RuntimeError, match=r"^element 2 of the batch: no boundary velocities .* At \(2,\)\.$"):
+        solved(CODES).check()
+
+
+def test_check_in_a_trace_raises_when_the_function_runs():
+    checked = eqx.filter_jit(lambda one: one.check().code + 1)
+    assert checked(solved(CODES[:2])).tolist() == [1, 1 + ResultCode.near_zero_error]
+    with pytest.raises(RuntimeError, match="no boundary velocities"):
+        checked(solved([CODES[0], CODES[2]]))

@@ -1,0 +1,37 @@
+"""Progress: a fraction, in words, a few times a second."""
+
+import numpy as np
+import pytest
+
+from qtraj.foundation.progress import Progress, throttled
+
+
+@pytest.mark.parametrize(
+    ("progress", "text", "fraction"),
+    [
+        (Progress("searches", 3, 8), "3 of 8 searches", 0.375),
+        (Progress("fitting"), "fitting", None),
+        (Progress("nothing", 0, 0), "0 of 0 nothing", 0.0),
+        (Progress("more", 9, 8), "9 of 8 more", 1.0),
+    ],
+)
+def test_a_report_says_what_and_how_much(progress, text, fraction):
+    assert str(progress) == text
+    assert progress.fraction == fraction
+
+
+@pytest.mark.parametrize("step", [0.001, 0.1, 0.3])
+def test_reports_come_at_once_and_then_no_more_often_than_the_interval(step):
+    times = step * np.arange(1000)
+    clock, seen = iter(times), []
+    tell = throttled(lambda progress: seen.append(times[progress.done]), interval=0.25, clock=lambda: next(clock))
+    for k in range(1000):
+        tell(Progress("steps", k, 1000))
+    assert seen[0] == 0.0
+    gaps = np.diff(seen)
+    assert gaps.min() >= 0.25
+    assert gaps.max() < 0.25 + 2 * step
+
+
+def test_nobody_need_listen():
+    throttled(None)(Progress("searches", 1, 2))
