@@ -1,1 +1,1 @@
-"""Floor 5: many paths at many instants."""
+"""Layer 5: many paths at many instants."""

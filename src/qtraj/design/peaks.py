@@ -92,7 +92,7 @@ def highest(values: Float[Array, " n"], number: int) -> Int[Array, " {number}"]:
     for _ in range(number):
         k = place_of_largest(values)
         places.append(k)
-        values = jnp.where(jnp.arange(values.shape[0]) == k, -jnp.inf, values)
+        values = jnp.where(jnp.arange(values.shape[0], dtype=k.dtype) == k, -jnp.inf, values)
     return jnp.stack(places)
 
 

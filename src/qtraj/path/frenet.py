@@ -122,7 +122,7 @@ class Invariants:
         return v[:2] if self.up is None else cross(v, self.up)
 
 
-def natural_rate(i: Invariants, inv_speed: Any, inv_cross_norm: Any, torsion: Any) -> tuple[Any, Any]:
+def natural_rate(i: Any, inv_speed: Any, inv_cross_norm: Any, torsion: Any) -> tuple[Any, Any]:
     """The components of ω⁰ = (vχ, 0, vκ) [rad/s] that are not zero, along τ and along b: vκ = |c|/v².
 
     `inv_speed` = 1/v, `inv_cross_norm` = 1/|c| and `torsion` χ = T/N. Where one of them does not exist, any finite
@@ -131,7 +131,7 @@ def natural_rate(i: Invariants, inv_speed: Any, inv_cross_norm: Any, torsion: An
     return i.S * inv_speed * torsion, i.N * inv_cross_norm * inv_speed**2
 
 
-def natural_acceleration(i: Invariants, inv_speed: Any, inv_cross_norm: Any, torsion: Any) -> tuple[Any, Any]:
+def natural_acceleration(i: Any, inv_speed: Any, inv_cross_norm: Any, torsion: Any) -> tuple[Any, Any]:
     """The same of ε⁰ [rad/s²], the derivative of ω⁰ (paper S, with its errata mended)."""
     inv_N, inv_S = inv_cross_norm**2, inv_speed**2
     torsion_rate = i.D * inv_N - 2 * i.T * i.E * inv_N**2
@@ -140,7 +140,7 @@ def natural_acceleration(i: Invariants, inv_speed: Any, inv_cross_norm: Any, tor
     return along, i.E * inv_cross_norm * inv_S - 2 * cross_norm * i.B * inv_S**2
 
 
-def yaw(i: Invariants, inv_speed: Any, inv_level: Any) -> tuple[Any, Any]:
+def yaw(i: Any, inv_speed: Any, inv_level: Any) -> tuple[Any, Any]:
     """ω_z [rad/s] and ε_z [rad/s²] of the upright frame about its own z axis: ω_z = P/(v√H).
 
     `inv_level` = 1/√H is one over the horizontal speed; where an inverse does not exist, as in `natural_rate`.
@@ -149,7 +149,7 @@ def yaw(i: Invariants, inv_speed: Any, inv_level: Any) -> tuple[Any, Any]:
     return rate, i.P1 * inv_speed * inv_level - rate * (i.B * inv_speed**2 + i.G * inv_level**2)
 
 
-def upright_rates(i: Invariants, inv_speed: Any, inv_level: Any) -> tuple[tuple, tuple]:
+def upright_rates(i: Any, inv_speed: Any, inv_level: Any) -> tuple[tuple, tuple]:
     """ω [rad/s] and ε [rad/s²] of the upright frame in its own axes, with n = up×r'/√H and b = (S·up − V·r')/(v√H).
 
     ω = (VP/(vH), (VB − SW)/(S√H), P/(v√H)), and ε is its derivative.

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 
 from qtraj.foundation import units
-from qtraj.path.frenet import Invariants, natural_acceleration, yaw
+from qtraj.path.frenet import natural_acceleration, yaw
 
 Formula = Callable[[Any], Any]
 """What is formed from `Invariants`, over any arithmetic."""
@@ -71,7 +71,7 @@ class PathQuantity:
         """The power of 1/s in its unit."""
         return units.per_time(self.unit)
 
-    def squared(self, i: Invariants, by: Division = PLAIN) -> Any:
+    def squared(self, i: Any, by: Division = PLAIN) -> Any:
         """Its square in numbers, of one instant or of many; infinite where it grows without bound."""
         if self.square is not None:
             return self.square(i, by)
@@ -95,18 +95,18 @@ def _cube(x: Any) -> Any:
     return x * (x * x)
 
 
-def _rate_square(i: Invariants, by: Division) -> Any:
+def _rate_square(i: Any, by: Division) -> Any:
     return i.S * ratio(_square(i.T), _square(i.N), by) + ratio(i.N, _square(i.S), by)
 
 
-def _acceleration_square(i: Invariants, by: Division) -> Any:
+def _acceleration_square(i: Any, by: Division) -> Any:
     """|ε⁰|² in numbers; zero where the trihedral does not exist."""
     inv_speed, inv_cross_norm = (_inverse_root(x, by) for x in (i.S, i.N))
     along, across = natural_acceleration(i, inv_speed, inv_cross_norm, i.T * inv_cross_norm**2)
     return _square(along) + _square(across)
 
 
-def _yaw_acceleration_square(i: Invariants, by: Division) -> Any:
+def _yaw_acceleration_square(i: Any, by: Division) -> Any:
     return _square(yaw(i, _inverse_root(i.S, by), _inverse_root(i.H, by))[1])
 
 
@@ -115,14 +115,14 @@ def _inverse_root(x: Any, by: Division) -> Any:
     return jnp.where(positive, by.inverse_root(jnp.where(positive, x, 1.0)), 0.0)
 
 
-def _acceleration_numerator(i: Invariants) -> Any:
+def _acceleration_numerator(i: Any) -> Any:
     """ε⁰ = (v'χ + vχ', 0, E/(|c|S) − 2|c|B/S²) with χ = T/N, squared, over S⁴N⁴."""
     along = i.B * (i.T * i.N) + i.S * (i.D * i.N - 2 * (i.T * i.E))
     across = i.E * i.S - 2 * (i.N * i.B)
     return _cube(i.S) * _square(along) + _cube(i.N) * _square(across)
 
 
-def _yaw_acceleration_numerator(i: Invariants) -> Any:
+def _yaw_acceleration_numerator(i: Any) -> Any:
     """ω_z = P/√(SH), and so ω̇_z = (P'SH − P(BH + SG))/√(SH)³: its square, over (SH)³."""
     return _square(i.P1 * (i.S * i.H) - i.P * (i.B * i.H + i.S * i.G))
 

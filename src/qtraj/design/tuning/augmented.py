@@ -31,7 +31,7 @@ from qtraj.design.tuning.lagrangian import (
 )
 from qtraj.design.tuning.peaks import Peaks
 from qtraj.design.tuning.problem import Variables
-from qtraj.design.tuning.search import AbstractSearch, Found
+from qtraj.design.tuning.search import AbstractSearch, Found, whole
 from qtraj.design.tuning.sqp import FEASIBLE
 from qtraj.design.tuning.task import Present, Task
 from qtraj.foundation.types import Flag, Scalar
@@ -96,8 +96,8 @@ class AugmentedLagrangian(AbstractSearch):
 
     stages: ClassVar[tuple[int, ...]] = (100, 200, 400, 800, 1600, 3200, 6400)
     optimiser: Any = eqx.field(static=True)
-    rounds: Int[Array | np.ndarray, ""] = eqx.field(converter=np.asarray)
-    inner_steps: Int[Array | np.ndarray, ""] = eqx.field(converter=np.asarray)
+    rounds: Int[Array | np.ndarray, ""] = eqx.field(converter=whole)
+    inner_steps: Int[Array | np.ndarray, ""] = eqx.field(converter=whole)
 
     @property
     def most_steps(self) -> Int[Array | np.ndarray, ""]:
@@ -148,7 +148,9 @@ class AugmentedLagrangian(AbstractSearch):
         z = jax.vmap(inside)(tasks, jnp.asarray(best.y)) if xp is jnp else _inside(tasks, best.y)
         violation = xp.maximum(xp.max(best.peaks.value, axis=(-2, -1)), 0.0)
         steps = xp.maximum(states.steps, 0)
-        return Found(z, states.held.multipliers, best.peaks.time, best.peaks.value, violation, states.settled, steps), best.cost
+        return Found(
+            z, states.held.multipliers, best.peaks.time, best.peaks.value, violation, states.settled, steps
+        ), best.cost
 
     def _step(self, task: Task, which: Present, s: State, on: Flag) -> State:
         """One look at where a search stands; then the next step of the optimiser, or the next round."""

@@ -36,7 +36,14 @@ def search(method: AbstractSearch, tasks: Task, which: Present, z: ArrayLike, te
         parts = cores.split(left, size)
         call, source = (_begin, z) if states is None else (_proceed, states)
         calls = [
-            (method, np.asarray(steps), cores.take(given, part, size), which, cores.take(source, part, size)) for part in parts
+            (
+                method,
+                np.asarray(steps, np.int32),
+                cores.take(given, part, size),
+                which,
+                cores.take(source, part, size),
+            )
+            for part in parts
         ]
         for part, found in zip(parts, cores.each(call, calls), strict=True):
             states = cores.room(count, found) if states is None else states

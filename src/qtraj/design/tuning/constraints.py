@@ -21,6 +21,7 @@ from qtraj.design.tuning import monomials
 from qtraj.design.tuning.curves import Changes, Curves, along_u, angle_at, unpacked
 from qtraj.design.tuning.monomials import Table
 from qtraj.foundation.types import Scalar
+from qtraj.path.components import Triple, cross, times, total
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import QUANTITIES, PathQuantity
 
@@ -59,29 +60,10 @@ class Group(NamedTuple):
     upright: bool = False
 
     @property
-    def others(self) -> tuple[int, ...]:
-        """The derivatives, from r' as 0 on, whose cross products with r' are blocks, too: c is that with r''."""
+    def crossed(self) -> dict[str, int]:
+        """The blocks that are cross products of r' with another derivative, and the place of that one."""
         used = {name for pair in self.products.values() for name in pair}
-        return tuple(k for name, k in (("c", 1), ("c1", 2)) if name in used)
-
-    @property
-    def blocks(self) -> tuple[str, ...]:
-        """The derivatives, then cross products."""
-        return (*("r1", "r2", "r3", "r4")[: self.order], *("c", "c1")[: len(self.others)])
-
-    def forms(self) -> tuple[np.ndarray, np.ndarray]:
-        """Invariants as ½ΣQ·Y·Y + Σℓ·Y: Q (invariants, blocks, blocks, 3) and ℓ (invariants, blocks, 3)."""
-        index = {name: k for k, name in enumerate(self.blocks)}
-        Q = np.zeros((len(self.products), len(index), len(index), 3))
-        linear = np.zeros(Q.shape[:1] + Q.shape[2:])
-        for k, (name, (a, b)) in enumerate(self.products.items()):
-            if b == "up":
-                linear[k, index[a], 2] = 1.0
-                continue
-            axes = slice(0, 2) if name in LEVEL else slice(None)
-            Q[k, index[a], index[b], axes] += 1.0
-            Q[k, index[b], index[a], axes] += 1.0
-        return Q, linear
+        return {name: k for name, k in (("c", 1), ("c1", 2)) if name in used}
 
 
 LEVEL = ("H", "G")
@@ -101,28 +83,27 @@ def _group(order: int, products: dict[str, tuple[str, str]], entries: Sequence[P
 
 
 def _place(entry: PathQuantity) -> int:
-    return 2 if entry.upright else int(entry.order > 2)
+    return int(entry.order > 2 or entry.upright)
 
 
-_ENTRIES = [[entry for entry in QUANTITIES.values() if _place(entry) == k] for k in range(3)]
+_ENTRIES = [[entry for entry in QUANTITIES.values() if _place(entry) == k] for k in range(2)]
 _BOTH = {"S": ("r1", "r1"), "B": ("r1", "r2"), "N": ("c", "c")}
+_FURTHER = {
+    "T": ("c", "r3"),
+    "J": ("r3", "r3"),
+    "E": ("c", "c1"),
+    "D": ("c", "r4"),
+    "V": ("r1", "up"),
+    "H": ("r1", "r1"),
+    "G": ("r1", "r2"),
+    "P": ("c", "up"),
+    "P1": ("c1", "up"),
+}
 GROUPS = (
     _group(2, {**_BOTH, "A": ("r2", "r2")}, _ENTRIES[0], _slowness),
-    _group(4, {**_BOTH, "T": ("c", "r3"), "J": ("r3", "r3"), "E": ("c", "c1"), "D": ("c", "r4")}, _ENTRIES[1]),
-    _group(
-        3,
-        {
-            "S": ("r1", "r1"),
-            "B": ("r1", "r2"),
-            "V": ("r1", "up"),
-            "H": ("r1", "r1"),
-            "G": ("r1", "r2"),
-            "P": ("c", "up"),
-            "P1": ("c1", "up"),
-        },
-        _ENTRIES[2],
-    ),
+    _group(4, {**_BOTH, **_FURTHER}, _ENTRIES[1]),
 )
+"""What most roads are limited by, and everything else."""
 
 SLOWEST = len(QUANTITIES)
 """The place after the last limit: minus the square of the speed, whose peak is where a path is slowest."""
@@ -167,8 +148,9 @@ def slopes(
                 angle, first = (angle_at(x.angle, u, 0)[0] for x in (curves, changes.first))
                 moved = _turned(setting.axes, angle, moved + first[:, None, None] * _spun(r)[None])
                 r = _turned(setting.axes, angle, r)
-            G, bar, _ = _gradient(group, r, index)
-            return G, jnp.einsum("okp,nokp->np", bar, moved)
+            G, bar, _ = _gradient(group, _vectors(r), index)
+            along = [_dot(_wide(b), v) for b, v in zip(bar, _vectors(moved), strict=True)]
+            return G, total(along)
 
         return branch
 
@@ -225,15 +207,32 @@ def _expanded(group: Group, setting: Setting, changes: Changes, index: Int[Array
     back: Any = lambda bar: (bar, 0.0)  # noqa: E731
     if group.upright:
         r, w, back = _in_world(setting, changes, r, w, u)
-    G, bar, (Y, bar_Y, V, W, hessian) = _gradient(group, r, index)
-    in_w = jnp.concatenate([w, *(_crossed(w, Y, k)[:, None] for k in group.others)], axis=1)
-    s_w = jnp.einsum("ibkp,mbkp->imp", V, in_w)
-    curved = jnp.einsum("imp,ijp,jnp->mnp", s_w, hessian, s_w)
-    curved = curved + jnp.einsum("mbkp,bckp,nckp->mnp", in_w, W, in_w)
-    for place, k in enumerate(group.others):
-        half = jnp.einsum("mkp,nkp->mnp", _cross(bar_Y[group.order + place][None], w[:, 0]), w[:, k])
-        curved = curved + half + jnp.swapaxes(half, 0, 1)
-    own, turned = back(bar)
+    directions = _vectors(w)
+    vectors = _vectors(r)
+    G, bar, (Y, bar_Y, of_s, hessian) = _gradient(group, vectors, index)
+    in_w = {f"r{k + 1}": v for k, v in enumerate(directions)}
+    for name, k in group.crossed.items():
+        in_w[name] = _plus(cross(directions[0], _wide(vectors[k])), cross(_wide(vectors[0]), directions[k]))
+    s_w, weighed = [], dict.fromkeys(in_w, (0, 0, 0))
+    for i, (name, (a, b)) in enumerate(group.products.items()):
+        if b == "up":
+            s_w.append(in_w[a][2])
+            continue
+        axes = 2 if name in LEVEL else 3
+        s_w.append(total([_dot(in_w[a][:axes], _wide(Y[b])[:axes]), _dot(in_w[b][:axes], _wide(Y[a])[:axes])]))
+        weight = of_s[i][None]
+        weighed[a] = _plus(weighed[a], _scaled(in_w[b], weight, axes))
+        weighed[b] = _plus(weighed[b], _scaled(in_w[a], weight, axes))
+    onto = jnp.einsum("ijp,jmp->imp", hessian, jnp.stack(s_w))
+    curved = [_outer(onto[i], x) for i, x in enumerate(s_w)]
+    curved += [_outer(x, y) for name in in_w for x, y in zip(in_w[name], weighed[name], strict=True)]
+    for name, k in group.crossed.items():
+        half = total(
+            [_outer(x, y) for x, y in zip(cross(_wide(bar_Y[name]), directions[0]), directions[k], strict=True)]
+        )
+        curved += [half, jnp.swapaxes(half, 0, 1)]
+    curved = total(curved)
+    own, turned = back(jnp.stack([jnp.stack(b) for b in bar]))
     curved = curved + turned
     if changes.second is not None:
         second = changes.second.up_to(group.order)
@@ -244,39 +243,69 @@ def _expanded(group: Group, setting: Setting, changes: Changes, index: Int[Array
         added = unpacked(second.reshape(second.shape[0], -1) @ onto.reshape(-1, u.shape[0]))
         curved = curved + jnp.pad(added, ((0, 1), (0, 1), (0, 0)))
     n = moved.shape[0]
-    flat = jnp.einsum("okp,mokp->mp", bar, w)
-    return (
-        G,
-        flat[:n],
-        curved[:n, :n],
-        curved[:n, n] + jnp.einsum("okp,nokp->np", own, moved_in_u),
-        flat[n],
-        curved[n, n] + 2 * jnp.einsum("okp,okp->p", own, in_u_twice),
-    )
+    flat = total([_dot(_wide(b), v) for b, v in zip(bar, directions, strict=True)])
+    own = _vectors(own)
+    mixed = total([_dot(_wide(b), v) for b, v in zip(own, _vectors(moved_in_u), strict=True)])
+    bend = total([_dot(b, v) for b, v in zip(own, _vectors(in_u_twice), strict=True)])
+    return G, flat[:n], curved[:n, :n], curved[:n, n] + mixed, flat[n], curved[n, n] + 2 * bend
 
 
-def _gradient(group: Group, r: Array, index: Int[Array, ""]) -> tuple[Places, Array, tuple[Array, ...]]:
-    """G, its derivatives in r', r'', …; blocks, G_Y, derivatives of the invariants, weights, G_ss."""
-    Y = jnp.concatenate([r, *(_cross(r[0], r[k])[None] for k in group.others)])
-    Q, linear = (jnp.asarray(x, r.dtype) for x in group.forms())
-    product = jnp.einsum("ibck,ckp->ibkp", Q, Y)
-    V = product + linear[..., None]
-    s = jnp.einsum("ibkp,bkp->ip", 0.5 * product + linear[..., None], Y)
+def _gradient(group: Group, r: list[Triple], index: Int[Array, ""]) -> tuple[Places, list[Triple], tuple[Any, ...]]:
+    """G and its derivatives in r', r'', …; then blocks, the derivatives in them and in the invariants, the Hessian."""
+    Y = {f"r{k + 1}": v for k, v in enumerate(r)}
+    Y |= {name: cross(r[0], r[k]) for name, k in group.crossed.items()}
+    s = []
+    for name, (a, b) in group.products.items():
+        axes = 2 if name in LEVEL else 3
+        s.append(Y[a][2] if b == "up" else _dot(Y[a][:axes], Y[b][:axes]))
     member = jnp.asarray(MEMBER)[index]
-    coefficients, exponents = (jnp.asarray(x, r.dtype)[member] for x in group.table)
-    G, of_s, hessian = monomials.expand(coefficients, exponents, s)
-    bar_Y = jnp.einsum("ip,ibkp->bkp", of_s, V)
-    W = jnp.einsum("ip,ibck->bckp", of_s, Q)
-    bar = [bar_Y[k] for k in range(group.order)]
-    for place, k in enumerate(group.others):
-        along = bar_Y[group.order + place]
-        bar[0], bar[k] = bar[0] + _cross(r[k], along), bar[k] + _cross(along, r[0])
-    return G, jnp.stack(bar), (Y, bar_Y, V, W, hessian)
+    coefficients, exponents = (jnp.asarray(x, s[0].dtype)[member] for x in group.table)
+    G, of_s, hessian = monomials.expand(coefficients, exponents, jnp.stack(s))
+    bar: dict[str, Any] = dict.fromkeys(Y, (0, 0, 0))
+    for i, (name, (a, b)) in enumerate(group.products.items()):
+        if b == "up":
+            bar[a] = _plus(bar[a], (0, 0, of_s[i]))
+            continue
+        axes = 2 if name in LEVEL else 3
+        bar[a] = _plus(bar[a], _scaled(Y[b], of_s[i], axes))
+        bar[b] = _plus(bar[b], _scaled(Y[a], of_s[i], axes))
+    bar = {name: tuple(_full(x, G) for x in v) for name, v in bar.items()}
+    own = [bar[f"r{k + 1}"] for k in range(group.order)]
+    for name, k in group.crossed.items():
+        own[0], own[k] = _plus(own[0], cross(r[k], bar[name])), _plus(own[k], cross(bar[name], r[0]))
+    return G, own, (Y, bar, of_s, hessian)
 
 
-def _crossed(w: Array, Y: Array, k: int) -> Array:
-    """The derivatives of r' × r^(k+1) in the directions w."""
-    return _cross(w[:, 0], Y[k][None]) + _cross(Y[0][None], w[:, k])
+def _vectors(r: Array) -> list[Triple]:
+    """Vectors (*rest, orders, 3, places) as triples of arrays (*rest, places), one for each order."""
+    return [(r[..., k, 0, :], r[..., k, 1, :], r[..., k, 2, :]) for k in range(r.shape[-3])]
+
+
+def _wide(v: Triple) -> Triple:
+    """The vector for all directions, which stand on a first axis."""
+    return (v[0][None], v[1][None], v[2][None])
+
+
+def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
+    return total([times(x, y) for x, y in zip(a, b, strict=True)])
+
+
+def _plus(a: Triple, b: Triple) -> Triple:
+    return (total([a[0], b[0]]), total([a[1], b[1]]), total([a[2], b[2]]))
+
+
+def _scaled(v: Triple, weight: Array, axes: int) -> Triple:
+    """weight·v, without the vertical for two axes."""
+    return (weight * v[0], weight * v[1], weight * v[2] if axes == 3 else 0)
+
+
+def _outer(a: Any, b: Any) -> Any:
+    """The products of all pairs of directions."""
+    return 0 if isinstance(a, int) or isinstance(b, int) else a[:, None] * b[None]
+
+
+def _full(x: Any, like: Array) -> Array:
+    return jnp.zeros_like(like) if isinstance(x, int) else x
 
 
 def _upright(setting: Setting, r: Array, u: Places) -> Array:
@@ -335,13 +364,3 @@ def _in_world(setting: Setting, changes: Changes, r: Array, w: Array, u: Places)
         return own, half + jnp.swapaxes(half, 0, 1) + square + added
 
     return _turned(axes, angle, r), _turned(axes, angle, w + first[:, None, None] * spun[None]), back
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """a × b of vectors (…, 3, places)."""
-    return _next(a * _next(b) - _next(a) * b)
-
-
-def _next(v: Array) -> Array:
-    """The components (y, z, x)."""
-    return jnp.concatenate([v[..., 1:, :], v[..., :1, :]], axis=-2)

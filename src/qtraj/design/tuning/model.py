@@ -19,7 +19,7 @@ from qtraj.design.tuning.task import SLOTS, Present, Task
 from qtraj.foundation.derivatives import with_derivatives
 from qtraj.foundation.types import Scalar
 
-STRIDE = 4
+STRIDE = 8
 """Every so many nodes one is a fixed time, with a constraint of its own."""
 
 FIXED = len(range(STRIDE, NODES - 1, STRIDE))

@@ -59,7 +59,7 @@ def table(entry: PathQuantity, invariants: Sequence[str]) -> Table:
     **Raises:** ValueError for a denominator that is no single product of invariants.
     """
     unit = np.eye(len(invariants), dtype=int)
-    symbols = SimpleNamespace(**{name: _Sum({tuple(unit[k]): 1.0}) for k, name in enumerate(invariants)})
+    symbols = SimpleNamespace(**{name: _Sum({tuple(unit[k].tolist()): 1.0}) for k, name in enumerate(invariants)})
     part = entry.numerator(symbols).terms
     whole = {(0,) * len(invariants): 1.0} if entry.denominator is None else entry.denominator(symbols).terms
     if len(whole) != 1:

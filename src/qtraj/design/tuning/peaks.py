@@ -136,7 +136,7 @@ def _highest_nodes(g: Float[Array, " nodes"]) -> tuple[Float[Array, " picked"], 
     known = jnp.where(jnp.isnan(g), jnp.inf, g)
     middle = known[1:-1]
     heights = jnp.where((middle >= known[:-2]) & (middle > known[2:]), middle, -jnp.inf)
-    rows = jnp.arange(heights.shape[0])
+    rows = jnp.arange(heights.shape[0], dtype=jnp.int32)
 
     def pick(heights: Array, _: None) -> tuple[Array, tuple[Array, Array]]:
         below, place = least(-heights)

@@ -67,11 +67,11 @@ class Problem(eqx.Module):
     def slopes(self, z: Variables) -> tuple[Float[Array, "2 3"], Scalar]:
         """The derivatives of ρ, φ and h in the fraction of the duration T [s] at both ends, and ln T."""
         duration = self.time(z)
-        one = jnp.ones_like(duration)
-        over = jnp.stack([one, 1 / self.start.radius, one, one, 1 / self.end.radius, one])
-        both = duration * jnp.concatenate(self.velocities(z, duration)) * over
+        angular = jnp.asarray([[False, True, False]])
+        radii = jnp.stack([self.start.radius, self.end.radius])[:, None]
+        both = duration * jnp.stack(self.velocities(z, duration)) / jnp.where(angular, radii, 1.0)
         logarithm = jnp.log(self.duration)
-        return both.reshape(2, 3), logarithm if self.objective.holds_duration else logarithm + z[-1]
+        return both, logarithm if self.objective.holds_duration else logarithm + z[-1]
 
     def time(self, z: Variables) -> Scalar:
         """The duration [s] of the path of these variables."""

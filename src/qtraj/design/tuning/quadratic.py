@@ -125,7 +125,7 @@ def inverse(matrix: Matrix) -> tuple[Matrix, Scalar]:
 
     The pivots are those of Gaussian elimination: all of them are positive for a positive definite matrix alone.
     """
-    places = jnp.arange(matrix.shape[0])
+    places = jnp.arange(matrix.shape[0], dtype=jnp.int32)
 
     def sweep(k: Index, now: tuple[Matrix, Scalar]) -> tuple[Matrix, Scalar]:
         matrix, smallest = now
@@ -200,7 +200,7 @@ def _constraint(program: Program, row: Index) -> tuple[Float[Array, " q"], Scala
     """The gradient of a constraint in (d, t), and what it bounds."""
     n, count, each = program.slope.shape[0], program.count, program.bounds.shape[1]
     inside = jnp.clip(row, 0, count - 1)
-    of_box = jnp.arange(2 * n + 1) == row - count
+    of_box = jnp.arange(2 * n + 1, dtype=jnp.int32) == row - count
     signs = jnp.where(of_box, 1.0, 0.0).astype(program.slope.dtype)
     of_d = jnp.where(row < count, program.rows[inside // each, inside % each], signs[:n] - signs[n:-1])
     of_t = jnp.where(row < count, -1.0, -signs[-1])
@@ -238,7 +238,7 @@ def _advance(program: Program, weights: tuple[Array, Array, Scalar], at: _State)
         done=done,
         stuck=stuck,
     )
-    return _changed(program, moved, new, adds, jnp.arange(at.x.shape[0]) == place, place)
+    return _changed(program, moved, new, adds, jnp.arange(at.x.shape[0], dtype=jnp.int32) == place, place)
 
 
 def _changed(program: Program, at: _State, new: _Entering, adds: Flag, here: Bool[Array, " q"], place: Index) -> _State:

@@ -48,3 +48,8 @@ class AbstractSearch(eqx.Module):
     @abc.abstractmethod
     def ended(self, tasks: Task, states: Any, xp: Any) -> tuple[Found, Any]:
         """Where the searches stand, and their costs; `xp` is NumPy or JAX's NumPy, as the states are."""
+
+
+def whole(number: Any) -> np.ndarray:
+    """A number of steps as an array: another number is then no other executable."""
+    return np.asarray(number, np.int32)

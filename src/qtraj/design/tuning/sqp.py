@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 from qtraj.design.tuning import model as models, peaks as peaking
 from qtraj.design.tuning.peaks import Peaks, find_peaks, hand_over
 from qtraj.design.tuning.problem import Variables
-from qtraj.design.tuning.search import AbstractSearch, Found
+from qtraj.design.tuning.search import AbstractSearch, Found, whole
 from qtraj.design.tuning.subproblem import ELASTIC, Step, best_step
 from qtraj.design.tuning.task import Present, Task
 from qtraj.foundation.types import Flag, Scalar
@@ -49,7 +49,7 @@ class SequentialQuadratic(AbstractSearch):
     """The search "sqp"; `most_steps` are quadratic steps."""
 
     stages: ClassVar[tuple[int, ...]] = (5, 8, 12, 18, 28, 48, 80)
-    most_steps: Int[Array | np.ndarray, ""] = eqx.field(converter=np.asarray)
+    most_steps: Int[Array | np.ndarray, ""] = eqx.field(converter=whole)
 
     def unstarted(self, tasks: Task, z: Any) -> "State":
         return unstarted(tasks.low, tasks.high, tasks.weight, z)

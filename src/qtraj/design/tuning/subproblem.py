@@ -196,7 +196,7 @@ def _outcome(
 
     def of_slot(slot: Int[Array, ""], found: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         dense, held, largest = found
-        rows = slot * ROWS + jnp.arange(ROWS)
+        rows = slot * ROWS + jnp.arange(ROWS, dtype=jnp.int32)
         linear = at.value[slot] + slopes[slot] @ e
         of_squares = jnp.where(at.multipliers[slot] > ACTIVE, squared * (linear[:PEAKS] - mean), 0.0)
         of_rows = jnp.where(active.row[None] == rows[:, None], 1.0, 0.0) @ number

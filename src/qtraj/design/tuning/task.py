@@ -8,9 +8,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.limits import Limits
-from qtraj.design.tuning.problem import Problem, Variables
+from qtraj.design.tuning.problem import Problem
 from qtraj.foundation.arrays import concrete
-from qtraj.foundation.types import Scalar
 from qtraj.path.quantity import QUANTITIES
 
 SLOTS = len(QUANTITIES)
@@ -31,16 +30,16 @@ class Present(NamedTuple):
 
 
 class Task(eqx.Module):
-    """A problem, limits by slots, the box of its variables, and the weight of its cost.
+    """A problem, limits by slots, the box of its variables, and the weight of its cost: one, or a batch of them.
 
     With weight 0 the search minimises the largest violation alone.
     """
 
     problem: Problem
-    limits: Float[Array, " slots"]
-    low: Variables
-    high: Variables
-    weight: Scalar
+    limits: Float[Array | np.ndarray, "*batch slots"]
+    low: Float[Array | np.ndarray, "*batch n"]
+    high: Float[Array | np.ndarray, "*batch n"]
+    weight: Float[Array | np.ndarray, "*batch"]
 
 
 def present(limits: Limits) -> Present:

@@ -20,9 +20,10 @@ class Uniform(AbstractMotion):
     def boundary_velocities(
         self, a: Cylindrical, b: Cylindrical, changes: Float[Array, " n"], turn: Scalar, duration: Scalar
     ) -> tuple[Vec3, Vec3]:
-        rate = turn / duration
-        va = jnp.stack([a.velocity[0] + changes[0], rate * a.radius, a.velocity[2] + changes[1]])
-        vb = jnp.stack([b.velocity[0] + changes[2], rate * b.radius, b.velocity[2] + changes[3]])
+        rate, angular = turn / duration, jnp.asarray([False, True, False])
+        both = changes.reshape(2, 2) @ jnp.asarray([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], changes.dtype)
+        va = jnp.where(angular, rate * a.radius, a.velocity + both[0])
+        vb = jnp.where(angular, rate * b.radius, b.velocity + both[1])
         return va, vb
 
     def duration(self, a: Cylindrical, b: Cylindrical, turn: Scalar) -> Scalar:

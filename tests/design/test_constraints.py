@@ -1,0 +1,73 @@
+"""The constraints of tuning: limits in unit time, their derivatives, and peaks that move with the variables."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import qtraj as qt
+from qtraj.design.tuning import constraints
+from qtraj.design.tuning.curves import changes
+from qtraj.design.tuning.model import setting
+from qtraj.design.tuning.motions.registry import MOTIONS
+from qtraj.design.tuning.objectives.registry import OBJECTIVES
+from qtraj.design.tuning.problem import pose
+from qtraj.design.tuning.sensitivity import constraint
+from qtraj.path.quantity import QUANTITIES
+
+START = qt.BoundaryState([20.0, 0.0, 0.0], [-3.0, 7.0, 0.3])
+END = qt.BoundaryState([0.0, 28.0, 1.5], [-9.8, -3.0, 0.1])
+AXIS = qt.Placement([1.0, -2.0, 0.5], [0.99, 0.02, -0.03, 0.1])
+LIMIT = jnp.asarray(1.7)
+PLACES = jnp.asarray([0.0, 0.3, 1.0])
+
+
+def posed(motion, placement=None, objective="nearest"):
+    duration = 4.0 if objective == "smoothest" else None
+    problem = pose(START, END, OBJECTIVES[objective], MOTIONS[motion], duration, 0, placement)
+    return problem, 0.01 * jnp.asarray(np.random.default_rng(5).normal(size=problem.size))
+
+
+@pytest.mark.parametrize("placement", [None, AXIS], ids=["upright", "tilted"])
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_values_are_those_of_the_definition(motion, placement):
+    problem, z = posed(motion, placement)
+    of = jax.jit(lambda index: constraints.values(setting(problem, z), index, LIMIT, PLACES))
+    for index, name in enumerate(QUANTITIES):
+        exact = [constraint(problem, z, u, name, LIMIT) for u in PLACES]
+        np.testing.assert_allclose(of(index), exact, rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize("objective", ["nearest", "smoothest"])
+@pytest.mark.parametrize(("motion", "placement"), [("uniform", None), ("hermite", None), ("hermite", AXIS)])
+def test_derivatives_are_those_of_the_definition(motion, placement, objective):
+    problem, z = posed(motion, placement, objective)
+
+    @jax.jit
+    def found(index):
+        at, changed = changes(problem, z, problem.slopes(z)[0])
+        here = constraints.Setting(at, problem.slopes(z)[1], problem.axes)
+        parts = here, changed, index, LIMIT, PLACES
+        return constraints.expansions(*parts), constraints.slopes(*parts)
+
+    for index, name in enumerate(QUANTITIES):
+        g = lambda z, u, name=name: constraint(problem, z, u, name, LIMIT)  # noqa: E731
+        exact = jax.jit(
+            jax.vmap(
+                lambda u, g=g: (
+                    g(z, u),
+                    jax.grad(g)(z, u),
+                    jax.hessian(g)(z, u),
+                    jax.jacfwd(jax.grad(g), 1)(z, u),
+                    jax.grad(g, 1)(z, u),
+                    jax.grad(jax.grad(g, 1), 1)(z, u),
+                ),
+                out_axes=-1,
+            )
+        )(PLACES)
+        expansion, (value, slope) = found(index)
+        for field, mine, theirs in zip(expansion._fields, expansion, exact, strict=True):
+            scale = 1e-9 * (1 + np.abs(theirs).max())
+            np.testing.assert_allclose(mine, theirs, rtol=1e-8, atol=scale, err_msg=f"{name} {field}")
+        np.testing.assert_allclose(value, exact[0], rtol=1e-8, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(slope, exact[1], rtol=1e-8, atol=1e-9 * (1 + np.abs(exact[1]).max()), err_msg=name)
