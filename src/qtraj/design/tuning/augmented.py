@@ -49,9 +49,10 @@ COMPLEMENTARY = 1e-6
 LOOSEST, FINEST, OF_RESIDUAL = 1e-2, 1e-7, 0.1
 """Gradients at which a round ends: a part of the last residual, between these."""
 
-SHORTER, LONGER, SHORTEST = 0.5, 1.0, 1e-9
-LAST_PART = 0.9
-"""A best point later than this part of a round says that the steps still lead somewhere."""
+SHORTER, SHORTEST = 0.5, 1e-9  # the next stride after a round that brought nothing, and the last one
+
+LAST_PART = 10
+"""A best point in the last part of so many of a round says that the steps still lead somewhere."""
 
 ROUNDING = 1e-13
 """Values nearer than this part of theirs are equal; the smaller gradient is the better then."""
@@ -145,7 +146,7 @@ class AugmentedLagrangian(AbstractSearch):
 
     def ended(self, tasks: Task, states: State, xp: Any) -> tuple[Found, Any]:
         best = states.best
-        z = jax.vmap(inside)(tasks, jnp.asarray(best.y)) if xp is jnp else _inside(tasks, best.y)
+        z = inside(tasks, best.y, xp)
         violation = xp.maximum(xp.max(best.peaks.value, axis=(-2, -1)), 0.0)
         steps = xp.maximum(states.steps, 0)
         return Found(
@@ -212,8 +213,8 @@ def _next_round(s: State, best: Point, solved: Flag, rounds: Int[Array | np.ndar
     exact = solved | s.stuck
     slow = exact & (residual > SUFFICIENT_DECREASE * s.residual)
     hopeless = jnp.where(exact, jnp.where(residual > HOPELESS_DECREASE * s.residual, s.hopeless + 1, 0), s.hopeless)
-    leads = best.step >= LAST_PART * s.step
-    stride = jnp.where(exact, s.stride, jnp.where(leads, jnp.minimum(LONGER * s.stride, 1.0), SHORTER * s.stride))
+    leads = LAST_PART * best.step >= (LAST_PART - 1) * s.step
+    stride = jnp.where(exact | leads, 1.0, SHORTER) * s.stride
     finer = jnp.clip(OF_RESIDUAL * residual, FINEST, s.tolerance)
     lost = (hopeless >= HOPELESS_ROUNDS) | (held.penalty > HIGHEST_PENALTY) | (stride < SHORTEST)
     return s._replace(
@@ -239,7 +240,3 @@ def _next_round(s: State, best: Point, solved: Flag, rounds: Int[Array | np.ndar
         done=settled | lost | (s.round + 1 >= rounds),
         settled=settled,
     )
-
-
-def _inside(tasks: Task, y: Float[np.ndarray, "batch n"]) -> Float[np.ndarray, "batch n"]:
-    return np.asarray(jax.vmap(inside)(tasks, jnp.asarray(y)))

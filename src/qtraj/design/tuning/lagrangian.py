@@ -49,21 +49,17 @@ class Expanded(NamedTuple):
     g: OfParts
 
 
-def inside(task: Task, y: Variables) -> Variables:
-    """z of y."""
-    middle, half, safe = _box(task)
-    return middle + half * jnp.sin((y - middle) / safe)
+def inside(task: Task, y: Any, xp: Any = jnp) -> Any:
+    """z of y, of one problem or many; `xp` is NumPy or JAX's NumPy, as y is."""
+    middle, half = (task.low + task.high) / 2, (task.high - task.low) / 2
+    return middle + half * xp.sin((y - middle) / xp.where(half > 0, half, 1.0))
 
 
 def outside(task: Task, z: Variables) -> Variables:
     """y of z; of a z on a bound, one near it."""
-    middle, _, safe = _box(task)
+    middle, half = (task.low + task.high) / 2, (task.high - task.low) / 2
+    safe = jnp.where(half > 0, half, 1.0)
     return middle + safe * jnp.arcsin(jnp.clip((z - middle) / safe, -NEAR, NEAR))
-
-
-def _box(task: Task) -> tuple[Variables, Variables, Variables]:
-    half = (task.high - task.low) / 2
-    return (task.low + task.high) / 2, half, jnp.where(half > 0, half, 1.0)
 
 
 def parts(held: Held, times: OfParts, peaks: Peaks) -> Held:
@@ -89,7 +85,8 @@ def worst_times(task: Task, which: Present, held: Held, y: Variables) -> tuple[O
         heights = jnp.concatenate([jnp.where(within, peaks.value[slot][:, None], -jnp.inf), ends])
         times = jnp.concatenate([jnp.broadcast_to(own[:, None], (PEAKS, PEAKS)), low[None], high[None]])
         highest = least(-heights)[1]
-        return found.at[slot].set(jnp.sum(jnp.where(jnp.arange(PEAKS + 2)[:, None] == highest, times, 0.0), axis=0))
+        chosen = jnp.arange(PEAKS + 2, dtype=jnp.int32)[:, None] == highest[None]
+        return found.at[slot].set(jnp.sum(jnp.where(chosen, times, 0.0), axis=0))
 
     return jax.lax.fori_loop(0, jnp.asarray(which.count), of_slot, jnp.zeros_like(held.low)), peaks
 
