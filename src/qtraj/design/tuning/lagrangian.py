@@ -122,7 +122,9 @@ def lagrangian(y: Variables, task: Task, which: Present, held: Held, times: OfPa
 
 
 @lagrangian.def_jvp
-def _differentiate(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Scalar, Scalar]:
-    y, *rest = primals
-    at = expand(*rest[:-1], rest[-1], y)
+def _differentiate(
+    primals: tuple[Variables, Task, Present, Held, OfParts], tangents: tuple[Any, ...]
+) -> tuple[Scalar, Scalar]:
+    y, task, which, held, times = primals
+    at = expand(task, which, held, times, y)
     return at.value, at.gradient @ tangents[0]

@@ -74,17 +74,21 @@ def tune(
     given value; `bounds` maps names to (lowest, highest), either of which may be None; `weights` multiplies the squared
     changes that "nearest" sums.
 
-    `starts` searches begin at the given states and about them, and the best is kept. `method` is "sqp" (sequential
-    quadratic programming on polished peaks, with exact second derivatives) or "lbfgs" (augmented Lagrangian, optax);
-    by default the first, and the second for a callable objective, which then need not be twice differentiable, from the
-    given states alone. Where no path meets the limits, the one that breaks them least is given, with advice. What is
-    being done is told to `progress`, in a few words.
+    `starts` searches begin at the given states and about them, and the best is kept. Where no path meets the limits,
+    the one that breaks them least is given, with advice. What is being done is told to `progress`, in a few words.
+
+    `method` is "sqp", sequential quadratic programming on refined peaks with exact second derivatives: the default,
+    and by far the fastest. Or it is any `optax.GradientTransformation`, such as `optax.adam(1e-2)`, a chain, or
+    "lbfgs", which is `optax.lbfgs()`: an augmented Lagrangian in rounds of at most `inner_steps` steps of that
+    optimiser, which asks for first derivatives only. It is the default for a callable objective, which need not be
+    twice differentiable. `max_steps` counts steps of "sqp", and rounds of the others. Keep an optimiser to use it
+    again: what is compiled belongs to the object.
 
     **Batches**: states with lanes in front (`jax.vmap(BoundaryState)(positions, velocities)`), and limits, duration,
     turn and placement with the same lanes or shared, give an outcome with lanes, one compiled search for all.
-    **Traces**: under `jit`, `vmap` and `grad` the same "sqp" runs on whole arrays, and the derivatives of its path in
-    the boundary data and the limits are exact (implicit function theorem); infeasible problems are not looked into. A
-    callable objective needs method="sqp" there.
+    **Traces**: under `jit`, `vmap` and `grad` the same search runs on whole arrays, and the derivatives of its path in
+    the boundary data and the limits are those of the solution (implicit function theorem), by whatever method it was
+    found; infeasible problems are not looked into.
 
     **Raises:** ValueError for input that makes no problem, or in float32. A problem without a solution is no error:
     its `status` is "infeasible" and its `result` says why and what would help.
