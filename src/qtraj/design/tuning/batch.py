@@ -38,7 +38,8 @@ def search(tasks: Task, which: Present, z: ArrayLike, most_steps: int, tell: Tol
         parts = cores.split(left, size)
         call, source = (_begin, z) if states is None else (_proceed, states)
         calls = [
-            (np.asarray(steps, np.int32), cores.take(given, part, size), which, cores.take(source, part, size)) for part in parts
+            (np.asarray(steps, np.int32), cores.take(given, part, size), which, cores.take(source, part, size))
+            for part in parts
         ]
         for part, found in zip(parts, cores.each(call, calls), strict=True):
             states = cores.room(count, found) if states is None else states
