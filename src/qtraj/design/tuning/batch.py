@@ -11,7 +11,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import ArrayLike
 
 from qtraj.design.tuning.search import AbstractSearch
 from qtraj.design.tuning.task import Present, Task
@@ -28,14 +28,15 @@ def search(method: AbstractSearch, tasks: Task, which: Present, z: ArrayLike, te
     given = jax.tree.map(np.asarray, tasks)
     z = np.asarray(z)
     count = z.shape[0]
-    states: Any = None  # arrays of all searches, once the first block is known
+    states: Any = ()  # arrays of all searches, once the first block is known
     left = np.arange(count)
     most = int(method.most_steps)
     for steps in (*(s for s in method.stages if s < most), most):
         size = cores.size_for(left.size)
         parts = cores.split(left, size)
-        call, source = (_begin, z) if states is None else (_proceed, states)
+        call, source = (_begin, z) if states == () else (_proceed, states)
         calls = [
+<<<<<<< HEAD
             (
                 method,
                 np.asarray(steps, np.int32),
@@ -43,10 +44,13 @@ def search(method: AbstractSearch, tasks: Task, which: Present, z: ArrayLike, te
                 which,
                 cores.take(source, part, size),
             )
+=======
+            (np.asarray(steps, np.int32), cores.take(given, part, size), which, cores.take(source, part, size))
+>>>>>>> main
             for part in parts
         ]
         for part, found in zip(parts, cores.each(call, calls), strict=True):
-            states = cores.room(count, found) if states is None else states
+            states = cores.room(count, found) if states == () else states
             cores.put(states, part, found)
             if tell is not None:
                 tell(int(np.sum(states.done)), count)
@@ -57,6 +61,7 @@ def search(method: AbstractSearch, tasks: Task, which: Present, z: ArrayLike, te
     return states
 
 
+<<<<<<< HEAD
 def _begin(method: AbstractSearch, steps: np.ndarray, tasks: Task, which: Present, z: np.ndarray) -> Any:
     return _proceed(method, steps, tasks, which, method.unstarted(tasks, z))
 
@@ -64,3 +69,13 @@ def _begin(method: AbstractSearch, steps: np.ndarray, tasks: Task, which: Presen
 @eqx.filter_jit
 def _proceed(method: AbstractSearch, steps: Array, tasks: Task, which: Present, states: Any) -> Any:
     return method.proceed(tasks, which, states, steps)
+=======
+def _begin(steps: Any, tasks: Task, which: Present, z: np.ndarray) -> State:
+    states = unstarted(tasks.low, tasks.high, tasks.weight, z)
+    return _proceed(steps, tasks, which, states)
+
+
+@eqx.filter_jit
+def _proceed(steps: Any, tasks: Task, which: Present, states: State) -> State:
+    return proceed(tasks, which, states, steps)
+>>>>>>> main
