@@ -36,7 +36,6 @@ def search(method: AbstractSearch, tasks: Task, which: Present, z: ArrayLike, te
         parts = cores.split(left, size)
         call, source = (_begin, z) if states == () else (_proceed, states)
         calls = [
-<<<<<<< HEAD
             (
                 method,
                 np.asarray(steps, np.int32),
@@ -44,9 +43,6 @@ def search(method: AbstractSearch, tasks: Task, which: Present, z: ArrayLike, te
                 which,
                 cores.take(source, part, size),
             )
-=======
-            (np.asarray(steps, np.int32), cores.take(given, part, size), which, cores.take(source, part, size))
->>>>>>> main
             for part in parts
         ]
         for part, found in zip(parts, cores.each(call, calls), strict=True):
@@ -61,21 +57,10 @@ def search(method: AbstractSearch, tasks: Task, which: Present, z: ArrayLike, te
     return states
 
 
-<<<<<<< HEAD
-def _begin(method: AbstractSearch, steps: np.ndarray, tasks: Task, which: Present, z: np.ndarray) -> Any:
+def _begin(method: AbstractSearch, steps: Any, tasks: Task, which: Present, z: np.ndarray) -> Any:
     return _proceed(method, steps, tasks, which, method.unstarted(tasks, z))
 
 
 @eqx.filter_jit
-def _proceed(method: AbstractSearch, steps: Array, tasks: Task, which: Present, states: Any) -> Any:
+def _proceed(method: AbstractSearch, steps: Any, tasks: Task, which: Present, states: Any) -> Any:
     return method.proceed(tasks, which, states, steps)
-=======
-def _begin(steps: Any, tasks: Task, which: Present, z: np.ndarray) -> State:
-    states = unstarted(tasks.low, tasks.high, tasks.weight, z)
-    return _proceed(steps, tasks, which, states)
-
-
-@eqx.filter_jit
-def _proceed(steps: Any, tasks: Task, which: Present, states: State) -> State:
-    return proceed(tasks, which, states, steps)
->>>>>>> main

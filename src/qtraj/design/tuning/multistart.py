@@ -154,20 +154,12 @@ def _rescue(
     least = least._replace(settled=least.settled & (least.violation > FEASIBLE), steps=found.steps + least.steps)
     if can.size == 0:
         return least
-<<<<<<< HEAD
     again = take(tasks, can)
     states = batch.search(method, again, which, least.z[can], _counted(tell, "searches"))
     ended, _ = method.ended(again, states, np)
     least.steps[can] += ended.steps
     met = ended.violation <= FEASIBLE
-    return _replaced(least, can[met], _rows(ended._replace(steps=least.steps[can]), met))
-=======
-    states = batch.search(take(tasks, can), which, least.z[can], most_steps, _counted(tell, "searches"))
-    again, _ = _ended(states, np)
-    least.steps[can] += again.steps
-    met = again.violation <= FEASIBLE
-    return _replaced(least, can[met], _rows(again._replace(steps=least.steps[can]), np.asarray(met)))
->>>>>>> main
+    return _replaced(least, can[met], _rows(ended._replace(steps=least.steps[can]), np.asarray(met)))
 
 
 def _judged(method: AbstractSearch, tasks: Task, states: Any, xp: Any) -> tuple[Found, Any]:
