@@ -187,8 +187,8 @@ for k in left:
 # %% [markdown]
 # ## With any optimiser of optax
 #
-# `tune` searches by sequential quadratic programming, "sqp", which is made for these problems. It takes any optimiser of
-# optax as well: around it is an augmented Lagrangian, whose rounds the optimiser minimises and which raises the
+# `tune` searches by sequential quadratic programming, "sqp", which is made for these problems. It takes any optimiser
+# of optax as well: around it is an augmented Lagrangian, whose rounds the optimiser minimises and which raises the
 # multipliers of the limits in between. Path and certificate are the same; what differs is what it costs. Below, times
 # of the first call, with compiling, and of the second.
 
@@ -214,16 +214,17 @@ for name, method in methods.items():
 compared = pandas.DataFrame.from_dict(rows, orient="index")
 assert np.ptp(compared["objective [m²/s²]"]) < 1e-5 * compared["objective [m²/s²]"].mean()
 assert compared["steps"].idxmin() == "sqp"
-compared.style.format("{:.4g}").format("{:.8f}", subset=["objective [m²/s²]"])
+compared
 
 # %% [markdown]
-# All three end at the same objective, and every limit is proved. "sqp" is the default for a reason: it needs a few steps,
-# with second derivatives; Adam, which knows neither curvature nor line search, needs hundreds of times as many.
+# All three end at the same objective, and every limit is proved. "sqp" is the default for a reason: it needs a few
+# steps, with second derivatives; Adam, which knows neither curvature nor line search, needs hundreds of times as
+# many.
 #
 # ### Step by step
 #
-# Every method is a search with a state, which proceeds by so many steps. The loop below stops each after a few, and looks
-# at the objective and at the worst violation, $\frac12((value/limit)^2 - 1)$.
+# Every method is a search with a state, which proceeds by so many steps. The loop below stops each after a few, and
+# looks at the objective and at the worst violation, $\frac12((value/limit)^2 - 1)$.
 
 # %%
 posed = pose(start, end, objective_of("nearest"), motion_of("uniform"), None, 0, None)
@@ -267,8 +268,9 @@ assert all(seen[-1, 2] <= 2e-9 for seen in history.values())
 figure
 
 # %% [markdown]
-# The augmented Lagrangian comes from outside the limits: the objective is too good at first, and rises as the limits are
-# met, round by round. Derivatives of the solution need no derivative of a search, and so they are those of "sqp", too.
+# The augmented Lagrangian comes from outside the limits: the objective is too good at first, and rises as the limits
+# are met, round by round. Derivatives of the solution need no derivative of a search, and so they are those of "sqp",
+# too.
 
 
 # %%

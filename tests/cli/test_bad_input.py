@@ -37,6 +37,18 @@ BAD = {
         ["unknown key 'limits.duration'", "known here: curvature, torsion, speed"],
     ),
     "a strange key": (STATES + "[tune]\nxyzzy = 1\n", ["unknown key 'tune.xyzzy'", "known here: objective, motion"]),
+    "an unknown method": (
+        STATES + "[tune]\nmethod = 'sgd'\n",
+        ["'tune.method' holds 'sgd'", "'sqp', 'lbfgs' or 'adam'"],
+    ),
+    "a learning rate for nothing": (
+        STATES + "[tune]\nlearning_rate = 0.1\n",
+        ["learning_rate belongs to method = 'adam', but the method is 'sqp'"],
+    ),
+    "inner steps for nothing": (
+        STATES + "[tune]\ninner_steps = 10\n",
+        ["inner_steps belongs to method = 'lbfgs' or 'adam'"],
+    ),
     "a text for a number": (
         STATES.replace("0.1", "'0.1'"),
         ["the key 'limits.curvature' holds '0.1'", "expected a positive finite number [1/m]"],

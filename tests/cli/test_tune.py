@@ -192,6 +192,19 @@ def test_the_terminal_shows_it_all_within_80_columns(default_run):
     assert wide == []
 
 
+@pytest.mark.parametrize("method", ["lbfgs", "adam"])
+def test_a_scenario_chooses_the_method(method):
+    ramp = read_scenario(EXAMPLES / "ramp_from_states.toml", Scenario)
+    options = {"max_steps": 50, "inner_steps": 300} | ({"learning_rate": 0.02} if method == "adam" else {})
+    tune = TunePart(method=method, **options)
+    job = lay(replace(ramp, scenario=ramp.scenario.model_copy(update={"tune": tune})))
+    assert (job.method, job.options) == (method, options)
+    arguments = job.tuning()
+    assert (arguments["max_steps"], arguments["inner_steps"]) == (50, 300)
+    assert arguments["method"] is job.tuning()["method"], "one object, or each call compiles anew"
+    assert arguments["method"] == "lbfgs" or callable(arguments["method"].update)
+
+
 def test_what_cannot_be_met_is_written_and_explained(qtraj, tmp_path):
     (tmp_path / "tight.toml").write_text(INFEASIBLE)
     out = tmp_path / "out"

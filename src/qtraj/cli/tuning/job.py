@@ -22,7 +22,6 @@ from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track
 
-
 LEARNING_RATE = 0.01
 """Of "adam", where the scenario does not say."""
 
