@@ -91,13 +91,22 @@ def test_derivatives_of_the_solution_are_those_of_sqp(name):
 
 
 def test_a_bound_is_reached_and_the_derivative_knows_it():
-    bounds = {"duration": (4.0, 4.6)}
-    best = tuned("lbfgs", bounds=bounds)
-    assert best.converged, best.result
-    reference = tuned("sqp", bounds=bounds)
-    assert float(reference.path.duration) == pytest.approx(4.6, rel=1e-12), "the bound binds"
-    assert float(best.path.duration) == pytest.approx(4.6, rel=1e-9)
-    assert float(best.objective) == pytest.approx(float(reference.objective), rel=AGREES)
+    least = 1.03 * float(tuned("sqp").path.duration)
+
+    def reached(method):
+        def radial(curvature):
+            limits = qt.Limits(curvature=curvature, lateral_acceleration=2.2)
+            bounds = {"duration": (least, 8.0)}
+            best = qt.tune(START, END, limits, bounds=bounds, method=method, starts=1)
+            return best.start.velocity[0], best.path.duration
+
+        return jax.jit(lambda k: (radial(k), jax.jacrev(radial)(k)))(0.048)
+
+    ((radial, duration), slopes), expected = reached("lbfgs"), reached("sqp")
+    assert float(duration) == pytest.approx(least, rel=1e-9), "the bound is active"
+    assert float(radial) == pytest.approx(float(expected[0][0]), rel=AGREES)
+    assert float(slopes[1]) == pytest.approx(0.0, abs=1e-9)
+    assert float(slopes[0]) == pytest.approx(float(expected[1][0]), rel=FIRST_ORDER)
 
 
 class Climb(eqx.Module):
