@@ -3,7 +3,7 @@
 import numpy as np
 
 import qtraj as qt
-from qtraj.design.tuning.given import given_path
+from qtraj.design.tuning.initial import given_path
 
 START = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, 6.0, 0.3])
 END = qt.BoundaryState([0.0, 28.0, 1.5], [-8.0, -1.0, 0.1])

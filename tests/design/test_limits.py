@@ -83,7 +83,7 @@ def test_peaks_are_those_of_a_bounded_search(name):
         (lambda: qt.Limits(torsion=float("nan")), "limit torsion must be positive"),
         (lambda: qt.Limits(slope=[0.1, 0.2]), "limit slope must be one number"),
         (lambda: qt.Limits(acceleration=["x"]), "limit acceleration must be a number"),
-        (lambda: qt.peak(helix(), "colour"), "unknown magnitude 'colour'"),
+        (lambda: qt.peak(helix(), "colour"), "unknown path quantity 'colour'"),
     ],
 )
 def test_bad_limits_are_refused_with_a_reason(make, fragment):

@@ -10,6 +10,8 @@ import pytest
 from scipy.optimize import NonlinearConstraint, minimize
 
 import qtraj as qt
+from qtraj.design.tuning.motions.registry import MOTIONS
+from qtraj.design.tuning.objectives.registry import OBJECTIVES
 from qtraj.design.tuning.problem import pose
 from qtraj.path.boundary import cylindrical
 from qtraj.path.values import value as magnitude
@@ -26,7 +28,7 @@ AGREES = 1e-6  # relative difference of objectives
 
 def best_of_slsqp(objective, motion, limits=LIMITS, duration=None, starts=3):
     """The least objective that SciPy's SLSQP finds from several starts, with the limits at 300 fixed instants."""
-    problem = pose(START, END, objective, motion, duration, 0, None)
+    problem = pose(START, END, OBJECTIVES[objective], MOTIONS[motion], duration, 0, None)
     given = limits.given()
 
     def both(z):
