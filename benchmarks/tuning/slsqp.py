@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from qtraj.path.values import squared
 from scipy.optimize import minimize
 
 from qtraj.design.tuning.problem import Problem
+from qtraj.path.values import squared
 
 INSTANTS = 129
 ADDED = 8

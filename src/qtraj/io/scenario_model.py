@@ -119,7 +119,8 @@ class LimitedPart(Part):
 
 def _limit(entry: PathQuantity) -> Any:
     described = f"a positive finite number [{entry.label}]"
-    return Positive | None, Field(default=None, title=entry.meaning, description=described)
+    number: Any = Positive
+    return number | None, Field(default=None, title=entry.meaning, description=described)
 
 
 _limits: dict[str, Any] = {name: _limit(entry) for name, entry in QUANTITIES.items()}
@@ -188,7 +189,9 @@ class Scenario(Part):
     turns: Wholes | None = Field(
         default=None, title="of a path from two states: whole turns besides", description="a whole number, 0 or more"
     )
-    limits: LimitsPart = Field(default=LimitsPart(), title="what tuning must keep", description="a table [limits]")
+    limits: LimitsPart = Field(  # pyright: ignore[reportInvalidTypeForm]
+        default=LimitsPart(), title="what tuning must keep", description="a table [limits]"
+    )
     purpose: dict[str, Text] = Field(
         default_factory=dict,
         title="why there is a limit, for the tables",

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from qtraj.design.fitting.fit import fit
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
-from qtraj.design.tuning.given import given_path
+from qtraj.design.tuning.initial import given_path
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation.types import Scalar
 from qtraj.io.scenario import ScenarioFile

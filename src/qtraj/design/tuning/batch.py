@@ -11,7 +11,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, ArrayLike
+from jaxtyping import ArrayLike
 
 from qtraj.design.tuning.sqp import State, proceed, unstarted
 from qtraj.design.tuning.task import Present, Task
@@ -31,17 +31,18 @@ def search(tasks: Task, which: Present, z: ArrayLike, most_steps: int, tell: Tol
     given = jax.tree.map(np.asarray, tasks)
     z = np.asarray(z)
     count = z.shape[0]
-    states: Any = None  # arrays of all searches, once the first block is known
+    states: Any = ()  # arrays of all searches, once the first block is known
     left = np.arange(count)
     for steps in (*(s for s in STAGES if s < most_steps), most_steps):
         size = cores.size_for(left.size)
         parts = cores.split(left, size)
-        call, source = (_begin, z) if states is None else (_proceed, states)
+        call, source = (_begin, z) if states == () else (_proceed, states)
         calls = [
-            (np.asarray(steps, np.int32), cores.take(given, part, size), which, cores.take(source, part, size)) for part in parts
+            (np.asarray(steps, np.int32), cores.take(given, part, size), which, cores.take(source, part, size))
+            for part in parts
         ]
         for part, found in zip(parts, cores.each(call, calls), strict=True):
-            states = cores.room(count, found) if states is None else states
+            states = cores.room(count, found) if states == () else states
             cores.put(states, part, found)
             if tell is not None:
                 tell(int(np.sum(states.done)), count)
@@ -52,11 +53,11 @@ def search(tasks: Task, which: Present, z: ArrayLike, most_steps: int, tell: Tol
     return states
 
 
-def _begin(steps: np.ndarray, tasks: Task, which: Present, z: np.ndarray) -> State:
+def _begin(steps: Any, tasks: Task, which: Present, z: np.ndarray) -> State:
     states = unstarted(tasks.low, tasks.high, tasks.weight, z)
     return _proceed(steps, tasks, which, states)
 
 
 @eqx.filter_jit
-def _proceed(steps: Array, tasks: Task, which: Present, states: State) -> State:
+def _proceed(steps: Any, tasks: Task, which: Present, states: State) -> State:
     return proceed(tasks, which, states, steps)

@@ -168,7 +168,7 @@ def _rescue(tasks: Task, which: Present, found: Found, most_steps: int, tell: Te
     again, _ = _ended(states, np)
     least.steps[can] += again.steps
     met = again.violation <= FEASIBLE
-    return _replaced(least, can[met], _rows(again._replace(steps=least.steps[can]), met))
+    return _replaced(least, can[met], _rows(again._replace(steps=least.steps[can]), np.asarray(met)))
 
 
 def _ended(states: State, xp: Any) -> tuple[Found, Any]:

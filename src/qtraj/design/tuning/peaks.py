@@ -53,8 +53,10 @@ class Peaks(NamedTuple):
 
 def none(dtype: Any) -> Peaks:
     """No peaks of any constraint, in NumPy arrays."""
-    no = np.zeros((SLOTS, PEAKS), bool)
-    return Peaks(np.zeros(no.shape, dtype), no, no, np.full(no.shape, ABSENT, dtype))
+    no: Any = np.zeros((SLOTS, PEAKS), bool)
+    nowhere: Any = np.full(no.shape, ABSENT, dtype)
+    start: Any = np.zeros(no.shape, dtype)
+    return Peaks(start, no, no, nowhere)
 
 
 def find_peaks(setting: Setting, which: Present, limits: Float[Array, " slots"]) -> Peaks:

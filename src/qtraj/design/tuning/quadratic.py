@@ -47,7 +47,7 @@ class Program(NamedTuple):
     least: Scalar
 
     @property
-    def count(self) -> int:
+    def total(self) -> int:
         """The number of rows in all slots."""
         return self.bounds.size
 
@@ -145,7 +145,7 @@ def _start(program: Program) -> _State:
     last = jnp.arange(n + 1) == n
     corner = jnp.where(last[:, None] & last[None], -1.0, 0.0).astype(program.slope.dtype)
     number = jnp.where(last, program.penalty + program.stiffness * program.least, 0.0)
-    row = jnp.full(n + 1, program.count + 2 * n, jnp.int32)
+    row = jnp.full(n + 1, program.total + 2 * n, jnp.int32)
     return _State(
         x=jnp.append(-program.inverse @ program.slope, program.least),
         inverse=jnp.pad(program.inverse, (0, 1)),
@@ -193,12 +193,12 @@ def _farthest(program: Program, weights: tuple[Array, Array, Scalar], x: Array) 
     none = jnp.zeros_like(t), jnp.asarray(-1, jnp.int32)
     best = jax.lax.fori_loop(0, program.slots, of_slot, none)
     room = program.box - jnp.concatenate([d, -d, -t[None]])
-    return worse(best, room, program.box, weights[1], program.count)[1]
+    return worse(best, room, program.box, weights[1], program.total)[1]
 
 
 def _constraint(program: Program, row: Index) -> tuple[Float[Array, " q"], Scalar]:
     """The gradient of a constraint in (d, t), and what it bounds."""
-    n, count, each = program.slope.shape[0], program.count, program.bounds.shape[1]
+    n, count, each = program.slope.shape[0], program.total, program.bounds.shape[1]
     inside = jnp.clip(row, 0, count - 1)
     of_box = jnp.arange(2 * n + 1, dtype=jnp.int32) == row - count
     signs = jnp.where(of_box, 1.0, 0.0).astype(program.slope.dtype)

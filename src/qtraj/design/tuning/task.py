@@ -1,11 +1,11 @@
 """What one search is about."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array
 
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.problem import Problem
@@ -22,11 +22,11 @@ LEAST_LIMIT = 1e-100
 """A smaller limit counts as this: its square would vanish, and with it the way to go."""
 
 
-class Present(NamedTuple):
+class Present(eqx.Module):
     """Which limits there are: the first `count` slots hold places in the registry. Shared by a whole batch."""
 
-    index: Int[Array | np.ndarray, " slots"]
-    count: Int[Array | np.ndarray, ""]
+    index: Any  # Int[" slots"] of NumPy or JAX
+    count: Any  # Int[""]
 
 
 class Task(eqx.Module):
@@ -36,10 +36,10 @@ class Task(eqx.Module):
     """
 
     problem: Problem
-    limits: Float[Array | np.ndarray, "*batch slots"]
-    low: Float[Array | np.ndarray, "*batch n"]
-    high: Float[Array | np.ndarray, "*batch n"]
-    weight: Float[Array | np.ndarray, "*batch"]
+    limits: Any  # Float["*batch slots"], of NumPy or JAX like all of these
+    low: Any  # Float["*batch n"]
+    high: Any  # Float["*batch n"]
+    weight: Any  # Float["*batch"]
 
 
 def present(limits: Limits) -> Present:

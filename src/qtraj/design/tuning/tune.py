@@ -125,7 +125,7 @@ def tune(
     else:
         found = multistart.best_of_each(own, which, starts, max_steps, progress)
     filled = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], size - count, axis=0)]), found)
-    outcome = _outcome(tasks, limits, filled, *data[:2], batch, placement)
+    outcome = _outcome(tasks, limits, filled, data[0], data[1], batch, placement)
     if batch:
         return outcome
     words = at_the_wall(problem.names, np.asarray(found.z[0]), bounds)
@@ -269,13 +269,13 @@ def _outcome(
     # A callable objective may hold arrays, which are constants of the problem: it is not traced.
     reached = (_reached if tasks.problem.objective.is_smooth else _paths)(tasks.problem, z, start, end)
     own = lambda x: part(x, slice(0, batch[0]) if batch else 0)  # noqa: E731
-    path, objective, *states = jax.tree.map(own, reached)
+    path, objective, first, last = jax.tree.map(own, reached)
     if placement is None:
         path = eqx.tree_at(lambda path: path.placement, path, None)
     certificate = certify(path, limits)
     met = certificate.codes <= SAMPLED
     code = _code(own(found.settled), own(found.violation), met)
-    return Tuned(path, *states, objective, certificate, code, own(found.steps))
+    return Tuned(path, first, last, objective, certificate, code, own(found.steps))
 
 
 def _code(settled: Any, violation: Any, met: Any) -> Any:
