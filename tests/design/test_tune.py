@@ -406,12 +406,6 @@ def test_velocities_that_all_vanish_are_refused():
         qt.tune(still, qt.BoundaryState(END.position, [0.0, 0, 0]), LIMITS, motion="hermite", duration=4.0, turn=1.0)
 
 
-@pytest.mark.parametrize("change", [{"method": "lbfgs"}, {"objective": lambda path: path.length()}])
-def test_the_search_that_cannot_be_traced_says_so(change):
-    with pytest.raises(ValueError, match="pass method='sqp'"):
-        jax.jit(lambda k: qt.tune(START, END, qt.Limits(curvature=k), **change).path)(0.048)
-
-
 @pytest.mark.parametrize(("steps", "said"), [(1, "1 step"), (2, "2 steps"), (0, "0 steps")])
 @pytest.mark.parametrize("status", ["converged", "not converged"])
 def test_one_step_is_no_steps(status, steps, said):

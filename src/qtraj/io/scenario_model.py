@@ -25,10 +25,12 @@ from qtraj.path.quantity import QUANTITIES, PathQuantity
 
 Motion = Literal["uniform", "hermite"]
 Objective = Literal["nearest", "fastest", "smoothest"]
+Method = Literal["sqp", "lbfgs", "adam"]
 
 MOTION = "'uniform' or 'hermite'"
 VARIABLES = "'start.V_rho', 'start.V_phi' (hermite), 'start.V_h', the same of 'end', 'duration'"
 OBJECTIVE = "'nearest', 'fastest' or 'smoothest'"
+METHOD = "'sqp', 'lbfgs' or 'adam'"
 
 
 class TrackPart(Part):
@@ -162,6 +164,35 @@ class TunePart(Part):
     starts: Counts = Field(
         default=8, title="searches, from the given states and about them", description="a whole number, 1 or more"
     )
+    method: Method = Field(
+        default="sqp",
+        title="how to search: sequential quadratic programming, much the fastest, or an augmented Lagrangian around "
+        "an optimiser of optax, for comparison",
+        description=METHOD,
+    )
+    max_steps: Counts | None = Field(
+        default=None,
+        title="steps of 'sqp', or rounds of the others, after which a search ends; 300 if left out",
+        description="a whole number, 1 or more",
+    )
+    inner_steps: Counts | None = Field(
+        default=None,
+        title="steps of 'lbfgs' or 'adam' in one round; 200 if left out",
+        description="a whole number, 1 or more",
+    )
+    learning_rate: Positive | None = Field(
+        default=None,
+        title="of 'adam', in reference speeds; 0.01 if left out",
+        description="a positive finite number",
+    )
+
+    @model_validator(mode="after")
+    def _options(self) -> "TunePart":
+        if self.learning_rate is not None and self.method != "adam":
+            raise ValueError(f"learning_rate belongs to method = 'adam', but the method is {self.method!r}")
+        if self.inner_steps is not None and self.method == "sqp":
+            raise ValueError("inner_steps belongs to method = 'lbfgs' or 'adam', but the method is 'sqp'")
+        return self
 
 
 class Scenario(Part):

@@ -43,6 +43,8 @@ def tune_content(
         "tuning": {
             "objective": job.objective,
             "motion": job.motion,
+            "method": job.method,
+            "options": dict(job.options),
             **held(job),
             "value": float(best.objective),
             "status": best.status,

@@ -1,6 +1,7 @@
 """From a scenario to what the commands work on: the path before tuning, and what tuning needs besides."""
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +21,10 @@ from qtraj.path.boundary import BoundaryState
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track
+
+
+LEARNING_RATE = 0.01
+"""Of "adam", where the scenario does not say."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,8 @@ class Job:
     fixed: tuple[str, ...] = ()
     bounds: dict[str, tuple[float | None, float | None]] = field(default_factory=dict)
     turn: float | None = None
+    method: str = "sqp"
+    options: dict[str, Any] = field(default_factory=dict)
     track: Track | None = None
     fitted: Fitted | None = None
 
@@ -65,6 +72,7 @@ class Job:
             "fixed": self.fixed,
             "bounds": self.bounds,
             "placement": self.path.placement,
+            **_search(self.method, self.options),
         }
 
 
@@ -180,6 +188,7 @@ def _along(
         fixed=tuple(scenario.tune.fixed),
         bounds=_bounds(scenario),
         turn=turn,
+        **_method(scenario),
         track=track,
         fitted=fitted,
     )
@@ -195,7 +204,30 @@ def _between(scenario: Scenario, limits: Limits, objective: str, motion: str, st
     turns = scenario.tune.turns or scenario.turns or 0
     path = given_path(start, end, objective, motion, duration, turns, placement)
     fixed, bounds = tuple(scenario.tune.fixed), _bounds(scenario)
-    return Job(path, start, end, limits, objective, motion, duration, turns, starts, fixed, bounds)
+    more = _method(scenario)
+    return Job(path, start, end, limits, objective, motion, duration, turns, starts, fixed, bounds, **more)
+
+
+def _method(scenario: Scenario) -> dict[str, Any]:
+    """The method and those of its options that are given."""
+    names = ("max_steps", "inner_steps", "learning_rate")
+    given = {name: value for name in names if (value := getattr(scenario.tune, name)) is not None}
+    return {"method": scenario.tune.method, "options": given}
+
+
+def _search(method: str, options: dict[str, Any]) -> dict[str, Any]:
+    """The method and its options as arguments of `tune`."""
+    options = dict(options)
+    rate = options.pop("learning_rate", LEARNING_RATE)
+    return {"method": _adam(rate) if method == "adam" else method, **options}
+
+
+@lru_cache(maxsize=8)
+def _adam(learning_rate: float) -> Any:
+    """One optimiser for each rate: what is compiled for it serves again."""
+    import optax  # here, for most scenarios do without
+
+    return optax.adam(learning_rate)
 
 
 def _bounds(scenario: Scenario) -> dict[str, tuple[float | None, float | None]]:

@@ -17,9 +17,10 @@ from jaxtyping import Array, Float, Int
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.constraints import values
 from qtraj.design.tuning.model import setting
-from qtraj.design.tuning.multistart import Found, Tell, least_violation, take, without_objective
+from qtraj.design.tuning.multistart import Tell, least_violation, take, without_objective
 from qtraj.design.tuning.peaks import ABSENT
 from qtraj.design.tuning.problem import Problem
+from qtraj.design.tuning.search import Found
 from qtraj.design.tuning.sqp import FEASIBLE
 from qtraj.design.tuning.task import AIM, Present, Task
 from qtraj.foundation.arrays import as_float

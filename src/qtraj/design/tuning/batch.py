@@ -13,17 +13,14 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
-from qtraj.design.tuning.sqp import State, proceed, unstarted
+from qtraj.design.tuning.search import AbstractSearch
 from qtraj.design.tuning.task import Present, Task
 from qtraj.foundation import cores
-
-STAGES = (5, 8, 12, 18, 28, 48, 80)
-"""Steps after which the unfinished searches are gathered."""
 
 Told = Callable[[int, int], None]
 
 
-def search(tasks: Task, which: Present, z: ArrayLike, most_steps: int, tell: Told | None = None) -> State:
+def search(method: AbstractSearch, tasks: Task, which: Present, z: ArrayLike, tell: Told | None = None) -> Any:
     """The searches of stacked tasks, each from its own `z`: a state of NumPy arrays.
 
     `tell(done, searches)` is called after every block.
@@ -33,12 +30,19 @@ def search(tasks: Task, which: Present, z: ArrayLike, most_steps: int, tell: Tol
     count = z.shape[0]
     states: Any = ()  # arrays of all searches, once the first block is known
     left = np.arange(count)
-    for steps in (*(s for s in STAGES if s < most_steps), most_steps):
+    most = int(method.most_steps)
+    for steps in (*(s for s in method.stages if s < most), most):
         size = cores.size_for(left.size)
         parts = cores.split(left, size)
         call, source = (_begin, z) if states == () else (_proceed, states)
         calls = [
-            (np.asarray(steps, np.int32), cores.take(given, part, size), which, cores.take(source, part, size))
+            (
+                method,
+                np.asarray(steps, np.int32),
+                cores.take(given, part, size),
+                which,
+                cores.take(source, part, size),
+            )
             for part in parts
         ]
         for part, found in zip(parts, cores.each(call, calls), strict=True):
@@ -53,11 +57,10 @@ def search(tasks: Task, which: Present, z: ArrayLike, most_steps: int, tell: Tol
     return states
 
 
-def _begin(steps: Any, tasks: Task, which: Present, z: np.ndarray) -> State:
-    states = unstarted(tasks.low, tasks.high, tasks.weight, z)
-    return _proceed(steps, tasks, which, states)
+def _begin(method: AbstractSearch, steps: Any, tasks: Task, which: Present, z: np.ndarray) -> Any:
+    return _proceed(method, steps, tasks, which, method.unstarted(tasks, z))
 
 
 @eqx.filter_jit
-def _proceed(steps: Any, tasks: Task, which: Present, states: State) -> State:
-    return proceed(tasks, which, states, steps)
+def _proceed(method: AbstractSearch, steps: Any, tasks: Task, which: Present, states: Any) -> Any:
+    return method.proceed(tasks, which, states, steps)

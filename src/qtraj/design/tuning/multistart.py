@@ -2,19 +2,19 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.design.tuning import batch
 from qtraj.design.tuning.motions.motion import COMPONENTS
 from qtraj.design.tuning.peaks import ABSENT
 from qtraj.design.tuning.problem import DURATION
-from qtraj.design.tuning.sqp import FEASIBLE, State, proceed, unstarted
+from qtraj.design.tuning.search import AbstractSearch, Found
+from qtraj.design.tuning.sqp import FEASIBLE, SequentialQuadratic
 from qtraj.design.tuning.task import Present, Task
 from qtraj.foundation.arrays import part
 
@@ -48,22 +48,6 @@ UNMET = 1e100
 Tell = Callable[[str], None]
 
 
-class Found(NamedTuple):
-    """Where the searches of one problem, or of many, ended; outside a trace in NumPy arrays.
-
-    `multipliers`, `times` and `values` are those of peaks and ends; `violation` is the largest, zero where the limits
-    are met; `settled` tells of a stationary point.
-    """
-
-    z: Float[Array, "*batch n"]
-    multipliers: Float[Array, "*batch slots k"]
-    times: Float[Array, "*batch slots k"]
-    values: Float[Array, "*batch slots k"]
-    violation: Float[Array, "*batch"]
-    settled: Bool[Array, "*batch"]
-    steps: Int[Array, "*batch"]
-
-
 def starting_points(names: Sequence[str], starts: int) -> np.ndarray:
     """The given states, planned changes of them, then random ones, always the same: (starts, variables) numbers."""
     planned = np.asarray(
@@ -75,38 +59,42 @@ def starting_points(names: Sequence[str], starts: int) -> np.ndarray:
     return points
 
 
-def best_of(tasks: Task, which: Present, starts: int, most_steps: int) -> Found:
+def best_of(method: AbstractSearch, tasks: Task, which: Present, starts: int) -> Found:
     """The best of the searches of each problem (a batch in front); it can be traced."""
     count = tasks.low.shape[0]
     points = jnp.asarray(np.tile(starting_points(tasks.problem.names, starts), (count, 1)), tasks.low.dtype)
     many = jax.tree.map(lambda x: jnp.repeat(x, starts, axis=0), tasks)
-    states = proceed(many, which, unstarted(many.low, many.high, many.weight, points), most_steps)
-    found, merit = _ended(states, jnp)
+    states = method.proceed(many, which, method.unstarted(many, points), method.most_steps)
+    found, merit = _judged(method, many, states, jnp)
     best = jnp.arange(count) * starts + jnp.argmin(merit.reshape(count, starts), axis=1)
     return jax.tree.map(lambda x: x[best], found)
 
 
-def best_of_each(tasks: Task, which: Present, starts: int, most_steps: int, tell: Tell | None = None) -> Found:
+def best_of_each(
+    method: AbstractSearch, tasks: Task, which: Present, starts: int, most_steps: int, tell: Tell | None = None
+) -> Found:
     """The best of the searches of each of many problems (a batch in front).
 
-    Where none meets the limits, the least violation is sought from the best of them, and once it is found to be none,
-    the objective from there.
+    Where none meets the limits, the least violation is sought (by "sqp", in `most_steps`) from the best of them, and
+    once it is found to be none, the objective from there.
     """
     number = tasks.low.shape[0]
     points = np.tile(starting_points(tasks.problem.names, starts), (number, 1))
-    states = batch.search(_repeat(tasks, starts), which, points, most_steps, _counted(tell, "searches"))
-    found, merit = _ended(states, np)
+    many = _repeat(tasks, starts)
+    states = batch.search(method, many, which, points, _counted(tell, "searches"))
+    found, merit = _judged(method, many, states, np)
     best = np.arange(number) * starts + np.argmin(merit.reshape(number, starts), axis=1)
     found = _rows(found, best)
     lost = np.flatnonzero(found.violation > FEASIBLE)
     if lost.size == 0:
         return found
-    rescued = _rescue(take(tasks, lost), which, _rows(found, lost), most_steps, tell)
+    rescued = _rescue(method, take(tasks, lost), which, _rows(found, lost), most_steps, tell)
     return _replaced(found, lost, rescued)
 
 
 def least_violation(tasks: Task, which: Present, found: Found, most_steps: int, tell: Tell | None = None) -> Found:
     """From where other searches ended, the least of the largest violation of the limits of each of many problems."""
+    method = SequentialQuadratic(most_steps)
     tasks, found = without_objective(tasks), jax.tree.map(np.asarray, found)
     for _ in range(LOWERINGS):
         ratio = LOWERED * np.sqrt(1 + 2 * found.violation)
@@ -115,8 +103,8 @@ def least_violation(tasks: Task, which: Present, found: Found, most_steps: int, 
             tasks,
             (np.asarray(tasks.limits) * ratio[:, None], np.zeros_like(tasks.weight)),
         )
-        states = batch.search(lowered, which, found.z, most_steps, _counted(tell, "least violations"))
-        ended, _ = _ended(states, np)
+        states = batch.search(method, lowered, which, found.z, _counted(tell, "least violations"))
+        ended, _ = method.ended(lowered, states, np)
         squares = (ratio**2)[:, None, None] * (1 + 2 * ended.values)  # over the limits as they were
         left = ratio * np.sqrt(1 + 2 * ended.violation)
         found = ended._replace(
@@ -157,34 +145,32 @@ def without_objective(tasks: Task) -> Task:
     return dataclasses.replace(tasks, problem=tasks.problem.without_objective())
 
 
-def _rescue(tasks: Task, which: Present, found: Found, most_steps: int, tell: Tell | None) -> Found:
+def _rescue(
+    method: AbstractSearch, tasks: Task, which: Present, found: Found, most_steps: int, tell: Tell | None
+) -> Found:
     least = least_violation(tasks, which, found, most_steps, tell)
     can = np.flatnonzero(least.violation <= FEASIBLE)
     # A path that meets the limits at the least violation, and that the objective then left, is not a solution.
     least = least._replace(settled=least.settled & (least.violation > FEASIBLE), steps=found.steps + least.steps)
     if can.size == 0:
         return least
-    states = batch.search(take(tasks, can), which, least.z[can], most_steps, _counted(tell, "searches"))
-    again, _ = _ended(states, np)
-    least.steps[can] += again.steps
-    met = again.violation <= FEASIBLE
-    return _replaced(least, can[met], _rows(again._replace(steps=least.steps[can]), np.asarray(met)))
+    again = take(tasks, can)
+    states = batch.search(method, again, which, least.z[can], _counted(tell, "searches"))
+    ended, _ = method.ended(again, states, np)
+    least.steps[can] += ended.steps
+    met = ended.violation <= FEASIBLE
+    return _replaced(least, can[met], _rows(ended._replace(steps=least.steps[can]), np.asarray(met)))
 
 
-def _ended(states: State, xp: Any) -> tuple[Found, Any]:
+def _judged(method: AbstractSearch, tasks: Task, states: Any, xp: Any) -> tuple[Found, Any]:
     """Where searches ended, and what to choose the least of: the cost, or what is larger and grows with the violation.
 
     `xp` is NumPy or JAX's NumPy, as the states are.
     """
-    violation = xp.maximum(xp.max(states.peaks.value, axis=(-2, -1)), 0.0)
-    cost = xp.where(states.settled, states.cost, states.cost + 1e-9 * xp.abs(states.cost))
-    met = (violation <= FEASIBLE) & xp.isfinite(cost)
-    merit = xp.where(met, cost, UNMET * (1 + xp.minimum(violation, 1e100)))
-    peaks = states.peaks
-    found = Found(
-        states.z, states.multipliers, peaks.time, peaks.value, violation, states.settled, xp.maximum(states.steps, 0)
-    )
-    return found, merit
+    found, cost = method.ended(tasks, states, xp)
+    cost = xp.where(found.settled, cost, cost + 1e-9 * xp.abs(cost))
+    met = (found.violation <= FEASIBLE) & xp.isfinite(cost)
+    return found, xp.where(met, cost, UNMET * (1 + xp.minimum(found.violation, 1e100)))
 
 
 def _repeat(tasks: Task, times: int) -> Task:

@@ -76,6 +76,14 @@ def find_peaks(setting: Setting, which: Present, limits: Float[Array, " slots"])
     return peaks
 
 
+def hand_over(multipliers: Array, times: Array, peaks: Peaks) -> Float[Array, "slots k"]:
+    """The multipliers of the constraints, each given to the nearest peak or end of its limit that there is."""
+    distance = jnp.abs(peaks.time[:, :, None] - times[:, None]) + jnp.where(peaks.present, 0.0, 2.0)[:, :, None]
+    nearest = jnp.argmin(distance, axis=1)
+    here = nearest[:, None] == jnp.arange(peaks.time.shape[1])[None, :, None]
+    return jnp.sum(jnp.where(here, multipliers[:, None], 0.0), axis=2)
+
+
 class _Round(NamedTuple):
     """A round of the search: places to look at, where peaks were first suspected and now stand, and their values."""
 

@@ -16,8 +16,8 @@ import jax.flatten_util
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from qtraj.design.tuning.multistart import Found
 from qtraj.design.tuning.problem import Problem, Variables
+from qtraj.design.tuning.search import Found
 from qtraj.design.tuning.subproblem import ACTIVE, AT_BOUND
 from qtraj.design.tuning.task import Task
 from qtraj.foundation.types import Scalar

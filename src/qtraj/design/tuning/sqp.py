@@ -9,16 +9,18 @@ multiples of the identity when that is not enough. A second program about where 
 step that raises what is minimised is refused, and the trust radius shrinks.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.design.tuning import model as models, peaks as peaking
-from qtraj.design.tuning.peaks import Peaks, find_peaks
+from qtraj.design.tuning.peaks import Peaks, find_peaks, hand_over
 from qtraj.design.tuning.problem import Variables
+from qtraj.design.tuning.search import AbstractSearch, Found, whole
 from qtraj.design.tuning.subproblem import ELASTIC, Step, best_step
 from qtraj.design.tuning.task import Present, Task
 from qtraj.foundation.types import Flag, Scalar
@@ -41,6 +43,26 @@ than the second of the way to go."""
 
 STATIONARY = 1e-6
 """An imbalance of cost and multipliers below this part of the penalty counts as none."""
+
+
+class SequentialQuadratic(AbstractSearch):
+    """The search "sqp"; `most_steps` are quadratic steps."""
+
+    stages: ClassVar[tuple[int, ...]] = (5, 8, 12, 18, 28, 48, 80)
+    most_steps: Int[Array | np.ndarray, ""] = eqx.field(converter=whole)
+
+    def unstarted(self, tasks: Task, z: Any) -> "State":
+        return unstarted(tasks.low, tasks.high, tasks.weight, z)
+
+    def proceed(self, tasks: Task, which: Present, states: "State", most_steps: int | Int[Array, ""]) -> "State":
+        return proceed(tasks, which, states, most_steps)
+
+    def ended(self, tasks: Task, states: "State", xp: Any) -> tuple[Found, Any]:
+        peaks = states.peaks
+        violation = xp.maximum(xp.max(peaks.value, axis=(-2, -1)), 0.0)
+        steps = xp.maximum(states.steps, 0)
+        found = Found(states.z, states.multipliers, peaks.time, peaks.value, violation, states.settled, steps)
+        return found, states.cost
 
 
 class State(NamedTuple):
@@ -131,7 +153,7 @@ def _next(task: Task, s: State, there: State, found: Step, verdict: _Verdict, ti
     ended: State = jax.tree.map(lambda a, b: jnp.where(taken, a, b), there, s)
     # At a flat end, where the step itself may be refused, what the program last said holds for the place as it is.
     flat = verdict.flat & ~taken
-    handed = _hand_over(found.multipliers, times, s.peaks)
+    handed = hand_over(found.multipliers, times, s.peaks)
     ended = ended._replace(multipliers=jnp.where(flat, handed, ended.multipliers))
     still = (taken & _arrives(s, found, verdict)) | verdict.flat
     ended = _with_penalty(task, ended, found, taken, still)
@@ -146,7 +168,7 @@ def _at(task: Task, which: Present, s: State, found: Step, times: Array) -> Stat
     """The state after the step, if it is taken."""
     z = s.z + found.d
     peaks = find_peaks(models.setting(task.problem, z), which, task.limits)
-    multipliers = _hand_over(found.multipliers, times, peaks)
+    multipliers = hand_over(found.multipliers, times, peaks)
     return s._replace(z=z, cost=task.problem.cost(z), peaks=peaks, multipliers=multipliers)
 
 
@@ -201,11 +223,3 @@ def _with_penalty(task: Task, s: State, found: Step, taken: Flag, still: Flag) -
 
 def _first_penalty(task: Task) -> Scalar:
     return jnp.where(task.weight > 0, FIRST_PENALTY, 1.0).astype(task.weight.dtype)
-
-
-def _hand_over(multipliers: Array, times: Array, peaks: Peaks) -> Float[Array, "slots k"]:
-    """The multipliers of the constraints, each given to the nearest peak or end of its limit that there is."""
-    distance = jnp.abs(peaks.time[:, :, None] - times[:, None]) + jnp.where(peaks.present, 0.0, 2.0)[:, :, None]
-    nearest = jnp.argmin(distance, axis=1)
-    here = nearest[:, None] == jnp.arange(peaks.time.shape[1])[None, :, None]
-    return jnp.sum(jnp.where(here, multipliers[:, None], 0.0), axis=2)

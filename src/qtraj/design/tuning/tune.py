@@ -14,26 +14,26 @@ from jaxtyping import Array, Float
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import SAMPLED
 from qtraj.design.proof.certify import certify
-from qtraj.design.tuning import advice, augmented, multistart
+from qtraj.design.tuning import advice, multistart
 from qtraj.design.tuning.box import Bounds, at_the_wall, box, require_names, weights_of
 from qtraj.design.tuning.checks import require_choices, require_sound
+from qtraj.design.tuning.methods import Method, method_of
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.motions.registry import motion_of
-from qtraj.design.tuning.multistart import Found, Tell, take
+from qtraj.design.tuning.multistart import take
 from qtraj.design.tuning.objectives.registry import Objective, objective_of
 from qtraj.design.tuning.outcome import CONVERGED, INFEASIBLE, NOT_CONVERGED, Tuned
 from qtraj.design.tuning.problem import Problem, pose
+from qtraj.design.tuning.search import Found
 from qtraj.design.tuning.sensitivity import solution
 from qtraj.design.tuning.sqp import FEASIBLE
-from qtraj.design.tuning.task import Present, Task, by_slots, present
+from qtraj.design.tuning.task import Task, by_slots, present
 from qtraj.foundation.arrays import as_array, as_float, part
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.boundary_problem import whole_turns
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
-
-METHODS = ("sqp", "lbfgs")
 
 SMALLEST_BATCH = 8
 """Batches are filled up to a power of two from here on, so that most sizes share what is compiled."""
@@ -54,8 +54,9 @@ def tune(
     bounds: Bounds | None = None,
     weights: Mapping[str, float] | None = None,
     starts: int = 8,
-    method: str | None = None,
+    method: Method | None = None,
     max_steps: int = 300,
+    inner_steps: int = 200,
     progress: Callable[[str], None] | None = None,
 ) -> Tuned:
     """Tune the boundary velocities between two positions until `limits` hold on the whole path.
@@ -73,28 +74,32 @@ def tune(
     given value; `bounds` maps names to (lowest, highest), either of which may be None; `weights` multiplies the squared
     changes that "nearest" sums.
 
-    `starts` searches begin at the given states and about them, and the best is kept. `method` is "sqp" (sequential
-    quadratic programming on polished peaks, with exact second derivatives) or "lbfgs" (augmented Lagrangian, optax);
-    by default the first, and the second for a callable objective, which then need not be twice differentiable, from the
-    given states alone. Where no path meets the limits, the one that breaks them least is given, with advice. What is
-    being done is told to `progress`, in a few words.
+    `starts` searches begin at the given states and about them, and the best is kept. Where no path meets the limits,
+    the one that breaks them least is given, with advice. What is being done is told to `progress`, in a few words.
+
+    `method` is "sqp", sequential quadratic programming on refined peaks with exact second derivatives: the default,
+    and by far the fastest. Or it is any `optax.GradientTransformation`, such as `optax.adam(1e-2)`, a chain, or
+    "lbfgs", which is `optax.lbfgs()`: an augmented Lagrangian in rounds of at most `inner_steps` steps of that
+    optimiser, which asks for first derivatives only. It is the default for a callable objective, which need not be
+    twice differentiable. `max_steps` counts steps of "sqp", and rounds of the others. Keep an optimiser to use it
+    again: what is compiled belongs to the object.
 
     **Batches**: states with lanes in front (`jax.vmap(BoundaryState)(positions, velocities)`), and limits, duration,
     turn and placement with the same lanes or shared, give an outcome with lanes, one compiled search for all.
-    **Traces**: under `jit`, `vmap` and `grad` the same "sqp" runs on whole arrays, and the derivatives of its path in
-    the boundary data and the limits are exact (implicit function theorem); infeasible problems are not looked into. A
-    callable objective needs method="sqp" there.
+    **Traces**: under `jit`, `vmap` and `grad` the same search runs on whole arrays, and the derivatives of its path in
+    the boundary data and the limits are those of the solution (implicit function theorem), by whatever method it was
+    found; infeasible problems are not looked into.
 
     **Raises:** ValueError for input that makes no problem, or in float32. A problem without a solution is no error:
     its `status` is "infeasible" and its `result` says why and what would help.
     """
     aim, motion = objective_of(objective), motion_of(motion)
     require_choices(start, end, limits, aim, motion, duration is not None)
-    method = _method(method, aim.is_smooth)
+    search = method_of(method, aim.is_smooth, max_steps, inner_steps)
     bounds = dict(bounds or {})
     require_names(motion, aim, fixed, bounds)
-    if starts < 1 or max_steps < 1:
-        raise ValueError(f"starts and max_steps must be 1 or more, but {starts} and {max_steps} were given")
+    if starts < 1:
+        raise ValueError(f"starts must be 1 or more, but {starts} was given")
     weighed = weights_of(weights or {}, aim, motion)
     duration, turn = (None if x is None else as_float(x) for x in (duration, turn))
 
@@ -115,15 +120,10 @@ def tune(
     which = present(limits)
     require_sound(jax.tree.map(lambda x: x[:count], problem) if batch else take(problem, 0), turn, limits)
     if traced:
-        if method == "lbfgs":
-            raise ValueError("the search 'lbfgs' cannot be traced: pass method='sqp' under jit, vmap and grad")
-        found = multistart.best_of(jax.lax.stop_gradient(tasks), which, starts, max_steps)
+        found = multistart.best_of(search, jax.lax.stop_gradient(tasks), which, starts)
         return _outcome(tasks, limits, found, start, end, batch, placement)
     own = jax.tree.map(lambda x: np.asarray(x)[:count], tasks)
-    if method == "lbfgs":
-        found = _by_lbfgs(own, which, limits, max_steps, progress)
-    else:
-        found = multistart.best_of_each(own, which, starts, max_steps, progress)
+    found = multistart.best_of_each(search, own, which, starts, max_steps, progress)
     filled = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], size - count, axis=0)]), found)
     outcome = _outcome(tasks, limits, filled, data[0], data[1], batch, placement)
     if batch:
@@ -185,14 +185,6 @@ def _stacked(start: BoundaryState, end: BoundaryState) -> tuple[BoundaryState, B
     return *both, batch
 
 
-def _method(method: str | None, smooth: bool) -> str:
-    if method is None:
-        return "sqp" if smooth else "lbfgs"
-    if method not in METHODS:
-        raise ValueError(f"method must be {' or '.join(map(repr, METHODS))}, but {method!r} was given")
-    return method
-
-
 def _as_floats(bounds: Bounds) -> Any:
     return {name: tuple(None if x is None else as_float(x) for x in pair) for name, pair in bounds.items()}
 
@@ -224,30 +216,6 @@ def _filled(parts: tuple[Any, ...], batch: tuple[int, ...], size: int) -> tuple[
         data.append(jax.tree.map(lambda x, plain=plain: filled(x, plain), each))
         axes.append(jax.tree.map(lambda x, plain=plain: 0 if x.ndim > plain else None, each))
     return tuple(data), tuple(axes)
-
-
-def _by_lbfgs(tasks: Task, which: Present, limits: Limits, most_steps: int, tell: Tell | None) -> Found:
-    """The searches of optax, one problem after the other; the least violation where they end outside the limits."""
-    each = [
-        _one_by_lbfgs(take(tasks, slice(k, k + 1)), which, limits, k, most_steps, tell)
-        for k in range(tasks.low.shape[0])
-    ]
-    return jax.tree.map(lambda *leaves: np.stack(leaves), *each)
-
-
-def _one_by_lbfgs(tasks: Task, which: Present, limits: Limits, k: int, most_steps: int, tell: Tell | None) -> Found:
-    task = take(tasks, 0)
-    own = jax.tree.map(lambda x: x if x.ndim == 0 else x[k], limits)
-    initial = jnp.clip(jnp.zeros_like(task.low), task.low, task.high)
-    found = augmented.search(task, which, own, initial, most_steps, tell)
-    if float(found.violation) <= FEASIBLE:
-        return found
-    least = multistart.least_violation(tasks, which, jax.tree.map(lambda x: x[None], found), most_steps, tell)
-    least = take(least, 0)
-    if float(least.violation) > FEASIBLE:
-        return least
-    again = augmented.search(task, which, own, least.z, most_steps, tell)
-    return again if float(again.violation) <= FEASIBLE else least._replace(settled=jnp.asarray(False))
 
 
 def _outcome(

@@ -1,0 +1,147 @@
+"""Tuning by optimisers of optax: the same paths, proofs and derivatives as "sqp"; refusals say what was expected."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+
+import qtraj as qt
+from qtraj.design.tuning.augmented import COMPLEMENTARY, STATIONARY
+
+RATE = 0.35
+START = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, RATE * 20, 0.3])
+END = qt.BoundaryState([0.0, 28.0, 1.5], [-RATE * 28, -1.0, 0.1])
+LIMITS = qt.Limits(curvature=0.048, lateral_acceleration=2.2)
+
+# One object each for all tests: what is compiled belongs to the object.
+ADAM = optax.adam(1e-2)
+CHAIN = optax.chain(optax.clip_by_global_norm(1.0), optax.sgd(1e-2, momentum=0.9))
+OPTIMISERS = {"lbfgs": "lbfgs", "adam": ADAM, "chain": CHAIN}
+
+AGREES = 1e-5
+"""Relative difference of objectives: active constraints may lie 1e-6 inside their limits, times the multipliers."""
+
+FIRST_ORDER = 2e-4
+"""Relative difference of derivatives of the solution, which amplify that of the solutions."""
+
+
+def tuned(method, objective="nearest", motion="uniform", duration=None, **more):
+    return qt.tune(START, END, LIMITS, objective, motion, duration, method=method, starts=1, **more)
+
+
+@pytest.mark.parametrize("name", OPTIMISERS)
+def test_every_optimiser_ends_where_sqp_does(name):
+    best, reference = tuned(OPTIMISERS[name]), tuned("sqp")
+    assert best.converged, best.result
+    assert best.certificate.holds
+    assert float(best.objective) == pytest.approx(float(reference.objective), rel=AGREES)
+    assert float(best.objective) >= float(reference.objective) * (1 - AGREES / 100)
+    assert max(COMPLEMENTARY, STATIONARY) < AGREES
+
+
+@pytest.mark.parametrize(
+    ("objective", "motion", "duration"),
+    [
+        ("fastest", "uniform", None),
+        pytest.param("smoothest", "uniform", 6.5, marks=pytest.mark.slow),
+        pytest.param("nearest", "hermite", None, marks=pytest.mark.slow),
+        pytest.param("fastest", "hermite", None, marks=pytest.mark.slow),
+        pytest.param("smoothest", "hermite", 4.0, marks=pytest.mark.slow),
+    ],
+)
+@pytest.mark.parametrize("name", ["lbfgs", pytest.param("adam", marks=pytest.mark.slow)])
+def test_every_objective_and_motion_is_tuned(name, objective, motion, duration):
+    best = tuned(OPTIMISERS[name], objective, motion, duration)
+    reference = tuned("sqp", objective, motion, duration)
+    assert best.converged, best.result
+    assert best.certificate.met
+    assert float(best.objective) == pytest.approx(float(reference.objective), rel=AGREES)
+
+
+def test_a_batch_ends_where_its_elements_do():
+    curvatures = jnp.asarray([0.046, 0.048, 0.052])
+    starts = jax.tree.map(lambda x: jnp.stack([x] * 3), START)
+    many = qt.tune(starts, END, jax.vmap(lambda k: qt.Limits(curvature=k))(curvatures), method="lbfgs", starts=1)
+    assert many.converged.all(), str(many)
+    for k, curvature in enumerate(curvatures):
+        one = qt.tune(START, END, qt.Limits(curvature=curvature), method="lbfgs", starts=1)
+        np.testing.assert_allclose(many.objective[k], one.objective, rtol=1e-12)
+        np.testing.assert_allclose(many.path.radius[k], one.path.radius, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["lbfgs", pytest.param("adam", marks=pytest.mark.slow)])
+def test_derivatives_of_the_solution_are_those_of_sqp(name):
+    """Forward and reverse, under jit and vmap."""
+
+    def slopes(method):
+        def duration(curvature, velocity):
+            start = qt.BoundaryState(START.position, velocity)
+            limits = qt.Limits(curvature=curvature, lateral_acceleration=2.2)
+            return qt.tune(start, END, limits, method=method, starts=1).path.duration
+
+        return jax.jit(jax.vmap(jax.value_and_grad(duration, argnums=(0, 1)), in_axes=(0, None)))(
+            jnp.asarray([0.047, 0.049]), START.velocity
+        )
+
+    found, expected = slopes(OPTIMISERS[name]), slopes("sqp")
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(a, b, rtol=FIRST_ORDER, atol=FIRST_ORDER * float(jnp.max(jnp.abs(b))))
+
+
+def test_a_bound_is_reached_and_the_derivative_knows_it():
+    bounds = {"duration": (4.0, 4.6)}
+    best = tuned("lbfgs", bounds=bounds)
+    assert best.converged, best.result
+    reference = tuned("sqp", bounds=bounds)
+    assert float(reference.path.duration) == pytest.approx(4.6, rel=1e-12), "the bound binds"
+    assert float(best.path.duration) == pytest.approx(4.6, rel=1e-9)
+    assert float(best.objective) == pytest.approx(float(reference.objective), rel=AGREES)
+
+
+class Climb(eqx.Module):
+    """A callable objective that holds an array."""
+
+    wanted: jax.Array
+
+    def __call__(self, path):
+        return (path.rotating_derivatives(0.5 * path.duration, 1)[1, 2] - self.wanted) ** 2 + 1e-3 * path.duration
+
+
+@pytest.mark.filterwarnings("ignore:A JAX array is being set as static")
+def test_a_callable_may_hold_arrays_and_be_traced():
+    best = qt.tune(START, END, LIMITS, Climb(jnp.asarray(0.5)), starts=1)
+    assert best.converged, best.result
+
+    def climb(path):
+        return Climb(jnp.asarray(0.5))(path)
+
+    @jax.jit
+    def traced(curvature):
+        limits = qt.Limits(curvature=curvature, lateral_acceleration=2.2)
+        return qt.tune(START, END, limits, climb, starts=1).objective
+
+    assert float(traced(0.048)) == pytest.approx(float(best.objective), rel=AGREES)
+
+
+def test_what_cannot_be_met_is_said_to_be_infeasible():
+    best = qt.tune(START, END, qt.Limits(curvature=0.02), bounds={"duration": (2.0, 8.0)}, method="lbfgs", starts=1)
+    assert best.status == "infeasible"
+    assert "What would help" in best.result
+
+
+@pytest.mark.parametrize(
+    ("change", "fragment"),
+    [
+        ({"method": optax.adam}, "an optimiser of optax such as optax.adam(1e-2)"),
+        ({"method": "adagrad"}, "'sqp' or 'lbfgs', or an optimiser of optax"),
+        ({"method": 3}, "but 3 was given"),
+        ({"inner_steps": 0}, "inner_steps must be a whole number, 1 or more, but 0 was given"),
+        ({"max_steps": 2.5}, "max_steps must be a whole number, 1 or more, but 2.5 was given"),
+    ],
+)
+def test_what_is_no_optimiser_is_refused(change, fragment):
+    with pytest.raises(ValueError) as caught:
+        qt.tune(START, END, LIMITS, **change)
+    assert fragment in str(caught.value)
