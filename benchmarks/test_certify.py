@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 import qtraj as qt
-from qtraj.algebra.positivity import OPEN, positive
 from qtraj.design.proof.certificate import STATUSES
-from qtraj.design.proof.inequalities import FORMS, parts, slack
+from qtraj.path.quantity import QUANTITIES
 from qtraj.path.values import squared
 
 from .race import race, report
@@ -21,7 +20,8 @@ from .tuning.problems import problems
 from .turns import exact_square, lane, random_turns
 
 COUNT, SAMPLES, ROUNDS = 1000, 10_000, 7
-NAMES = [name for name in FORMS if name != "angular_acceleration"]
+NAMES = [name for name in QUANTITIES if not name.endswith("angular_acceleration")]
+UNDECIDED = STATUSES.index("undecided")
 
 
 def peaks(paths, name):
@@ -29,11 +29,10 @@ def peaks(paths, name):
 
 
 def proof(name):
-    """Codes of the sign proofs of a batch."""
-    form = FORMS[name]
+    """Codes of the findings on a batch."""
 
     def prove(path, limit):
-        return positive(lambda known, low, high: slack(known, limit, form, low, high), parts(path, form.order)).code
+        return qt.certify(path, qt.Limits(**{name: limit})).codes[0]
 
     return jax.jit(lambda paths, limits: jax.lax.map(lambda lane: prove(*lane), (paths, limits), batch_size=64))
 
@@ -54,7 +53,7 @@ def test_ratios(name):
     limits = peaks(paths, name) * (1 + 1e-6)
     runners = {"proof": proof(name), "10⁴ samples": sampling(name)}
     spent = race({key: lambda call=call: call(paths, limits) for key, call in runners.items()}, ROUNDS)
-    undecided = int(jnp.sum(runners["proof"](paths, limits) == OPEN))
+    undecided = int(jnp.sum(runners["proof"](paths, limits) == UNDECIDED))
     ratios = report(f"{name}: {COUNT} turns", spent, {"proof": f"{undecided} undecided", "10⁴ samples": ""})
     assert undecided <= COUNT // 1000
     assert ratios["10⁴ samples"] > 0.1

@@ -11,6 +11,8 @@ import numpy as np
 
 import qtraj as qt
 from benchmarks.tuning.slsqp import least_peaks
+from qtraj.design.tuning.motions.uniform import Uniform
+from qtraj.design.tuning.objectives.nearest import Nearest
 from qtraj.design.tuning.problem import Problem, pose
 
 SPEED = 8.0
@@ -36,7 +38,7 @@ def problems(count: int, seed: int) -> Problems:
     shares = rng.uniform(*SHARE, count)
     rates = SPEED / np.sqrt(radii[:, 0] * radii[:, 1])
     starts, ends = jax.vmap(_states)(*map(jnp.asarray, (radii, turns, heights, velocities, rates)))
-    posed = jax.vmap(lambda a, b: pose(a, b, "nearest", "uniform", None, 0, None))(starts, ends)
+    posed = jax.vmap(lambda a, b: pose(a, b, Nearest(), Uniform(), None, 0, None))(starts, ends)
     nominal = jax.jit(jax.vmap(lambda p: qt.peak(p.path(jnp.zeros(p.size)), "curvature")[1]))(posed)
     nominal = np.asarray(nominal)
     least = np.minimum(least_peaks(posed, nominal), nominal)

@@ -1,4 +1,4 @@
-"""Limited magnitudes against their definitions, margins, peaks and their gradients."""
+"""Limited path quantities against their definitions, margins, peaks and their gradients."""
 
 from functools import partial
 
@@ -9,10 +9,10 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 import qtraj as qt
-from qtraj.path.quantity import QUANTITIES as UNITS
-from qtraj.path.values import value as magnitude
+from qtraj.path.quantity import QUANTITIES
+from qtraj.path.values import value as value_of
 
-ALL = dict.fromkeys(UNITS, 1.0)
+ALL = dict.fromkeys(QUANTITIES, 1.0)
 PLACEMENTS = [None, qt.Placement([5.0, 6.0, 7.0]), qt.Placement([0.0, 0.0, 0.0], [1.0, 0.2, -0.1, 0.3])]
 
 
@@ -21,12 +21,12 @@ def helix(placement=None) -> qt.SpiralHelix:
 
 
 @pytest.mark.parametrize("placement", PLACEMENTS, ids=["axis z", "moved", "tilted"])
-def test_magnitudes_are_what_their_names_say(placement):
+def test_quantities_are_what_their_names_say(placement):
     path, t = helix(placement), 1.3
     r = np.asarray(path.derivatives(t, 3))
     v, a = r[1], r[2]
     speed = np.linalg.norm(v)
-    at = qt.trihedral(path, t)
+    at, upright = qt.trihedral(path, t), qt.trihedral(path, t, qt.Upright())
     expected = {
         "curvature": np.linalg.norm(np.cross(v, a)) / speed**3,
         "torsion": abs(np.cross(v, a) @ r[3]) / np.linalg.norm(np.cross(v, a)) ** 2,
@@ -37,9 +37,13 @@ def test_magnitudes_are_what_their_names_say(placement):
         "slope": abs(v[2]) / np.hypot(v[0], v[1]),
         "angular_rate": np.linalg.norm(at.rate),
         "angular_acceleration": np.linalg.norm(at.acceleration),
+        "jerk": np.linalg.norm(r[3]),
+        "yaw_rate": abs(upright.rate[2]),
+        "yaw_acceleration": abs(upright.acceleration[2]),
     }
+    assert set(expected) == set(QUANTITIES)
     values = jax.jit(lambda path, t: qt.Limits(**ALL).values(path, t))(path, t)
-    assert set(values) == set(UNITS)
+    assert set(values) == set(QUANTITIES)
     for name, value in expected.items():
         np.testing.assert_allclose(values[name], value, rtol=1e-11)
 
@@ -48,16 +52,16 @@ def test_margins_are_limit_less_value_for_the_given_limits_only():
     limits = qt.Limits(speed=9.0, slope=0.01)
     margins = limits.margins(helix(), 1.0)
     assert set(margins) == {"speed", "slope"}
-    assert float(margins["speed"]) == pytest.approx(9.0 - float(magnitude(helix(), 1.0, "speed")))
+    assert float(margins["speed"]) == pytest.approx(9.0 - float(value_of(helix(), 1.0, "speed")))
     assert float(margins["slope"]) < 0
 
 
 def test_what_divides_by_a_vanishing_speed_is_infinite_or_zero_never_nan():
     stop = qt.SpiralHelix([2.0, 0.0, 1.0], [0.3], [1.0], 2.0)
     climb = qt.SpiralHelix([2.0], [0.3], [0.0, 1.0], 2.0)
-    assert np.isinf(magnitude(climb, 1.0, "slope"))
-    for name in UNITS:
-        value, slope = jax.value_and_grad(lambda t: magnitude(stop, t, name))(0.0)  # noqa: B023
+    assert np.isinf(value_of(climb, 1.0, "slope"))
+    for name in QUANTITIES:
+        value, slope = jax.value_and_grad(lambda t: value_of(stop, t, name))(0.0)  # noqa: B023
         assert not np.isnan(value), name
         assert not np.isnan(slope), name
 
@@ -66,7 +70,7 @@ def test_what_divides_by_a_vanishing_speed_is_infinite_or_zero_never_nan():
 def test_peaks_are_those_of_a_bounded_search(name):
     path = helix()
     time, value = jax.jit(lambda path: qt.peak(path, name))(path)
-    f = jax.jit(lambda t: -magnitude(path, t, name))
+    f = jax.jit(lambda t: -value_of(path, t, name))
     grid = np.linspace(0, 4.5, 2001)
     coarse = grid[np.argmin([float(f(t)) for t in grid])]
     bounds = (max(0.0, coarse - 0.01), min(4.5, coarse + 0.01))
@@ -144,5 +148,5 @@ def test_gradients_in_every_boundary_number(quantity, motion):
 
 def test_float32_keeps_its_dtype():
     path = jax.tree.map(lambda x: x.astype(jnp.float32), helix())
-    values = qt.Limits(**{name: jnp.asarray(1.0, jnp.float32) for name in UNITS}).values(path, 1.0)
+    values = qt.Limits(**{name: jnp.asarray(1.0, jnp.float32) for name in QUANTITIES}).values(path, 1.0)
     assert {v.dtype for v in values.values()} == {jnp.dtype(jnp.float32)}

@@ -354,7 +354,7 @@ def test_a_batch_is_what_its_lanes_are(many):
         assert many[k].certificate.status == one.certificate.status
     with pytest.raises(ValueError, match="does not go into one document"):
         many.save("many.toml")
-    with pytest.raises(ValueError, match="lanes"):
+    with pytest.raises(ValueError, match="stack the states likewise"):
         qt.tune(starts, ends, jax.vmap(lambda k: qt.Limits(curvature=k, lateral_acceleration=k))(jnp.ones(3)))
 
 
@@ -394,7 +394,7 @@ def test_a_batch_ends_where_its_lanes_do(many):
     assert len(list(many)) == 5
     with pytest.raises(IndexError, match="there are 5 problems"):
         many[5]
-    with pytest.raises(ValueError, match="lanes"):
+    with pytest.raises(ValueError, match="stack the states likewise"):
         qt.tune(START, END, limits)
     shared = qt.tune(starts, END, LIMITS, starts=1)
     np.testing.assert_array_equal(shared.end.position[1], END.position)

@@ -84,7 +84,7 @@ def test_the_reference_stands_at_the_origin(dataset):
     assert [text.get_text() for text in axes.texts] == ["i", "j", "k", "V$_A$", "V$_B$", "  A", "  B"]
 
 
-def test_a_magnitude_is_shown_with_its_limit(dataset):
+def test_a_quantity_is_shown_with_its_limit(dataset):
     curvature, speed, _ = limits_figure(dataset).axes
     assert labels(curvature) == ["turn"]
     assert labels(speed) == ["turn", "limit 9"]
@@ -93,9 +93,9 @@ def test_a_magnitude_is_shown_with_its_limit(dataset):
     assert np.array_equal(torsion.lines[0].get_ydata(), dataset["torsion_magnitude"].values[0])
 
 
-def test_an_unknown_magnitude_is_refused(dataset):
-    with pytest.raises(ValueError, match="unknown magnitude 'jerk'; known are curvature"):
-        limits_figure(dataset, ["jerk"])
+def test_an_unknown_quantity_is_refused(dataset):
+    with pytest.raises(ValueError, match="unknown path quantity 'colour'; known are curvature"):
+        limits_figure(dataset, ["colour"])
 
 
 def marked(axes, label):

@@ -22,7 +22,7 @@ from qtraj.design.tuning.peaks import ABSENT
 from qtraj.design.tuning.problem import Problem
 from qtraj.design.tuning.search import Found
 from qtraj.design.tuning.sqp import FEASIBLE
-from qtraj.design.tuning.task import Present, Task
+from qtraj.design.tuning.task import AIM, Present, Task
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import Scalar
 from qtraj.foundation.units import with_unit
@@ -62,7 +62,8 @@ NUMBERS = (
 def advice(tasks: Task, which: Present, limits: Limits, found: Found, most_steps: int, tell: Tell | None) -> str:
     """What to do about the limits of one problem (a batch of one), from where it violates them least."""
     tasks = without_objective(tasks)
-    given = {name: float(limit) for name, limit in limits.given().items()}
+    # As the search sees them: a limit that is next to nothing counts as more.
+    given = dict(zip(limits.given(), np.asarray(tasks.limits, float)[0] / AIM, strict=False))
     search = _Search(which, most_steps, tell)
     worst = dict(zip(given, _ratios(found)[0], strict=False))
     violated = [name for name, ratio in worst.items() if ratio > 1 + FEASIBLE]
