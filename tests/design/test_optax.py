@@ -71,7 +71,8 @@ def test_a_batch_ends_where_its_elements_do():
         np.testing.assert_allclose(many.path.radius[k], one.path.radius, rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["lbfgs", pytest.param("adam", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["lbfgs", "adam"])
 def test_derivatives_of_the_solution_are_those_of_sqp(name):
     """Forward and reverse, under jit and vmap."""
 
@@ -90,6 +91,7 @@ def test_derivatives_of_the_solution_are_those_of_sqp(name):
         np.testing.assert_allclose(a, b, rtol=FIRST_ORDER, atol=FIRST_ORDER * float(jnp.max(jnp.abs(b))))
 
 
+@pytest.mark.slow
 def test_a_bound_is_reached_and_the_derivative_knows_it():
     least = 1.03 * float(tuned("sqp").path.duration)
 

@@ -52,6 +52,11 @@ def cross(a: Any, b: Any) -> Any:
     return bernstein.cross(a, b) if isinstance(a, bernstein.Bernstein) else jnp.cross(a, b)
 
 
+def plus(a: Triple, b: Triple) -> Triple:
+    """a + b."""
+    return (total([a[0], b[0]]), total([a[1], b[1]]), total([a[2], b[2]]))
+
+
 def scaled(a: Triple, factor: Array) -> Triple:
     """factor·a."""
     return (a[0] * factor, a[1] * factor, a[2] * factor)

@@ -50,7 +50,7 @@ def limits_figure(dataset: xarray.Dataset, names: Sequence[str] | None = None) -
     """
     unknown = set(names or ()) - set(MAGNITUDES)
     if unknown:
-        raise ValueError(f"unknown magnitude {min(unknown)!r}; known are {', '.join(MAGNITUDES)}")
+        raise ValueError(f"unknown path quantity {min(unknown)!r}; known are {', '.join(MAGNITUDES)}")
     panels = _panels(dataset) if names is None else [MAGNITUDES[name] for name in names]
     with mpl.rc_context(RC):
         band = BAND if title(dataset) else 0.0

@@ -102,7 +102,6 @@ class AugmentedLagrangian(AbstractSearch):
 
     @property
     def most_steps(self) -> Int[Array | np.ndarray, ""]:
-        """Steps after which a search ends in any case."""
         return self.rounds * (self.inner_steps + 1)
 
     def unstarted(self, tasks: Task, z: Any) -> State:
@@ -133,7 +132,7 @@ class AugmentedLagrangian(AbstractSearch):
             effort=none,
         )
 
-    def proceed(self, tasks: Task, which: Present, states: State, most_steps: int | Int[Array, ""]) -> State:
+    def proceed(self, tasks: Task, which: Present, states: State, most_steps: Int[Array | np.ndarray, ""]) -> State:
         def going(s: State) -> Bool[Array, " batch"]:
             return ~s.done & (s.steps < most_steps)
 

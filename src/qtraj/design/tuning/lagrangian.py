@@ -15,8 +15,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from qtraj.design.tuning.constraints import Setting, slopes, values
+from qtraj.design.tuning.constraints import Setting, values
 from qtraj.design.tuning.curves import changes
+from qtraj.design.tuning.expansions import slopes
 from qtraj.design.tuning.model import setting
 from qtraj.design.tuning.peaks import ABSENT, PEAKS, TOO_MUCH, Peaks, find_peaks, hand_over
 from qtraj.design.tuning.problem import Variables

@@ -11,8 +11,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from qtraj.design.tuning.constraints import Setting, expansions, slopes, values
+from qtraj.design.tuning.constraints import Setting, values
 from qtraj.design.tuning.curves import Changes, changes, curve
+from qtraj.design.tuning.expansions import expansions, slopes
 from qtraj.design.tuning.peaks import ABSENT, NODES, PEAKS, Peaks
 from qtraj.design.tuning.problem import Problem, Variables
 from qtraj.design.tuning.task import SLOTS, Present, Task

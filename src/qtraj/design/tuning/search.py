@@ -35,14 +35,18 @@ class AbstractSearch(eqx.Module):
     """
 
     stages: ClassVar[tuple[int, ...]]
-    most_steps: eqx.AbstractVar[Int[Array | np.ndarray, ""]]
+
+    @property
+    @abc.abstractmethod
+    def most_steps(self) -> Int[Array | np.ndarray, ""]:
+        """Steps after which a search ends in any case."""
 
     @abc.abstractmethod
     def unstarted(self, tasks: Task, z: Any) -> Any:
         """Searches from `z` before their first step; in NumPy arrays for NumPy arrays."""
 
     @abc.abstractmethod
-    def proceed(self, tasks: Task, which: Present, states: Any, most_steps: int | Int[Array, ""]) -> Any:
+    def proceed(self, tasks: Task, which: Present, states: Any, most_steps: Int[Array | np.ndarray, ""]) -> Any:
         """The searches after further steps, until each is done or has taken `most_steps`."""
 
     @abc.abstractmethod

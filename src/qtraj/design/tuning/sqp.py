@@ -46,15 +46,19 @@ STATIONARY = 1e-6
 
 
 class SequentialQuadratic(AbstractSearch):
-    """The search "sqp"; `most_steps` are quadratic steps."""
+    """The search "sqp"; `max_steps` are quadratic steps."""
 
     stages: ClassVar[tuple[int, ...]] = (5, 8, 12, 18, 28, 48, 80)
-    most_steps: Int[Array | np.ndarray, ""] = eqx.field(converter=whole)
+    max_steps: Int[Array | np.ndarray, ""] = eqx.field(converter=whole)
+
+    @property
+    def most_steps(self) -> Int[Array | np.ndarray, ""]:
+        return self.max_steps
 
     def unstarted(self, tasks: Task, z: Any) -> "State":
         return unstarted(tasks.low, tasks.high, tasks.weight, z)
 
-    def proceed(self, tasks: Task, which: Present, states: "State", most_steps: int | Int[Array, ""]) -> "State":
+    def proceed(self, tasks: Task, which: Present, states: "State", most_steps: Int[Array | np.ndarray, ""]) -> "State":
         return proceed(tasks, which, states, most_steps)
 
     def ended(self, tasks: Task, states: "State", xp: Any) -> tuple[Found, Any]:
@@ -117,7 +121,7 @@ def unstarted(low: Any, high: Any, weight: Any, z: Any) -> State:
     )
 
 
-def proceed(tasks: Task, which: Present, states: State, most_steps: int | Int[Array, ""]) -> State:
+def proceed(tasks: Task, which: Present, states: State, most_steps: Int[Array | np.ndarray, ""]) -> State:
     """Steps of searches side by side (a batch in front) until each is done or has taken `most_steps`."""
 
     def going(s: State) -> Bool[Array, " batch"]:
