@@ -11,7 +11,7 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from qtraj.algebra import bernstein
+from qtraj.algebra import chebyshev_model
 
 Component = Array | int
 Triple = tuple[Any, Any, Any]
@@ -42,14 +42,14 @@ def dot(a: Any, b: Any) -> Any:
     """a·b of two triples, of two vectors (3,), or of two vectors of polynomials."""
     if isinstance(a, tuple):
         return total([times(x, y) for x, y in zip(a, b, strict=True)])
-    return bernstein.dot(a, b) if isinstance(a, bernstein.Bernstein) else a @ b
+    return chebyshev_model.dot(a, b) if isinstance(a, chebyshev_model.ChebyshevModel) else a @ b
 
 
 def cross(a: Any, b: Any) -> Any:
     """a × b of two triples, of two vectors (3,), or of two vectors of polynomials."""
     if isinstance(a, tuple):
         return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-    return bernstein.cross(a, b) if isinstance(a, bernstein.Bernstein) else jnp.cross(a, b)
+    return chebyshev_model.cross(a, b) if isinstance(a, chebyshev_model.ChebyshevModel) else jnp.cross(a, b)
 
 
 def scaled(a: Triple, factor: Array) -> Triple:
