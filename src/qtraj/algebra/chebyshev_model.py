@@ -77,26 +77,17 @@ class ChebyshevModel(eqx.Module):
     def __mul__(self, other: "ChebyshevModel") -> "ChebyshevModel":
         return _product(self, other)
 
+    def __matmul__(self, other: "ChebyshevModel") -> "ChebyshevModel":
+        """The scalar product of two vectors."""
+        return _dot(self, other)
+
+    def cross(self, other: "ChebyshevModel") -> "ChebyshevModel":
+        """The vector product of two vectors (3,)."""
+        return _cross(self, other)
+
     def __rmul__(self, factor: int) -> "ChebyshevModel":
         """Times a power of two, or −1, which rounds nothing."""
         return ChebyshevModel(factor * self.values, *(abs(factor) * x for x in (self.size, self.error, self.bound)))
-
-
-@jax.jit
-def dot(p: ChebyshevModel, q: ChebyshevModel) -> ChebyshevModel:
-    """p·q of two vectors."""
-    terms = p.values * q.values
-    values = terms[0]
-    for term in terms[1:]:
-        values = values + term
-    return _of_products(values, p, q, terms.shape[0])
-
-
-@jax.jit
-def cross(p: ChebyshevModel, q: ChebyshevModel) -> ChebyshevModel:
-    """p×q of two vectors (3,)."""
-    (px, py, pz), (qx, qy, qz) = p.values, q.values
-    return _of_products(jnp.stack([py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx]), p, q, 2)
 
 
 @jax.jit
@@ -138,6 +129,21 @@ def _of_products(values: Array, p: ChebyshevModel, q: ChebyshevModel, terms: int
     error = after(terms * inherited, terms * terms, size)
     found = size * SLACK + FLOOR if terms == 1 else largest(values)
     return ChebyshevModel(values, found, error, terms * p.bound * q.bound * SLACK)
+
+
+@jax.jit
+def _dot(p: ChebyshevModel, q: ChebyshevModel) -> ChebyshevModel:
+    terms = p.values * q.values
+    values = terms[0]
+    for term in terms[1:]:
+        values = values + term
+    return _of_products(values, p, q, terms.shape[0])
+
+
+@jax.jit
+def _cross(p: ChebyshevModel, q: ChebyshevModel) -> ChebyshevModel:
+    (px, py, pz), (qx, qy, qz) = p.values, q.values
+    return _of_products(jnp.stack([py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx]), p, q, 2)
 
 
 @jax.jit

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 
 from qtraj.foundation import units
@@ -69,7 +70,11 @@ class PathQuantity:
 
 def ratio(part: Any, whole: Any) -> Any:
     """part/whole of numbers; 0/0 is 0, and anything else over 0 is infinite, with zero gradient there."""
-    part, whole = jnp.asarray(part), jnp.asarray(whole)
+    return _ratio(jnp.asarray(part), jnp.asarray(whole))
+
+
+@jax.jit
+def _ratio(part: Any, whole: Any) -> Any:
     positive = whole > 0
     found = part / jnp.where(positive, whole, 1.0)
     return jnp.where(positive, found, jnp.where(part > 0, jnp.inf, 0.0))
@@ -99,6 +104,7 @@ def _yaw_acceleration_square(i: Invariants) -> Any:
     return _square(u * (i.P1 - i.P * (ratio(i.B, i.S) + ratio(i.G, i.H))))
 
 
+@jax.jit
 def _inverse_root(x: Any) -> Any:
     positive = x > 0
     return jnp.where(positive, jnp.where(positive, x, 1.0) ** -0.5, 0.0)

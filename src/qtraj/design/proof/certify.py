@@ -14,10 +14,9 @@ from jaxtyping import Array, Float
 from qtraj.algebra.quaternion import conjugate, rotate
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import Certificate
-from qtraj.design.proof.inequalities import Parts, parts
+from qtraj.design.proof.inequalities import Parts, Vectors, parts
 from qtraj.design.proof.judge import COUNT, LIMITS, Along, Findings, Scale, judge, present
 from qtraj.foundation import cores
-from qtraj.path.components import Triple
 from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials
@@ -182,11 +181,12 @@ def _of_known(source: Known) -> tuple[Along, Scale, Array, Parts]:
     w, x, y, z = source.orientation.T
     vertical = jax.vmap(lambda q: rotate(conjugate(q), jnp.asarray([0.0, 0.0, 1.0], q.dtype)))(source.orientation).T
 
-    def up(s: Array) -> Triple:
+    @jax.jit
+    def up(s: Array) -> Vectors:
         t, angle = known.unit * (s + 1), jnp.zeros_like(s)
         for c in side.angle[::-1]:
             angle = angle * t + c
-        return turned(vertical[:, None], angle)
+        return Vectors(jnp.stack(jnp.broadcast_arrays(*turned(vertical[:, None], angle))))
 
     def along(s: Array, order: int, upright: bool) -> Invariants:
         derivatives = [None, *(r.at(s) for r in known.derivatives[:order])]
@@ -208,7 +208,7 @@ def _of_curves(paths: AbstractHodograph) -> tuple[Along, Scale, Array, None]:
 
         rows = jax.vmap(of_path, (0, 1), 2)(arrays, unit[None] * (s + 1))  # (instants, order + 1, path, 3)
         scaled = [rows[:, k] * (unit**k)[None, :, None] for k in range(order + 1)]
-        return Invariants([(r[..., 0], r[..., 1], r[..., 2]) for r in scaled])
+        return Invariants([Vectors(jnp.moveaxis(r, -1, 0)) for r in scaled])
 
     return along, Scale(jnp.ones_like(unit), unit), jnp.ones(unit.shape, bool), None
 

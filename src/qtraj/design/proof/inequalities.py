@@ -23,16 +23,26 @@ from qtraj.path.frenet import Invariants
 from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.quantity import QUANTITIES, PathQuantity
 
-DIVISORS = ("speed", "cross_norm", "level")
-"""What quantities divide by: S, N = |r'×r''|², and the square H of the horizontal speed."""
-
-ENTRIES = (*QUANTITIES.values(), *DIVISORS)
-"""What can be judged, by its index."""
-
 ORDER = 4
 
 UNDERFLOW = 2.0**-500
 """What underflow can do to a derivative, in units of the length: as long as that is no smaller [m]."""
+
+
+class Vectors(eqx.Module):
+    """Vectors at many instants, worked out in numbers."""
+
+    values: Float[Array, "3 instants paths"]
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.values[index] if isinstance(index, int) else Vectors(self.values[index])
+
+    def __matmul__(self, other: "Vectors") -> Array:
+        return _scalar_product(self.values, other.values)
+
+    def cross(self, other: "Vectors") -> "Vectors":
+        """The vector product."""
+        return Vectors(_vector_product(self.values, other.values))
 
 
 class Derivative(eqx.Module):
@@ -49,9 +59,9 @@ class Derivative(eqx.Module):
         """It in cells `centre` ± `half` of [−1, 1], which must be exact in binary: powers of a half width are, too."""
         return _shifted(self, centre, half)
 
-    def at(self, s: Cells) -> tuple[Array, Array, Array]:
-        """Its components at instants s."""
-        return _valued(self.coefficients, s)
+    def at(self, s: Cells) -> Vectors:
+        """Its values at instants s."""
+        return Vectors(_valued(self.coefficients, s))
 
 
 class Parts(eqx.Module):
@@ -76,7 +86,7 @@ def parts(path: MovingPolynomials, duration: PerPath) -> Parts:
     bounds = _derivatives(*(_centred(jnp.abs(c)) for c in (*lengths, scaled[3])), 1.0)
     degrees = [c.shape[0] - 1 for c in scaled]
     normal = _normal(unit) & _normal(unit ** max(degrees)) & (length > UNDERFLOW) & (length < 1 / UNDERFLOW)
-    found = []
+    found: list[Derivative] = []
     for order, (a, bound) in enumerate(zip(exact, bounds, strict=True), start=1):
         count = _roundings(max(degrees[:3]), degrees[3], order) + 2 * a.shape[AXIS]
         size = jnp.max(jnp.sum(bound, axis=AXIS), axis=0)
@@ -85,26 +95,11 @@ def parts(path: MovingPolynomials, duration: PerPath) -> Parts:
     return Parts(found, length, unit)
 
 
-def slack(entry: PathQuantity) -> Callable[..., ChebyshevModel]:
+def slack(entry: PathQuantity, i: Invariants, bound: tuple[Array, Array]) -> ChebyshevModel:
     """limit² · denominator − numerator in cells: the limit holds where this is not negative."""
-
-    def build(parts: Parts, bound: tuple[Array, Array], centre: Cells, half: Cells) -> ChebyshevModel:
-        i = invariants_on(parts, centre, half, entry.order)
-        numerator = entry.numerator(i)
-        denominator = one(numerator) if entry.denominator is None else entry.denominator(i)
-        return multiple(denominator, *bound) - numerator
-
-    return build
-
-
-def divisor(which: str) -> Callable[..., ChebyshevModel]:
-    """What quantities divide by, in cells."""
-
-    def build(parts: Parts, _: Any, centre: Cells, half: Cells) -> ChebyshevModel:
-        i = invariants_on(parts, centre, half, 2)
-        return {"speed": lambda: i.S, "cross_norm": lambda: i.N, "level": lambda: i.H}[which]()
-
-    return build
+    numerator = entry.numerator(i)
+    denominator = _one(numerator) if entry.denominator is None else entry.denominator(i)
+    return multiple(denominator, *bound) - numerator
 
 
 def squared_bound(limit: PerPath, scale: PerPath) -> tuple[Array, Array]:
@@ -140,11 +135,11 @@ def _shifted(r: Derivative, centre: Cells, half: Cells) -> ChebyshevModel:
 
 
 @jax.jit
-def _valued(coefficients: Float[Array, "3 k 1 paths"], s: Cells) -> tuple[Array, Array, Array]:
+def _valued(coefficients: Float[Array, "3 k 1 paths"], s: Cells) -> Array:
     found = coefficients[:, -1] + jnp.zeros_like(s)[None]
     for k in reversed(range(coefficients.shape[AXIS] - 1)):
         found = found * s[None] + coefficients[:, k]
-    return found[0], found[1], found[2]
+    return found
 
 
 @jax.jit
@@ -211,9 +206,10 @@ def _normal(x: Array) -> Bool[Array, " paths"]:
 
 
 def _power_of_two(size: PerPath) -> PerPath:
-    positive = (size > 0) & jnp.isfinite(size)
-    _, exponent = jnp.frexp(jnp.where(positive, size, 1.0))
-    return jnp.ldexp(jnp.ones_like(size), exponent)
+    """The greatest that does not exceed `size`; 1 where that is not positive and finite."""
+    exponent = jax.lax.bitcast_convert_type(size, jnp.int64) & 0x7FF0000000000000
+    found = jax.lax.bitcast_convert_type(exponent, size.dtype)
+    return jnp.where((found > 0) & (found < jnp.inf), found, 1.0)
 
 
 def _binomials(n: int) -> np.ndarray:
@@ -234,7 +230,22 @@ def _convolved(p: Float[Array, "m 1 paths"], q: Float[Array, "n 1 paths"]) -> Ar
     return sum(terms[1:], terms[0])
 
 
-def one(like: ChebyshevModel) -> ChebyshevModel:
+def _one(like: ChebyshevModel) -> ChebyshevModel:
     """The constant 1."""
     ones = jnp.ones_like(like.error)
     return ChebyshevModel(jnp.ones_like(like.values), ones, 0.0 * ones, ones)
+
+
+@jax.jit
+def _scalar_product(a: Array, b: Array) -> Array:
+    terms = a * b
+    found = terms[0]
+    for term in terms[1:]:
+        found = found + term
+    return found
+
+
+@jax.jit
+def _vector_product(a: Array, b: Array) -> Array:
+    (ax, ay, az), (bx, by, bz) = a, b
+    return jnp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])

@@ -5,6 +5,7 @@ evaluates the quantity. Neither index is ever batched, so that a switch is a bra
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -13,19 +14,24 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.algebra.cells import PerPath
+from qtraj.algebra.chebyshev_model import ChebyshevModel
 from qtraj.algebra.positivity import NEGATIVE, OPEN, POSITIVE, Answer, positive
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED
-from qtraj.design.proof.inequalities import DIVISORS, Parts, divisor, slack, squared_bound
+from qtraj.design.proof.inequalities import ORDER, Parts, slack, squared_bound
 from qtraj.design.proof.search import highest
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import QUANTITIES, PathQuantity
-from qtraj.path.regularity import regularity
+from qtraj.path.regularity import Regularity, regularity
 
 GAP = 1e-9
 """A relative speed or bend that is not proved positive, and below this at its least, cannot be told from zero."""
 
 CHUNKS = (8, 35)
 """Of 30 intervals in which the largest value is sought: beside a proof, and where it has to stand for one."""
+
+DIVISORS = ("S", "N", "H")
+SIZES = ("speed", "cross_norm", "level")
+"""What quantities divide by, among the invariants and among the measures of regularity."""
 
 LIMITS = tuple(QUANTITIES.values())
 COUNT = len(LIMITS)
@@ -36,10 +42,34 @@ NONE = ROWS
 """The row of what does not exist: the divisor of a quantity that has none."""
 
 TIMES = 1 + max(entry.per_time for entry in LIMITS)
-UNITS = np.array([(entry.length + 1) * TIMES + entry.per_time for entry in LIMITS] + [TIMES] * len(DIVISORS))
-UPRIGHT = np.array([entry.upright for entry in LIMITS] + [which == "level" for which in DIVISORS])
-DIVISOR = np.array([COUNT + DIVISORS.index(entry.divisor) if entry.divisor else NONE for entry in LIMITS] + [NONE] * 3)
-PIECES = np.array([4 if entry.name in ("angular_acceleration",) else 1 for entry in LIMITS] + [1] * 3)
+ORDERS = [*(entry.order for entry in LIMITS), 1, 2, 1]
+PLACES = [ORDERS[:k].count(order) for k, order in enumerate(ORDERS)]
+"""Among those that need as many derivatives: these are worked out once for all of them."""
+
+
+class Entry(NamedTuple):
+    """What the loop knows of a row: all whole numbers, read from one table."""
+
+    unit: Any
+    upright: Any
+    divisor: Any
+    pieces: Any
+    order: Any
+    place: Any
+
+
+def _entries() -> np.ndarray:
+    rows = []
+    for k, x in enumerate(LIMITS):
+        unit = (x.length + 1) * TIMES + x.per_time
+        below = COUNT + SIZES.index(x.divisor) if x.divisor else NONE
+        rows.append(Entry(unit, x.upright, below, 1 + 3 * (x.order == 4), ORDERS[k], PLACES[k]))
+    for k in range(COUNT, ROWS):
+        rows.append(Entry(TIMES, k == ROWS - 1, NONE, 1, ORDERS[k], PLACES[k]))
+    return np.array(rows, np.int32)
+
+
+ENTRIES = _entries()
 
 Along = Callable[[Float[Array, "instants paths"], int, bool], Invariants]
 """(instants in [−1, 1], order, whether they refer to the vertical) → the invariants there, in units of `Scale`."""
@@ -63,7 +93,7 @@ class Findings(NamedTuple):
 def present(names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
     """The indices of what is judged, divisors first and filled up with zeros, and their number."""
     given = [k for k, entry in enumerate(LIMITS) if entry.name in names]
-    needed = sorted({int(DIVISOR[k]) for k in given} - {NONE})
+    needed = sorted({int(Entry(*ENTRIES[k]).divisor) for k in given} - {NONE})
     index = np.zeros(ROWS, np.int32)
     index[: len(needed) + len(given)] = needed + given
     return index, np.asarray(len(needed) + len(given), np.int32)
@@ -85,11 +115,12 @@ def judge(
     units = _units(scale)
 
     def step(k: Array, found: Findings) -> Findings:
-        which = index[k]
-        below = Findings(*(x[jnp.asarray(DIVISOR)[which]] for x in found))
-        bound, unit = limits[jnp.minimum(which, COUNT - 1)], units[jnp.asarray(UNITS)[which]]
-        provable = (upright | ~jnp.asarray(UPRIGHT)[which]) & (parts is not None)
-        answer = _proof(parts, which, squared_bound(bound, unit), paths, dtype)
+        which = _row(index, k)
+        entry = Entry(*_row(jnp.asarray(ENTRIES), which))
+        below = Findings(*(_row(x, entry.divisor) for x in found))
+        bound, unit = _row(limits, jnp.minimum(which, COUNT - 1)), _row(units, entry.unit)
+        provable = (upright | (entry.upright == 0)) & (parts is not None)
+        answer = _proof(parts, entry, squared_bound(bound, unit), paths, dtype)
         chunks = jnp.where(jnp.all(provable), *CHUNKS)
         chunks = jnp.where((which >= COUNT) & jnp.all(provable & (answer.code == POSITIVE)), 0, chunks)
         hints = jnp.stack([answer.at, jnp.clip(below.times / scale.time - 1, -1.0, 1.0), answer.at])
@@ -107,7 +138,7 @@ def judge(
         code = jnp.where(which < COUNT, code, jnp.where(provable & proved, PROVED, seen))
         time = jnp.where(undefined, below.times, (at + 1) * scale.time)
         row = Findings(code.astype(jnp.int32), time, jnp.where(undefined, jnp.nan, value))
-        return Findings(*(x.at[which].set(y) for x, y in zip(found, row, strict=True)))
+        return Findings(*(jax.lax.dynamic_update_index_in_dim(x, y, which, 0) for x, y in zip(found, row, strict=True)))
 
     return jax.lax.fori_loop(0, count, step, start)
 
@@ -121,23 +152,41 @@ def _units(scale: Scale) -> Float[Array, "units paths"]:
     return jnp.stack([a * b for a in lengths for b in times])
 
 
-def _proof(parts: Parts | None, which: Array, bound: tuple[Array, Array], paths: tuple[int, ...], dtype: Any) -> Answer:
+def _row(x: Array, k: Array) -> Array:
+    return jax.lax.dynamic_index_in_dim(x, k, keepdims=False)
+
+
+def _proof(parts: Parts | None, entry: Entry, bound: tuple[Array, Array], paths: tuple[int, ...], dtype: Any) -> Answer:
     if parts is None:
         nothing = jnp.zeros(paths, dtype)
         return Answer(jnp.full(paths, OPEN, jnp.int32), nothing, nothing, nothing)
-    builds = [*(slack(entry) for entry in LIMITS), *(divisor(name) for name in DIVISORS)]
-    return positive(
-        lambda centre, half: jax.lax.switch(which, builds, parts, bound, centre, half), *paths, dtype, jnp.asarray(PIECES)[which]
-    )
+    slacks = [*(partial(slack, x) for x in LIMITS), *(partial(_divisor, name) for name in DIVISORS)]
+
+    def of_order(order: int) -> Callable[[Array, Array], ChebyshevModel]:
+        builds = [build for build, needed in zip(slacks, ORDERS, strict=True) if needed == order]
+
+        def build(centre: Array, half: Array) -> ChebyshevModel:
+            derivatives = [r.on(centre, half) for r in parts.derivatives[:order]]
+            chosen = [lambda r, build=build: build(Invariants([None, *r]), bound) for build in builds]
+            return jax.lax.switch(entry.place, chosen, derivatives)
+
+        return build
+
+    branches = [of_order(order) for order in range(1, ORDER + 1)]
+    return positive(lambda *cell: jax.lax.switch(entry.order - 1, branches, *cell), *paths, dtype, entry.pieces)
+
+
+def _divisor(name: str, i: Invariants, bound: tuple[Array, Array]) -> ChebyshevModel:
+    return getattr(i, name)
 
 
 def _squares(along: Along, which: Array, s: Float[Array, "instants paths"]) -> Float[Array, "instants paths"]:
     """The square of a quantity; of a divisor its relative size, negative."""
 
-    def of_limit(entry: PathQuantity) -> Callable[[Array], Array]:
-        return lambda s: jnp.broadcast_to(entry.squared(along(s, entry.order, entry.upright)), s.shape)
+    @jax.jit
+    def sizes(s: Array) -> Regularity:
+        return regularity(along(s, 3, True), jnp.asarray(2.0, s.dtype))
 
-    def of_divisor(name: str) -> Callable[[Array], Array]:
-        return lambda s: -getattr(regularity(along(s, 3, name == "level"), jnp.asarray(2.0, s.dtype)), name)
-
-    return jax.lax.switch(which, [*map(of_limit, LIMITS), *map(of_divisor, DIVISORS)], s)
+    limits = [lambda s, x=x: jnp.broadcast_to(x.squared(along(s, x.order, x.upright)), s.shape) for x in LIMITS]
+    divisors = [lambda s, name=name: -getattr(sizes(s), name) for name in SIZES]
+    return jax.lax.switch(which, limits + divisors, s)
