@@ -12,15 +12,15 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from qtraj.algebra.chebyshev_model import REACH, SLACK, TINY, ChebyshevModel, interpolated
 
 CELLS = 8
 """Cells of a round: a power of two, so that their borders are exact in binary."""
 
-ROUNDS = 24
-"""The last cells to be judged are 2⁻²⁶ of the interval wide."""
+FINEST = 2.0**-26
+"""Of the interval: what is undecided in cells so narrow, or narrower, stays open."""
 
 NEWTON_STEPS = 4
 
@@ -48,31 +48,33 @@ def reach(half: Cells) -> Cells:
 def minimum(c: Float[Array, "k cells paths"], error: Cells) -> Enclosure:
     """The least value in each cell of functions within `error` of polynomials, enclosed without dividing the cell."""
     eps, count = float(np.finfo(c.dtype).eps), c.shape[0]
-    c0, c1, c2 = c[0], c[1], c[2]
     k = jnp.arange(count, dtype=c.dtype)[:, None, None]
-    sizes = jnp.abs(c)
-    size, steepness = jnp.sum(sizes, axis=0), jnp.sum(k * sizes, axis=0)
-    # Below the quadratic c0 − |c1|·x + c2·x², x ∈ [0, 1], there are only the other terms.
-    bowl = c2 > 0
-    x = jnp.where(bowl, jnp.minimum(jnp.abs(c1) / jnp.where(bowl, 2 * c2, 1.0), 1.0), 1.0)
-    others = jnp.sum(jnp.where(k > 2, sizes, 0.0), axis=0)
-    low = c0 - x * (jnp.abs(c1) - c2 * x) - others
-    slopes = jnp.sum(jnp.where(k > 1, k * sizes, 0.0), axis=0) * SLACK
-    monotone, start = jnp.abs(c1) >= slopes, -jnp.sign(c1)
-    start = jnp.where(monotone, start, start * x)
+    sizes, slopes, bends = jnp.abs(c), k * c, (k * (k - 1)) * c
+    size, steepness = jnp.sum(sizes, axis=0), jnp.sum(jnp.abs(slopes), axis=0)
+    low, start = _below(c)
+    sign = jnp.where(c[1] < 0, -1.0, 1.0)
+    monotone = _below(sign[None] * slopes[1:])[0] >= (1 - 1 / SLACK) * steepness
+    convex = _below(bends[2:])[0] >= (1 - 1 / SLACK) * jnp.sum(jnp.abs(bends), axis=0)
     u = jax.lax.fori_loop(0, NEWTON_STEPS, lambda _, u: _newton_step(c, u), start)
-    u = jnp.where(monotone, start, u)
+    u = jnp.where(monotone, -sign, u)
     value, slope, _ = _evaluated(c, u)
     rounding = 2 * count * eps * size
     slope_bound = jnp.abs(slope) + 2 * count * eps * steepness
     tangent = value - rounding - slope_bound * (1 + jnp.abs(u)) * SLACK
-    convex = 2 * c2 >= jnp.sum(jnp.where(k > 2, k * (k - 1) * sizes, 0.0), axis=0) * SLACK
     error = (error + rounding + (count + 8) * eps * size) * SLACK + TINY
     low = jnp.maximum(low, jnp.where(monotone, value - rounding, jnp.where(convex, tangent, -jnp.inf))) - error
-    middle = c0 < value
-    high, at = jnp.where(middle, c0, value) + error, jnp.where(middle, 0.0, u)
+    middle = c[0] < value
+    high, at = jnp.where(middle, c[0], value) + error, jnp.where(middle, 0.0, u)
     # What overflowed is not known: NaN must not pass for a bound.
     return Enclosure(jnp.where(jnp.isnan(low), -jnp.inf, low), jnp.where(jnp.isnan(high), jnp.inf, high), at)
+
+
+@jax.jit
+def _below(c: Float[Array, "k cells paths"]) -> tuple[Cells, Cells]:
+    """Where the quadratic part is least on [−1, 1], less the magnitudes of all other coefficients; and where that is."""
+    bowl, steep = c[2] > 0, jnp.abs(c[1])
+    x = jnp.where(bowl, jnp.minimum(steep / jnp.where(bowl, 2 * c[2], 1.0), 1.0), 1.0)
+    return c[0] - x * (steep - c[2] * x) - jnp.sum(jnp.abs(c[3:]), axis=0), -jnp.sign(c[1]) * x
 
 
 class Front(eqx.Module):
@@ -90,12 +92,11 @@ class Front(eqx.Module):
     high: PerPath
     at: PerPath
     open: Bool[Array, " paths"]
-    round: Int[Array, ""]
 
     @property
     def undecided(self) -> Bool[Array, " paths"]:
-        """Whether there are cells left to judge, and rounds to do it in."""
-        return jnp.any(self.active, axis=0) & ~self.open & (self.round < ROUNDS)
+        """Whether there are cells left to judge."""
+        return jnp.any(self.active & (self.half > FINEST), axis=0) & ~self.open
 
 
 def undivided(paths: int, dtype: np.dtype, piece: Array | int = 0, pieces: Array | int = 1) -> Front:
@@ -113,37 +114,43 @@ def undivided(paths: int, dtype: np.dtype, piece: Array | int = 0, pieces: Array
         high=infinite,
         at=jnp.zeros_like(infinite),
         open=jnp.zeros((paths,), bool),
-        round=jnp.asarray(0),
     )
 
 
 def judged(build: Build, front: Front) -> Front:
-    """One round: enclose every cell, and keep those that may hold a value below zero as two halves each."""
+    """One round: enclose every cell, and divide those that may hold a value below zero.
+
+    One cell is divided into all that there is space for, four of them into halves.
+    """
     found = minimum(*interpolated(build(front.centre, front.half), reach(front.half)))
     low, high = (jnp.where(front.active, x, jnp.inf) for x in (found.low, found.high))
     lowest = jnp.min(high, axis=0)
     first = jnp.min(jnp.where(high == lowest[None], front.centre + front.half * found.at, 2.0), axis=0)
     better = lowest < front.high
     undecided = front.active & ~(low > 0)
-    space = CELLS // 2
     place = jnp.cumsum(undecided, axis=0)
-    overfull = place[-1] > space
-    chosen = undecided[None] & (place[None] == jnp.arange(1, space + 1)[:, None, None])
+    number = place[-1]
+    parts = jnp.where(number == 1, CELLS, jnp.where(number == 2, CELLS // 2, CELLS // 4))[None]
+    cell = jnp.arange(CELLS, dtype=place.dtype)[:, None]
+    source = cell // parts
+    chosen = undecided[None] & (place[None] == source[:, None] + 1)
+    overfull = number > CELLS // 2
 
-    def halves(x: Cells) -> Cells:
-        return jnp.tile(jnp.sum(jnp.where(chosen, x[None], 0.0), axis=1), (2, 1))
+    def divided(x: Cells) -> Cells:
+        return jnp.sum(jnp.where(chosen, x[None], 0.0), axis=1)
 
-    half = 0.5 * halves(front.half)
+    half = divided(front.half)
+    offset = (2 * (cell - source * parts) + 1 - parts).astype(half.dtype)
+    smaller = half / parts.astype(half.dtype)
     return Front(
-        centre=halves(front.centre) + half * jnp.repeat(jnp.asarray([-1.0, 1.0], half.dtype), space)[:, None],
-        half=half,
-        floor=halves(low),
-        active=jnp.tile(jnp.any(chosen, axis=1), (2, 1)),
+        centre=divided(front.centre) + smaller * offset,
+        half=smaller,
+        floor=divided(low),
+        active=jnp.any(chosen, axis=1),
         low=jnp.minimum(front.low, jnp.min(jnp.where(undecided & ~overfull[None], jnp.inf, low), axis=0)),
         high=jnp.where(better, lowest, front.high),
         at=jnp.where(better, first, front.at),
         open=front.open | overfull,
-        round=front.round + 1,
     )
 
 

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-NODES = 12
+NODES = 10
 
 SLACK = 1 + 2.0**-40
 TINY = 2.0**-1000
@@ -106,7 +106,7 @@ def interpolated(p: ChebyshevModel, reach: Float[Array, "cells paths"]) -> tuple
     eps = float(np.finfo(p.values.dtype).eps)
     a = _applied(TO_CHEBYSHEV, p.values)
     # Of a coefficient of T_k: NODES + 2 roundings of terms below 2/NODES · size, and the nodes' own.
-    rounding = eps * NODES * (NODES + 5) * p.size
+    rounding = eps * NODES * (NODES + 5) * largest(p.values)
     weights = jnp.asarray(np.sum(np.abs(TO_POWERS), axis=0), a.dtype)[:, None, None]
     conversion = eps * NODES * jnp.sum(weights * jnp.abs(a), axis=0)
     elsewhere = ELSEWHERE * jax.lax.integer_pow(1 / reach, NODES) * p.bound
@@ -153,8 +153,8 @@ def _product(p: ChebyshevModel, q: ChebyshevModel) -> ChebyshevModel:
 
 @jax.jit
 def _sum(p: ChebyshevModel, q: ChebyshevModel) -> ChebyshevModel:
-    values, error = p.values + q.values, after(p.error + q.error, 1, p.size + q.size)
-    return ChebyshevModel(values, largest(values), error, (p.bound + q.bound) * SLACK)
+    size = (p.size + q.size) * SLACK
+    return ChebyshevModel(p.values + q.values, size, after(p.error + q.error, 1, size), (p.bound + q.bound) * SLACK)
 
 
 def _applied(matrix: np.ndarray, x: Float[Array, "k cells paths"]) -> Float[Array, "k cells paths"]:

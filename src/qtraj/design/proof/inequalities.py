@@ -82,12 +82,14 @@ def parts(path: MovingPolynomials, duration: PerPath) -> Parts:
     sizes = jnp.stack([jnp.max(jnp.abs(c[:, 0]), axis=0) for c in scaled[:3]])
     length = _power_of_two(jnp.max(sizes, axis=0))
     lengths = [c / length[None, None] for c in scaled[:3]]
-    exact = _derivatives(*(_centred(c) for c in (*lengths, scaled[3])), -1.0)
-    bounds = _derivatives(*(_centred(jnp.abs(c)) for c in (*lengths, scaled[3])), 1.0)
+    # The magnitudes of all coefficients go along, as further paths: what is summed up bounds what is rounded.
+    both = [_centred(jnp.concatenate([c, jnp.abs(c)], axis=-1)) for c in (*lengths, scaled[3])]
+    signs = jnp.concatenate([jnp.full_like(unit, -1.0), jnp.ones_like(unit)])
     degrees = [c.shape[0] - 1 for c in scaled]
     normal = _normal(unit) & _normal(unit ** max(degrees)) & (length > UNDERFLOW) & (length < 1 / UNDERFLOW)
     found: list[Derivative] = []
-    for order, (a, bound) in enumerate(zip(exact, bounds, strict=True), start=1):
+    for order, rows in enumerate(_derivatives(*both, signs), start=1):
+        a, bound = jnp.split(rows, 2, axis=-1)
         count = _roundings(max(degrees[:3]), degrees[3], order) + 2 * a.shape[AXIS]
         size = jnp.max(jnp.sum(bound, axis=AXIS), axis=0)
         error = after(jnp.full_like(size, UNDERFLOW), count, size)
@@ -151,13 +153,12 @@ def _shifts(coefficients: Float[Array, "3 k 1 paths"]) -> Array:
     return weights[:, None] * jnp.stack(rows)
 
 
-@jax.jit
-def _derivatives(x: Array, y: Array, z: Array, angle: Array, sign: float) -> list[Array]:
-    """r', r'', …; with `sign` 1 and the magnitudes of all coefficients, bounds on the magnitudes that are summed up."""
+def _derivatives(x: Array, y: Array, z: Array, angle: Array, signs: Array) -> list[Array]:
+    """r', r'', …; of paths whose coefficients are magnitudes and whose sign is 1, bounds on all that is summed up."""
     turning, found = _derived(angle), []
     for _ in range(ORDER):
         across, along = _convolved(turning, y), _convolved(turning, x)
-        x, y, z = _sum(_derived(x), sign * across), _sum(_derived(y), along), _derived(z)
+        x, y, z = _sum(_derived(x), signs[None, None] * across), _sum(_derived(y), along), _derived(z)
         n = max(a.shape[AXIS] for a in (x, y, z)) - 1
         found.append(jnp.stack([_padded(a, n) for a in (x, y, z)]))
     return found

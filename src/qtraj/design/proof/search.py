@@ -11,7 +11,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.cells import PerPath
 
@@ -35,11 +35,11 @@ Function = Callable[[Float[Array, "instants paths"]], Float[Array, "instants pat
 
 
 class Highest(NamedTuple):
-    """The highest value seen, where, and the candidates; `unknown`: some value was not a number."""
+    """The highest value seen, its rank (infinite where it is not a number), where it is, and the candidates."""
 
+    rank: PerPath
     value: PerPath
     at: PerPath
-    unknown: Bool[Array, " paths"]
     heights: Windows
     places: Windows
 
@@ -50,7 +50,7 @@ def highest(function: Function, hints: Windows, chunks: Int[Array, ""]) -> tuple
     With no chunks nothing is evaluated, and the first of the hints is returned.
     """
     none = jnp.full_like(hints[0], -jnp.inf)
-    start = Highest(none, hints[0], jnp.zeros(none.shape, bool), jnp.full_like(hints, -jnp.inf), hints)
+    start = Highest(none, none, hints[0], jnp.full_like(hints, -jnp.inf), hints)
     spacing = 2 / (WINDOWS * (OFFSETS.size - 1) * jnp.maximum(chunks, 1).astype(hints.dtype))
     rounds = jnp.where(chunks > 0, chunks + 1 + POLISHED, 0)
 
@@ -64,7 +64,7 @@ def highest(function: Function, hints: Windows, chunks: Int[Array, ""]) -> tuple
         return _step(function, found, centres, half, first)
 
     found = jax.lax.fori_loop(0, rounds, step, start)
-    return jnp.where(found.unknown, jnp.nan, found.value), found.at
+    return found.value, found.at
 
 
 def _step(function: Function, found: Highest, centres: Windows, half: Array, first: Array) -> Highest:
@@ -74,15 +74,14 @@ def _step(function: Function, found: Highest, centres: Windows, half: Array, fir
     values = jnp.where(jnp.isnan(raw), jnp.inf, raw)
     # A centre is the vertex of the round before: among equals it is where the maximum is.
     centre = jnp.asarray(OFFSETS == 0)[None, :, None] & ~first
-    ranked = values + jnp.where(centre, TIE * float(jnp.finfo(values.dtype).eps) * jnp.abs(values), 0.0)
-    top = jnp.max(ranked, axis=(0, 1), keepdims=True)
-    value, at = (jnp.min(jnp.where(ranked == top, x, jnp.inf), axis=(0, 1)) for x in (values, s))
-    better = top[0, 0] > found.value
+    rank = values + jnp.where(centre, TIE * float(jnp.finfo(values.dtype).eps) * jnp.abs(values), 0.0)
+    best = _largest((rank, raw, s), (0, 1))
+    better = best[0] > found.rank
     heights, places = _vertices(values, s, half * (OFFSETS[1] - OFFSETS[0]))
     kept = jnp.where(first, found.heights, -jnp.inf)
     heights, places = _top(jnp.concatenate([heights, kept]), jnp.concatenate([places, found.places]))
-    unknown = found.unknown | jnp.any(jnp.isnan(raw), axis=(0, 1))
-    return Highest(jnp.where(better, value, found.value), jnp.where(better, at, found.at), unknown, heights, places)
+    own = (jnp.where(better, new, old) for new, old in zip(best, found[:3], strict=True))
+    return Highest(*own, heights, places)
 
 
 def _vertices(f: Array, s: Array, spacing: Array) -> tuple[Windows, Windows]:
@@ -94,8 +93,17 @@ def _vertices(f: Array, s: Array, spacing: Array) -> tuple[Windows, Windows]:
     gain = jnp.where(peak, 0.25 * move * (right - left), 0.0)
     ends = [(0, 0), (1, 1), (0, 0)]
     heights, places = f + jnp.pad(gain, ends), jnp.clip(s + spacing * jnp.pad(move, ends), -1.0, 1.0)
-    top = jnp.max(heights, axis=1)
-    return top, jnp.min(jnp.where(heights == top[:, None], places, jnp.inf), axis=1)
+    return _largest((heights, places), (1,))
+
+
+def _largest(operands: tuple[Array, ...], axes: tuple[int, ...]) -> tuple[Array, ...]:
+    """The largest of the first operand, and what stands in its place in the others; one of equals."""
+
+    def larger(a: tuple[Array, ...], b: tuple[Array, ...]) -> tuple[Array, ...]:
+        return tuple(jnp.where(b[0] > a[0], y, x) for x, y in zip(a, b, strict=True))
+
+    none = jnp.asarray(-jnp.inf, operands[0].dtype)
+    return jax.lax.reduce(operands, (none,) * len(operands), larger, axes)
 
 
 def _top(heights: Float[Array, "n paths"], places: Float[Array, "n paths"]) -> tuple[Windows, Windows]:
