@@ -22,7 +22,7 @@ CELLS = 8
 FINEST = 2.0**-26
 """Of the interval: what is undecided in cells so narrow, or narrower, stays open."""
 
-NEWTON_STEPS = 4
+NEWTON_STEPS = 3
 
 Cells = Float[Array, "cells paths"]
 PerPath = Float[Array, " paths"]

@@ -186,7 +186,7 @@ def _of_known(source: Known) -> tuple[Along, Scale, Array, Parts]:
         t, angle = known.unit * (s + 1), jnp.zeros_like(s)
         for c in side.angle[::-1]:
             angle = angle * t + c
-        return Vectors(jnp.stack(jnp.broadcast_arrays(*turned(vertical[:, None], angle))))
+        return Vectors(turned(vertical[:, None], angle))
 
     def along(s: Array, order: int, upright: bool) -> Invariants:
         derivatives = [None, *(r.at(s) for r in known.derivatives[:order])]
@@ -208,7 +208,7 @@ def _of_curves(paths: AbstractHodograph) -> tuple[Along, Scale, Array, None]:
 
         rows = jax.vmap(of_path, (0, 1), 2)(arrays, unit[None] * (s + 1))  # (instants, order + 1, path, 3)
         scaled = [rows[:, k] * (unit**k)[None, :, None] for k in range(order + 1)]
-        return Invariants([Vectors(jnp.moveaxis(r, -1, 0)) for r in scaled])
+        return Invariants([Vectors((r[..., 0], r[..., 1], r[..., 2])) for r in scaled])
 
     return along, Scale(jnp.ones_like(unit), unit), jnp.ones(unit.shape, bool), None
 

@@ -75,35 +75,35 @@ def _step(function: Function, found: Highest, centres: Windows, half: Array, fir
     # A centre is the vertex of the round before: among equals it is where the maximum is.
     centre = jnp.asarray(OFFSETS == 0)[None, :, None] & ~first
     rank = values + jnp.where(centre, TIE * float(jnp.finfo(values.dtype).eps) * jnp.abs(values), 0.0)
-    best = _largest((rank, raw, s), (0, 1))
-    better = best[0] > found.rank
-    heights, places = _vertices(values, s, half * (OFFSETS[1] - OFFSETS[0]))
+    end = jnp.full_like(values[:, :1], jnp.inf)
+    left, right = jnp.concatenate([end, values[:, :-1]], axis=1), jnp.concatenate([values[:, 1:], end], axis=1)
+    *best, left, right = _largest((rank, raw, s, left, right), 1)
+    heights, places = _vertex(*best, left, right, half * (OFFSETS[1] - OFFSETS[0]))
     kept = jnp.where(first, found.heights, -jnp.inf)
     heights, places = _top(jnp.concatenate([heights, kept]), jnp.concatenate([places, found.places]))
+    best = _largest(tuple(best), 0)
+    better = best[0] > found.rank
     own = (jnp.where(better, new, old) for new, old in zip(best, found[:3], strict=True))
     return Highest(*own, heights, places)
 
 
-def _vertices(f: Array, s: Array, spacing: Array) -> tuple[Windows, Windows]:
-    """Height and place of the highest vertex in each window, or of an end that is higher."""
-    left, middle, right = f[:, :-2], f[:, 1:-1], f[:, 2:]
+def _vertex(rank: Windows, middle: Windows, s: Windows, left: Windows, right: Windows, step: Array) -> tuple[Windows, Windows]:
+    """Height and place of the vertex of the parabola through three values; of the middle where there is none."""
     bend = 2 * middle - left - right
     peak = (middle >= left) & (middle >= right) & (bend > 0) & (bend < jnp.inf)
     move = jnp.where(peak, (right - left) / jnp.where(peak, 2 * bend, 1.0), 0.0)
-    gain = jnp.where(peak, 0.25 * move * (right - left), 0.0)
-    ends = [(0, 0), (1, 1), (0, 0)]
-    heights, places = f + jnp.pad(gain, ends), jnp.clip(s + spacing * jnp.pad(move, ends), -1.0, 1.0)
-    return _largest((heights, places), (1,))
+    height = jnp.where(peak, middle + 0.25 * move * (right - left), rank)
+    return height, jnp.clip(s + step * move, -1.0, 1.0)
 
 
-def _largest(operands: tuple[Array, ...], axes: tuple[int, ...]) -> tuple[Array, ...]:
+def _largest(operands: tuple[Array, ...], axis: int) -> tuple[Array, ...]:
     """The largest of the first operand, and what stands in its place in the others; one of equals."""
 
     def larger(a: tuple[Array, ...], b: tuple[Array, ...]) -> tuple[Array, ...]:
         return tuple(jnp.where(b[0] > a[0], y, x) for x, y in zip(a, b, strict=True))
 
     none = jnp.asarray(-jnp.inf, operands[0].dtype)
-    return jax.lax.reduce(operands, (none,) * len(operands), larger, axes)
+    return jax.lax.reduce(operands, (none,) * len(operands), larger, (axis,))
 
 
 def _top(heights: Float[Array, "n paths"], places: Float[Array, "n paths"]) -> tuple[Windows, Windows]:
