@@ -7,8 +7,10 @@ tuning read it.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 
 from qtraj.foundation import units
@@ -81,7 +83,11 @@ class PathQuantity:
 
 def ratio(part: Any, whole: Any, by: Division = PLAIN) -> Any:
     """part/whole of numbers; 0/0 is 0, and anything else over 0 is infinite, with zero gradient there."""
-    part, whole = jnp.asarray(part), jnp.asarray(whole)
+    return _ratio(jnp.asarray(part), jnp.asarray(whole), by)
+
+
+@partial(jax.jit, static_argnames="by")
+def _ratio(part: Any, whole: Any, by: Division) -> Any:
     positive = whole > 0
     found = by.quotient(part, jnp.where(positive, whole, 1.0))
     return jnp.where(positive, found, jnp.where(part > 0, jnp.inf, 0.0))
@@ -110,6 +116,7 @@ def _yaw_acceleration_square(i: Any, by: Division) -> Any:
     return _square(yaw(i, _inverse_root(i.S, by), _inverse_root(i.H, by))[1])
 
 
+@partial(jax.jit, static_argnames="by")
 def _inverse_root(x: Any, by: Division) -> Any:
     positive = x > 0
     return jnp.where(positive, by.inverse_root(jnp.where(positive, x, 1.0)), 0.0)

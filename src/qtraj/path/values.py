@@ -43,6 +43,11 @@ def up(placement: Placement | None, angle: Array) -> Triple | None:
     if placement is None:
         return None
     zero = jnp.zeros_like(angle)
-    x, y, z = placement.to_local(jnp.stack([zero, zero, jnp.ones_like(zero)]))
+    return turned(placement.to_local(jnp.stack([zero, zero, jnp.ones_like(zero)])), angle)
+
+
+def turned(vector: Array, angle: Array) -> Triple:
+    """The components (x, y, z) of a vector in a basis that has turned about the third axis by `angle`."""
+    x, y, z = vector
     cos, sin = jnp.cos(angle), jnp.sin(angle)
     return (x * cos + y * sin, y * cos - x * sin, z)

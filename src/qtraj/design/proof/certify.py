@@ -1,70 +1,90 @@
 """Limits judged on the whole path: proved where they are polynomial inequalities, sampled where not."""
 
 import math
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
-from qtraj.algebra.positivity import NEGATIVE, POSITIVE, positive
+from qtraj.algebra.quaternion import conjugate, rotate
 from qtraj.design.limits import Limits
-from qtraj.design.peaks import largest, peak, summit
-from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate
-from qtraj.design.proof.inequalities import HIGHEST_DEGREE, divisor, parts, slack
+from qtraj.design.proof.certificate import Certificate
+from qtraj.design.proof.inequalities import Parts, Vectors, parts
+from qtraj.design.proof.judge import COUNT, LIMITS, Along, Findings, Scale, judge, present
 from qtraj.foundation import cores
-from qtraj.foundation.types import Flag, Scalar
+from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials
-from qtraj.path.placement import Placement
-from qtraj.path.quantity import quantity
-from qtraj.path.regularity import regularity
-from qtraj.path.values import invariants_at, value
-
-GAP = 1e-9
-"""A relative speed or bend that is not proved positive, and below this at its least, cannot be told from zero."""
-
-DIVISORS = ("speed", "cross_norm", "level")
-"""What quantities divide by: S, N = |ṙ×r̈|², and the square H of the horizontal speed."""
-
-SAMPLES = 1025
-"""Cells in which the existence of what cannot be proved is sought."""
+from qtraj.path.values import turned, value
 
 TOGETHER = 64
 """Paths of a batch that are judged at once, few enough to stay in the cache."""
 
-Findings = tuple[Array, Array, Array, Array]
-"""Codes, times [s], values and what they are held against, with the limits behind the lanes."""
+UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+class Known(eqx.Module):
+    """What is to be known of paths with polynomials, a path in each row; two of one form share a program."""
+
+    polynomials: MovingPolynomials
+    duration: Float[Array, " paths"]
+    orientation: Float[Array, "paths 4"]
 
 
 def certify(path: AbstractHodograph, limits: Limits) -> Certificate:
     """What is known of `path` against `limits`, on the whole of it.
 
-    Of a spiral-helix every limit is a polynomial inequality in t (paper S; see `inequalities`), whose sign is proved in
-    Bernstein form with its rounding accounted for: "proved" is a proof for the path and limit as given, without any
-    tolerance, and "broken" names an instant. "undecided" is what no proof reached, mostly for a margin lost in rounding
-    (relative, about 1e-11). Quantities that divide by the speed or the bend need a proof that these never vanish; where
-    they cannot be told from zero they are "undefined". Inequalities beyond degree 72 (see docs/tuning.md), the slope
-    about an axis that is not vertical and all of a `Curve` are judged by refined sampling, and called "sampled".
+    Of a path with polynomials every limit is a polynomial inequality in t (paper S; see `inequalities`), whose sign is
+    proved with all rounding accounted for: "proved" is a proof for the path and limit as given, without any tolerance,
+    and "broken" names an instant. "undecided" is what no proof reached, mostly for a margin lost in rounding (relative,
+    about 1e-11). Quantities that divide by the speed or the bend need a proof that these never vanish; where they
+    cannot be told from zero they are "undefined". What refers to the vertical about an axis that is not vertical, and
+    all of a `Curve`, is judged by refined sampling, and called "sampled".
 
-    A batch of paths (stacked, as from `jax.vmap`) gives findings with the lanes in front; limits are shared, or have
-    the same lanes. Under `jit` and `vmap` the certificate's arrays are known, its texts are not; `values` are
-    differentiable in the path (envelope theorem). They are the largest values found: of a limit with room to spare a
+    A batch of paths (stacked, as from `jax.vmap`) gives findings with the batch in front; limits are shared, or have
+    the same batch. Under `jit` and `vmap` the certificate's arrays are known, its texts are not; `values` are
+    differentiable in the path (envelope theorem). They are the largest values found: of a limit with a wide margin a
     needle between the samples may be missed, its proof is not.
 
     **Raises:** ValueError in float32, whose rounding exceeds the margins that matter here, and for a batch in which not
-    every array has the lanes in front.
+    every array has the batch in front.
     """
     require_float64(path)
-    given = limits.given()
-    if not given:
-        nothing = jnp.zeros((*path.duration.shape, 0), path.duration.dtype)
+    names, batch = tuple(limits.given()), path.duration.shape
+    dtype = path.duration.dtype
+    if not names:
+        nothing = jnp.zeros((*batch, 0), dtype)
         return Certificate((), nothing, nothing, nothing, nothing)
-    limits = jax.tree.map(lambda limit: jnp.broadcast_to(limit, path.duration.shape), limits)
-    return Certificate(tuple(given), *_over_lanes(path, limits))
+    arrays, static = eqx.partition(path, eqx.is_array)
+    if any(x.shape[: len(batch)] != batch for x in jax.tree.leaves(arrays)):
+        raise ValueError(f"a batch of paths has {batch} in front of every array of it: stack the paths by jax.vmap")
+    traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((arrays, limits)))
+    numbers = jnp if traced else np
+    bounds = [numbers.broadcast_to(numbers.asarray(limits.given()[x], dtype), batch) for x in names]
+    table = [bounds[names.index(x.name)] if x.name in names else numbers.ones(batch, dtype) for x in LIMITS]
+    source, columns = _source(path, len(batch)), numbers.stack(table, axis=-1)
+    if traced:
+        source, columns = jax.lax.stop_gradient((source, columns))
+    found = _found(source, columns, *present(names), batch, _traced if traced else _on_cores)
+    rows = np.array([k for k, x in enumerate(LIMITS) if x.name in names])
+    codes, times, values = (x[..., rows] for x in found)
+    if traced:
+        values = _differentiable(names, static, arrays, times, values)
+    return Certificate(names, codes, times, values, numbers.stack(bounds, axis=-1))
+
+
+def _found(source: Any, limits: Any, index: Any, count: Any, batch: tuple[int, ...], work: Any) -> Any:
+    """The findings on a batch of paths by a function of rows."""
+    if math.prod(batch) == 0:
+        nothing = np.zeros((*batch, COUNT), limits.dtype)
+        return nothing.astype(np.int32), nothing, nothing
+    rows = jax.tree.map(lambda x: x.reshape(-1, *x.shape[len(batch) :]), (source, limits))
+    return jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), work(*rows, index, count))
 
 
 def require_float64(path: AbstractHodograph) -> None:
@@ -76,126 +96,147 @@ def require_float64(path: AbstractHodograph) -> None:
         )
 
 
-def _over_lanes(path: AbstractHodograph, limits: Limits) -> Findings:
-    """`_judged`, lane by lane where the path has lanes."""
-    lanes = path.duration.shape
-    if not lanes:
-        return _judged(path, limits)
-    arrays, static = eqx.partition((path, limits), eqx.is_array)
-    leaves = jax.tree.leaves(arrays)
-    if any(x.shape[: len(lanes)] != lanes for x in leaves):
-        raise ValueError(f"a batch of paths has {lanes} in front of every array of it: stack the paths by jax.vmap")
-    flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[len(lanes) :]), arrays)
-    if math.prod(lanes) == 0 or any(isinstance(x, Tracer) for x in leaves) or not _on_one_cpu(leaves):
-        found = _judged_lanes(flat, static)
+def _source(path: AbstractHodograph, axes: int) -> Any:
+    """What the findings depend on: polynomials where there are any, or the path itself."""
+    polynomials = _over(lambda path: path.polynomials(), axes)
+    known = polynomials(path)
+    if known is None:
+        return path
+    placement, shape = known.placement, path.duration.shape
+    if placement is None:
+        orientation: Any = np.broadcast_to(UNTURNED, (*shape, 4))
     else:
-        found = _by_all_cores(flat, static, math.prod(lanes))
-    return jax.tree.map(lambda x: x.reshape(*lanes, *x.shape[1:]), found)
+        orientation = placement.orientation.astype(path.duration.dtype)
+    return Known(MovingPolynomials(known.x, known.y, known.z, known.angle), path.duration, orientation)
 
 
-def _on_one_cpu(leaves: list[Array]) -> bool:
-    devices = set().union(*(x.devices() for x in leaves))
-    return len(devices) == 1 and devices.pop().platform == "cpu"
+def _over(function: Any, axes: int) -> Any:
+    for _ in range(axes):
+        function = eqx.filter_vmap(function)
+    return function
 
 
-def _by_all_cores(flat: Any, static: Any, lanes: int) -> Findings:
-    leaves = jax.tree.leaves(flat)
-    device = next(iter(leaves[0].devices()))
-    given, size = jax.tree.map(np.asarray, flat), cores.size_for(lanes)
-    pieces = cores.split(np.arange(lanes), size)
-    calls = [(cores.take(given, piece, size), static) for piece in pieces]
+def _on_cores(source: Any, limits: np.ndarray, index: Any, count: Any) -> Findings:
+    """Findings on known paths, in blocks of few sizes: a program serves any number of paths."""
+    arrays, static = eqx.partition((source, limits), eqx.is_array)
+    leaves = jax.tree.leaves(arrays)
+    devices = set().union(*(x.devices() for x in leaves if isinstance(x, jax.Array)))
+    paths = limits.shape[0]
+    if len(devices) > 1 or any(x.platform != "cpu" for x in devices):
+        return _compiled(arrays, static, index, count)
+    device = next(iter(devices), None)
+    host, size = jax.tree.map(np.asarray, arrays), cores.size_for(paths)
+    pieces = cores.split(np.arange(paths), size)
+    calls = [(cores.take(host, piece, size), static, index, count) for piece in pieces]
     found: Any = None
-    for piece, answers in zip(pieces, cores.each(_judged_lanes, calls, device), strict=True):
-        found = cores.room(lanes, answers) if found is None else found
+    for piece, answers in zip(pieces, cores.each(_compiled, calls, device), strict=True):
+        found = cores.room(paths, answers) if found is None else found
         cores.put(found, piece, answers)
-    return jax.device_put(found, device if any(x.committed for x in leaves) else None)
+    committed = any(x.committed for x in leaves if isinstance(x, jax.Array))
+    return jax.device_put(found, device) if committed else found
 
 
 @eqx.filter_jit
-def _judged_lanes(flat: Any, static: Any) -> Findings:
-    return jax.lax.map(lambda lane: _judged(*eqx.combine(lane, static)), flat, batch_size=TOGETHER)
+def _compiled(arrays: Any, static: Any, index: Array, count: Array) -> Findings:
+    source, limits = eqx.combine(arrays, static)
+    return _traced(source, limits, index, count)
 
 
-def _judged(path: AbstractHodograph, limits: Limits) -> Findings:
-    """The findings on all limits of one path, each compiled once for whatever limits come together."""
-    given = limits.given()
-    needed = {quantity(name).divisor for name in given}
-    gaps = {which: _gap(path, which) for which in DIVISORS if which in needed}
-    found = [_finding(path, gaps.get(quantity(name).divisor or "none"), limit, name) for name, limit in given.items()]
-    return _in_columns([(*finding, limit) for finding, limit in zip(found, given.values(), strict=True)])
+def _traced(source: Any, limits: Array, index: Array, count: Array) -> Findings:
+    """Findings on paths in the rows of all arrays; what `vmap` adds to them are more paths."""
+    arrays, static = eqx.partition(source, eqx.is_array)
+
+    @jax.custom_batching.custom_vmap
+    def work(arrays: Any, limits: Array, index: Array, count: Array) -> Findings:
+        return _in_blocks(lambda rows: _judged(eqx.combine(rows[0], static), rows[1], index, count), (arrays, limits))
+
+    @work.def_vmap
+    def batched(size: int, is_batched: Any, *given: Any) -> tuple[Findings, Findings]:
+        *rows, index, count = jax.tree.map(
+            lambda x, there: x if there else jnp.broadcast_to(x, (size, *jnp.shape(x))), given, tuple(is_batched)
+        )
+        flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), rows)
+        found = work(*flat, index[0], count[0])
+        return jax.tree.map(lambda x: x.reshape(size, -1, *x.shape[1:]), found), jax.tree.map(lambda _: True, found)
+
+    return work(arrays, limits, jnp.asarray(index), jnp.asarray(count))
 
 
-@eqx.filter_jit
-def _in_columns(findings: list[Findings]) -> Findings:
-    codes, times, values, limits = (jnp.stack(column) for column in zip(*findings, strict=True))
-    return codes.astype(jnp.int32), times, values, limits
+def _in_blocks(work: Any, rows: Any) -> Findings:
+    """Block after block where there are many rows."""
+    count = jax.tree.leaves(rows)[0].shape[0]
+    if count <= TOGETHER:
+        return work(rows)
+    blocks = -(-count // TOGETHER)
+    order = np.minimum(np.arange(blocks * TOGETHER), count - 1).reshape(blocks, TOGETHER)
+    found = jax.lax.map(work, jax.tree.map(lambda x: x[order], rows))
+    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], found)
 
 
-class _Gap(NamedTuple):
-    """Whether what magnitudes divide by is proved positive, or cannot be told from zero, and when it is least [s]."""
-
-    positive: Flag
-    zero: Flag
-    time: Scalar
+def _judged(source: Any, limits: Array, index: Array, count: Array) -> Findings:
+    along, scale, upright, known = _of_known(source) if isinstance(source, Known) else _of_curves(source)
+    found = judge(along, scale, limits.T, upright, known, index, count)
+    return jax.tree.map(lambda x: x[:COUNT].T, found)
 
 
-@eqx.filter_jit
-def _gap(path: AbstractHodograph, which: str) -> _Gap:
-    def size(path: AbstractHodograph, t: Scalar) -> Scalar:
-        return getattr(regularity(invariants_at(path, t, 3), path.duration), which)
+def _of_known(source: Known) -> tuple[Along, Scale, Array, Parts]:
+    """What `judge` asks of paths with polynomials."""
+    side = jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1), source.polynomials)
+    known = parts(side, source.duration)
+    w, x, y, z = source.orientation.T
+    vertical = jax.vmap(lambda q: rotate(conjugate(q), jnp.asarray([0.0, 0.0, 1.0], q.dtype)))(source.orientation).T
 
-    known = path.polynomials()
-    if known is None or (which == "level" and known.placement is not None):
-        time, least = largest(lambda path, t: -size(path, t), path, SAMPLES)
-        return _Gap(-least >= GAP**2, -least < GAP**2, time)
-    answer = positive(
-        lambda known, low, high: divisor(known, which, low, high), jax.lax.stop_gradient(parts(known, path.duration, 2))
-    )
-    time, proved = answer.at * path.duration, answer.code == POSITIVE
-    return _Gap(proved, ~proved & (size(path, time) < GAP**2), time)
+    @jax.jit
+    def up(s: Array) -> Vectors:
+        t, angle = known.unit * (s + 1), jnp.zeros_like(s)
+        for c in side.angle[::-1]:
+            angle = angle * t + c
+        return Vectors(*turned(vertical[:, None], angle))
 
+    def along(s: Array, order: int, upright: bool) -> Invariants:
+        derivatives = [None, *(Vectors(*r.at(s)) for r in known.derivatives[:order])]
+        return Invariants(derivatives, up(s) if upright else None)
 
-@eqx.filter_jit
-def _finding(path: AbstractHodograph, gap: _Gap | None, limit: Scalar, name: str) -> tuple[Array, Scalar, Scalar]:
-    """Code, time [s] and value of one limit, given whether what it divides by vanishes."""
-    code, time, value = _as_if_defined(path, gap, name, limit.astype(path.duration.dtype))
-    if gap is None:
-        return code, time, value
-    code = jnp.where(gap.positive | (code == BROKEN), code, UNDECIDED)
-    code = jnp.where(gap.zero, UNDEFINED, code)
-    return code, jnp.where(gap.zero, gap.time, time), jnp.where(gap.zero, jnp.nan, value)
+    upright = ((x == 0) & (y == 0)) | ((w == 0) & (z == 0))
+    return along, Scale(known.length, known.unit), upright, known
 
 
-def _as_if_defined(path: AbstractHodograph, gap: _Gap | None, name: str, limit: Scalar) -> tuple[Array, Scalar, Scalar]:
-    polynomials, entry = path.polynomials(), quantity(name)
-    if polynomials is None or not _low_enough(polynomials, path.duration, name):
-        return _sampled(path, name, limit)
-    known = jax.lax.stop_gradient(parts(polynomials, path.duration, entry.order))
-    answer = positive(lambda known, low, high: slack(known, limit, entry, low, high), known)
-    code = jnp.where(answer.code == POSITIVE, PROVED, jnp.where(answer.code == NEGATIVE, BROKEN, UNDECIDED))
-    hints = [answer.at] if gap is None else [answer.at, gap.time / path.duration]
-    summits = summit(lambda path, t: value(path, t, name), path, jax.lax.stop_gradient(jnp.stack(hints)))
-    if not entry.upright or polynomials.placement is None:
-        return code, *summits
-    upright, samples = _upright(polynomials.placement), _sampled(path, name, limit)
-    both = zip((code, *summits), samples, strict=True)
-    code, time, largest = (jnp.where(upright, a, b) for a, b in both)
-    return code, time, largest
+def _of_curves(paths: AbstractHodograph) -> tuple[Along, Scale, Array, None]:
+    """What `judge` asks of any paths."""
+    unit = 0.5 * paths.duration
+    arrays, static = eqx.partition(paths, eqx.is_array)
+
+    def along(s: Array, order: int, upright: bool) -> Invariants:
+        def of_path(arrays: Any, t: Array) -> Array:
+            path = eqx.combine(arrays, static)
+            return jax.vmap(lambda t: path.derivatives(t, order))(t)
+
+        rows = jax.vmap(of_path, (0, 1), 2)(arrays, unit[None] * (s + 1))  # (instants, order + 1, path, 3)
+        scaled = [rows[:, k] * (unit**k)[None, :, None] for k in range(order + 1)]
+        return Invariants([Vectors(r[..., 0], r[..., 1], r[..., 2]) for r in scaled])
+
+    return along, Scale(jnp.ones_like(unit), unit), jnp.ones(unit.shape, bool), None
 
 
-def _sampled(path: AbstractHodograph, name: str, limit: Scalar) -> tuple[Array, Scalar, Scalar]:
-    time, largest = peak(path, name)
-    return jnp.where(largest <= limit, SAMPLED, jnp.where(largest > limit, BROKEN, UNDECIDED)), time, largest
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def _differentiable(names: tuple[str, ...], static: Any, arrays: Any, times: Array, values: Array) -> Array:
+    """The values as they are; their derivatives are those at the times found, which are held constant."""
+    return values
 
 
-def _low_enough(path: MovingPolynomials, duration: Scalar, name: str) -> bool:
-    """Whether the inequality of a limit has a degree that is proved."""
-    one, entry = jnp.ones((), duration.dtype), quantity(name)
-    form = jax.eval_shape(lambda: slack(parts(path, duration, entry.order), one, entry, 0.0, 1.0))
-    return form.degree <= HIGHEST_DEGREE
+@_differentiable.defjvp
+def _derivative(names: tuple[str, ...], static: Any, primals: Any, tangents: Any) -> tuple[Array, Array]:
+    (arrays, times, values), (changes, _, _) = primals, tangents
 
+    def at_times(arrays: Any, times: Array) -> Array:
+        path = eqx.combine(arrays, static)
+        return jnp.stack([value(path, times[k], name) for k, name in enumerate(names)])
 
-def _upright(placement: Placement) -> Flag:
-    """Whether the axis is vertical to the last bit, so that the slope is a ratio of polynomials."""
-    w, x, y, z = placement.orientation
-    return ((x == 0) & (y == 0)) | ((w == 0) & (z == 0))
+    def of_all(arrays: Any) -> Array:
+        one = at_times
+        for _ in range(times.ndim - 1):
+            one = jax.vmap(one)
+        return one(arrays, times)
+
+    _, change = jax.jvp(of_all, (arrays,), (changes,))
+    return values, change

@@ -1,98 +1,179 @@
-"""Limits as polynomial inequalities in u = t/duration (paper S; in the moving basis every derivative is a polynomial).
+"""Limits as inequalities between polynomials in s = 2t/duration − 1 (paper S).
 
-The derivatives of R_z(φ)·(a, b, h) follow from (a, b)' = (a' − bφ', b' + aφ'). So a quantity's square is
-numerator/denominator, and a limit holds where limit² · denominator − numerator ≥ 0 and the divisor is positive. Time is
-counted in durations and lengths in a power of two near the size of the path, so that nothing overflows at high degrees.
+In the moving basis every derivative is a polynomial: those of R_z(φ)·(a, b, h) follow from (a, b)' = (a' − bφ',
+b' + aφ'). So a quantity's square is numerator/denominator, and a limit holds where limit² · denominator − numerator ≥ 0
+and the divisor is positive. Time is counted in half durations and lengths in a power of two near the size of the path,
+so that nothing overflows at high degrees.
 """
 
-import equinox as eqx
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+import math
+from typing import Any
 
-from qtraj.algebra.bernstein import Bernstein, constant, from_ascending, stacked
-from qtraj.foundation.types import Flag, Scalar, ScalarLike
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
+from qtraj.algebra.cells import PerPath
+from qtraj.algebra.chebyshev_model import AXIS, ChebyshevModel, after, multiple
+from qtraj.path.components import Triple, cross, dot
 from qtraj.path.frenet import Invariants
 from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.quantity import PathQuantity
 
-HIGHEST_DEGREE = 72
-"""Of an inequality that is proved: the angular acceleration of a uniform cubic. Higher ones are sampled."""
+ORDER = 4
+
+UNDERFLOW = 2.0**-500
+"""What underflow can do to a derivative, in units of the length: as long as that is no smaller [m]."""
+
+
+class Vectors(eqx.Module):
+    """Vectors at many instants, worked out in numbers; their components stay apart, which makes faster loops."""
+
+    x: Array
+    y: Array
+    z: Array
+
+    @property
+    def components(self) -> Triple:
+        """x, y and z."""
+        return (self.x, self.y, self.z)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.components[index]
+
+    def __matmul__(self, other: "Vectors") -> Array:
+        return _scalar_product(self.components, other.components)
+
+    def cross(self, other: "Vectors") -> "Vectors":
+        """The vector product."""
+        return Vectors(*_vector_product(self.components, other.components))
 
 
 class Parts(eqx.Module):
-    """The derivatives r', r'', … of a path in u, in the rotating basis and in units of `length` [m]."""
+    """The derivatives r', r'', … of many paths in s, in units of `length` [m] and half durations `unit` [s]."""
 
-    derivatives: list[Bernstein]
-    length: Scalar
-    duration: Scalar
-
-    def on(self, low: ScalarLike, high: ScalarLike) -> list[Bernstein]:
-        """The derivatives on a part of [0, 1]."""
-        return [r.on(low, high) for r in self.derivatives]
+    derivatives: list[CellPolynomial]
+    length: PerPath
+    unit: PerPath
 
 
-def parts(path: MovingPolynomials, duration: Scalar, order: int) -> Parts:
-    """The first `order` derivatives of a path."""
+def parts(path: MovingPolynomials, duration: PerPath) -> Parts:
+    """The first derivatives of paths that stand side by side on the last axis of all coefficients."""
+    unit = 0.5 * duration
     # Where height and azimuth begin does not count, and must not coarsen what does.
-    given = [path.x, jnp.zeros_like(path.x[:1]) if path.y is None else path.y, path.z.at[0].set(0.0)]
-    powers = [_in_durations(c, duration) for c in (*given, path.angle.at[0].set(0.0))]
-    length = _power_of_two(jnp.max(jnp.abs(jnp.concatenate(powers[:3]))))
-    x, y, z, angle = (from_ascending(c, _rounding(c, duration)) for c in powers)
-    turning = angle.derivative()
-    a, b, h = (c.scaled(1 / length) for c in (x, y, z))
-    derivatives = []
-    for _ in range(order):
-        a, b, h = a.derivative() - b * turning, b.derivative() + a * turning, h.derivative()
-        derivatives.append(stacked(a, b, h))
-    return Parts(derivatives, length, duration)
+    y = jnp.zeros_like(path.x[:1]) if path.y is None else path.y
+    given = [path.x, y, path.z.at[0].set(0.0), path.angle.at[0].set(0.0)]
+    scaled = [_in_units(c, unit) for c in given]
+    sizes = jnp.stack([jnp.max(jnp.abs(c[:, 0]), axis=0) for c in scaled[:3]])
+    length = _power_of_two(jnp.max(sizes, axis=0))
+    lengths = [c / length[None, None] for c in scaled[:3]]
+    # The magnitudes of all coefficients go along, as further paths: what is summed up bounds what is rounded.
+    x, y, z, angle = (_centred(jnp.concatenate([c, jnp.abs(c)], axis=-1)) for c in (*lengths, scaled[3]))
+    signs = jnp.concatenate([jnp.full_like(unit, -1.0), jnp.ones_like(unit)])
+    degrees = [c.shape[0] - 1 for c in scaled]
+    normal = _normal(unit) & _normal(unit ** max(degrees)) & (length > UNDERFLOW) & (length < 1 / UNDERFLOW)
+    found: list[CellPolynomial] = []
+    for order, rows in enumerate(_derivatives(x, y, z, angle, signs), start=1):
+        a, bound = jnp.split(rows, 2, axis=-1)
+        count = _roundings(max(degrees[:3]), degrees[3], order)
+        size = jnp.max(jnp.sum(bound, axis=AXIS), axis=0)
+        error = after(jnp.full_like(size, UNDERFLOW), count, size)
+        found.append(cell_polynomial(a, jnp.where(normal, error, jnp.inf)))
+    return Parts(found, length, unit)
 
 
-def slack(parts: Parts, limit: Scalar, entry: PathQuantity, low: ScalarLike, high: ScalarLike) -> Bernstein:
-    """limit² · denominator − numerator on a part of [0, 1]: the limit holds where this is not negative."""
-    i = invariants_on(parts, low, high)
+def slack(entry: PathQuantity, i: Invariants, bound: tuple[Array, Array]) -> ChebyshevModel:
+    """limit² · denominator − numerator in cells: the limit holds where this is not negative."""
     numerator = entry.numerator(i)
-    denominator = constant(jnp.ones_like(numerator.error)) if entry.denominator is None else entry.denominator(i)
-    scaled = limit * parts.length**-entry.length
-    bound = scaled * parts.duration**entry.per_time
-    normal = _normal(scaled) & _normal(bound) & _normal(bound**2)
-    rounding = jnp.where(normal, 16 * float(jnp.finfo(bound.dtype).eps) * bound**2, jnp.inf)
-    return denominator.scaled(bound**2, rounding) - numerator
+    denominator = numerator.one() if entry.denominator is None else entry.denominator(i)
+    return multiple(denominator, *bound) - numerator
 
 
-def divisor(parts: Parts, which: str, low: ScalarLike, high: ScalarLike) -> Bernstein:
-    """What quantities divide by, on a part of [0, 1]: S of "speed", N of "cross_norm", H of "level"."""
-    i = invariants_on(parts, low, high)
-    return {"speed": lambda: i.S, "cross_norm": lambda: i.N, "level": lambda: i.H}[which]()
+def squared_bound(limit: PerPath, scale: PerPath) -> tuple[Array, Array]:
+    """The square of a limit in the units of `Parts`, and a bound on its rounding."""
+    bound = limit * scale
+    square = bound * bound
+    normal = _normal(bound) & _normal(square) & _normal(scale)
+    rounding = jnp.where(normal, 16 * float(jnp.finfo(bound.dtype).eps) * square, jnp.inf)
+    return square[None], rounding[None]
 
 
-def invariants_on(parts: Parts, low: ScalarLike, high: ScalarLike) -> Invariants:
-    """The invariants as polynomials on a part of [0, 1]."""
-    return Invariants([None, *parts.on(low, high)])
+def _derivatives(x: Array, y: Array, z: Array, angle: Array, signs: Array) -> list[Array]:
+    """r', r'', …; of paths whose coefficients are magnitudes and whose sign is 1, bounds on all that is summed up."""
+    turning, found = _derived(angle), []
+    for _ in range(ORDER):
+        across, along = _convolved(turning, y), _convolved(turning, x)
+        x, y, z = _sum(_derived(x), signs[None, None] * across), _sum(_derived(y), along), _derived(z)
+        n = max(a.shape[AXIS] for a in (x, y, z)) - 1
+        found.append(jnp.stack([_padded(a, n) for a in (x, y, z)]))
+    return found
 
 
-def _in_durations(coefficients: Float[Array, " n"], duration: Scalar) -> Float[Array, " n"]:
-    """Coefficients in u = t/duration."""
-    powers = [jnp.ones_like(duration)]
+def _derived(c: Array) -> Array:
+    n = c.shape[AXIS] - 1
+    return c[1:] * jnp.arange(1, n + 1, dtype=c.dtype)[:, None, None] if n else jnp.zeros_like(c)
+
+
+def _sum(p: Array, q: Array) -> Array:
+    n = max(p.shape[AXIS], q.shape[AXIS]) - 1
+    return _padded(p, n) + _padded(q, n)
+
+
+def _roundings(degree: int, turning: int, order: int) -> int:
+    """Of any term of a coefficient of the derivative of this order, from the given coefficients on.
+
+    To bring coefficients to s takes 2n + 3: n + 1 for the powers of time, one for the binomial and n for the sum. Each
+    derivative multiplies, sums up to `turning` products and adds, and takes in the roundings of φ'.
+    """
+    first = 2 * max(degree, turning) + 4
+    return first + order * (turning + 4 + first)
+
+
+@jax.jit
+def _centred(coefficients: Float[Array, "k 1 paths"]) -> Array:
+    """Coefficients in s of Σ a_k (1 + s)^k."""
+    n = coefficients.shape[0] - 1
+    weights = [[math.comb(k, i) for k in range(n + 1)] for i in range(n + 1)]
+    return jnp.sum(
+        jnp.asarray(np.array(weights, float), coefficients.dtype)[:, :, None, None] * coefficients[None], axis=1
+    )
+
+
+def _in_units(coefficients: Float[Array, "k paths"], unit: PerPath) -> Float[Array, "k 1 paths"]:
+    """Coefficients in t/unit."""
+    powers = [jnp.ones_like(unit)]
     for _ in range(coefficients.shape[0] - 1):
-        powers.append(powers[-1] * duration)
-    return coefficients * jnp.stack(powers)
+        powers.append(powers[-1] * unit)
+    return (coefficients * jnp.stack(powers))[:, None]
 
 
-def _rounding(coefficients: Float[Array, " n"], duration: Scalar) -> Scalar:
-    """What forming the coefficients in u may have done to any of them; infinite where a power left the normal range."""
-    count = coefficients.shape[0]
-    relative = count * float(jnp.finfo(coefficients.dtype).eps)
-    normal = _normal(duration ** (count - 1)) & _normal(duration)
-    return jnp.where(normal, relative * jnp.max(jnp.abs(coefficients)), jnp.inf)
-
-
-def _normal(x: Scalar) -> Flag:
+def _normal(x: Array) -> Bool[Array, " paths"]:
     """Whether a positive number is far from overflow and underflow, so that its rounding is relative."""
     limits = jnp.finfo(x.dtype)
     return (x > float(limits.tiny) / float(limits.eps)) & (x < float(limits.max) * float(limits.eps))
 
 
-def _power_of_two(size: Scalar) -> Scalar:
-    positive = (size > 0) & jnp.isfinite(size)
-    _, exponent = jnp.frexp(jnp.where(positive, size, 1.0))
-    return jnp.ldexp(jnp.ones_like(size), exponent)
+def _power_of_two(size: PerPath) -> PerPath:
+    """The greatest that does not exceed `size`; 1 where that is not positive and finite."""
+    exponent = jax.lax.bitcast_convert_type(size, jnp.int64) & 0x7FF0000000000000
+    found = jax.lax.bitcast_convert_type(exponent, size.dtype)
+    return jnp.where((found > 0) & (found < jnp.inf), found, 1.0)
+
+
+def _padded(c: Array, degree: int) -> Array:
+    """The same polynomial with coefficients up to a higher degree."""
+    more = degree + 1 - c.shape[AXIS]
+    return jnp.pad(c, [(0, more), (0, 0), (0, 0)])
+
+
+def _convolved(p: Float[Array, "m 1 paths"], q: Float[Array, "n 1 paths"]) -> Array:
+    """Coefficients of the product of two polynomials."""
+    m = p.shape[0]
+    terms = [jnp.pad(p[i][None] * q, [(i, m - 1 - i), (0, 0), (0, 0)]) for i in range(m)]
+    return sum(terms[1:], terms[0])
+
+
+_scalar_product, _vector_product = jax.jit(dot), jax.jit(cross)
