@@ -103,7 +103,7 @@ def undivided(paths: int, dtype: np.dtype, piece: Array | int = 0, pieces: Array
     """The first cells of so many paths, in one of several pieces of [−1, 1]; their number is a power of two."""
     infinite = jnp.full((paths,), jnp.inf, dtype)
     half = 1 / jnp.asarray(CELLS * pieces, dtype)
-    centre = (2 * (jnp.arange(CELLS) + CELLS * piece) + 1).astype(dtype) * half - 1
+    centre = (2 * (jnp.arange(CELLS, dtype=jnp.int32) + CELLS * piece) + 1).astype(dtype) * half - 1
     cells = jnp.broadcast_to(centre[:, None], (CELLS, paths))
     return Front(
         centre=cells,
@@ -130,7 +130,7 @@ def judged(build: Build, front: Front) -> Front:
     undecided = front.active & ~(low > 0)
     place = jnp.cumsum(undecided, axis=0)
     number = place[-1]
-    parts = jnp.where(number == 1, CELLS, jnp.where(number == 2, CELLS // 2, CELLS // 4))[None]
+    parts = jnp.where(number == 1, CELLS, jnp.where(number == 2, CELLS // 2, CELLS // 4)).astype(place.dtype)[None]
     cell = jnp.arange(CELLS, dtype=place.dtype)[:, None]
     source = cell // parts
     chosen = undecided[None] & (place[None] == source[:, None] + 1)

@@ -47,4 +47,4 @@ def positive(build: Build, paths: int, dtype: np.dtype, pieces: Array | int = 1)
 
     infinite = jnp.full((paths,), jnp.inf, dtype)
     start = Answer(jnp.full((paths,), POSITIVE, jnp.int32), infinite, infinite, jnp.zeros_like(infinite))
-    return jax.lax.fori_loop(0, pieces, judge, start)
+    return jax.lax.fori_loop(jnp.int32(0), jnp.asarray(pieces, jnp.int32), judge, start)

@@ -188,9 +188,9 @@ def _of_known(source: Known) -> tuple[Along, Scale, Array, Parts]:
 
     @jax.jit
     def up(s: Array) -> Vectors:
-        t, angle = known.unit * (s + 1), jnp.zeros_like(s)
+        t, angle = known.unit[None] * (s + 1), jnp.zeros_like(s)
         for c in side.angle[::-1]:
-            angle = angle * t + c
+            angle = angle * t + c[None]
         return Vectors(*turned(vertical[:, None], angle))
 
     def along(s: Array, order: int, upright: bool) -> Invariants:
