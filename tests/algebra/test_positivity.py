@@ -10,7 +10,7 @@ import pytest
 
 from qtraj.algebra.cell_polynomial import cell_polynomial
 from qtraj.algebra.cells import minimum
-from qtraj.algebra.chebyshev_model import ChebyshevModel
+from qtraj.algebra.chebyshev_model import NODES, ChebyshevModel
 from qtraj.algebra.positivity import NEGATIVE, OPEN, POSITIVE, positive
 
 ROUNDING = 3e-12
@@ -24,7 +24,7 @@ def judged(c, error=0.0):
     """Whether polynomials are positive on [−1, 1], from ascending coefficients (paths, k)."""
     c = jnp.asarray(c)
     p = cell_polynomial(c.T[None, :, None, :], jnp.full((1, c.shape[0]), error, c.dtype))
-    return positive(lambda *cell: p.on(*cell)[0], c.shape[0], c.dtype)
+    return positive(lambda *cell: p.on(*cell)[0], jnp.full(c.shape[0], 2.0))
 
 
 def exact(c, s):
@@ -97,9 +97,10 @@ def test_one_cell_that_overflowed_is_not_forgotten(bad, at, pieces):
         there = (centre - half <= at) & (at < centre + half)
         ones = jnp.ones_like(centre)
         value = jnp.where(there, bad, ones)
-        return ChebyshevModel(jnp.broadcast_to(value, (10, *value.shape)), jnp.abs(value), 0.0 * ones, jnp.abs(value))
+        size = jnp.abs(value)
+        return ChebyshevModel(jnp.stack([value] * NODES), size, 0.0 * ones, jnp.stack([size] * 3))
 
-    assert positive(build, 1, jnp.dtype(float), pieces).code.tolist() == [OPEN]
+    assert positive(build, jnp.full(1, 2.0 / pieces)).code.tolist() == [OPEN]
 
 
 @pytest.mark.parametrize("degree", [0, 1])

@@ -61,12 +61,12 @@ def _shifted(p: CellPolynomial, centre: Cells, half: Cells) -> ChebyshevModel:
     c = c * jnp.stack(powers)[None]
     sizes, far = jnp.max(jnp.abs(c), axis=0), reach(half)
     points = jnp.asarray(POINTS, c.dtype)[None, :, None, None]
-    values, bound = c[:, -1:] * jnp.ones_like(points), sizes[-1]
+    values, bound = c[:, -1:] * jnp.ones_like(points), sizes[-1][None] * jnp.ones_like(far)
     for k in reversed(range(c.shape[AXIS] - 1)):
-        values, bound = values * points + c[:, k : k + 1], bound * far + sizes[k]
+        values, bound = values * points + c[:, k : k + 1], bound * far + sizes[k][None]
     size = jnp.sum(sizes, axis=0) * SLACK + FLOOR
     error = after(p.error, 2 * c.shape[AXIS], size)
-    return ChebyshevModel(values, size, error, (bound + FARTHEST ** (c.shape[AXIS] - 1) * error) * SLACK)
+    return ChebyshevModel(values, size, error, (bound + FARTHEST ** (c.shape[AXIS] - 1) * error[None]) * SLACK)
 
 
 @jax.jit

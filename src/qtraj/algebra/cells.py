@@ -1,11 +1,11 @@
 """[−1, 1] in cells, in each of which a function's least value is enclosed; what is undecided is halved.
 
-In a cell the function is a polynomial and an error. Its quadratic part less the magnitudes of its other coefficients
-bounds it from below, and where it is convex, so does the tangent at its minimum: the second bound closes the gap at a
-minimum, where the first would need far smaller cells. All of it is fixed work per round, for many paths together; the
-rounding of every step is accounted for.
+In a cell the function is a polynomial and an error. Its least Bernstein coefficient bounds it from below, and where it
+is convex, so does the tangent at its minimum: that closes the gap there, where the first would need far smaller cells.
+All of it is fixed work per round, for many paths together; the rounding of every step is accounted for.
 """
 
+import math
 from collections.abc import Callable
 
 import equinox as eqx
@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from qtraj.algebra.chebyshev_model import REACH, SLACK, TINY, ChebyshevModel, interpolated
+from qtraj.algebra.chebyshev_model import LONGEST, REACHES, SLACK, TINY, ChebyshevModel, interpolated
 
 CELLS = 8
 """Cells of a round: a power of two, so that their borders are exact in binary."""
@@ -39,49 +39,62 @@ class Enclosure(eqx.Module):
     at: Cells
 
 
-def reach(half: Cells) -> Cells:
-    """The long semi-axis of the ellipse on which functions are bounded, in half widths of their cell."""
-    return jnp.maximum(REACH, 0.25 / half)
+def reach(half: Cells) -> Float[Array, "ellipses cells paths"]:
+    """The long semi-axes of the ellipses on which functions are bounded, in half widths of their cell.
+
+    The largest serves in the long run; functions that vary much in a cell ask for a small one.
+    """
+    fixed = [jnp.full_like(half, x) for x in REACHES]
+    return jnp.stack([*fixed, jnp.maximum(LONGEST, 0.25 / half)])
 
 
 @jax.jit
 def minimum(c: Float[Array, "k cells paths"], error: Cells) -> Enclosure:
     """The least value in each cell of functions within `error` of polynomials, enclosed without dividing the cell."""
     eps, count = float(np.finfo(c.dtype).eps), c.shape[0]
-    k = jnp.arange(count, dtype=c.dtype)[:, None, None]
-    sizes, slopes, bends = jnp.abs(c), k * c, (k * (k - 1)) * c
-    size, steepness = jnp.sum(sizes, axis=0), jnp.sum(jnp.abs(slopes), axis=0)
-    low, start = _below(c)
-    sign = jnp.where(c[1] < 0, -1.0, 1.0)
-    monotone = _below(sign[None] * slopes[1:])[0] >= (1 - 1 / SLACK) * steepness
-    convex = _below(bends[2:])[0] >= (1 - 1 / SLACK) * jnp.sum(jnp.abs(bends), axis=0)
-    u = jax.lax.fori_loop(0, NEWTON_STEPS, lambda _, u: _newton_step(c, u), start)
-    u = jnp.where(monotone, -sign, u)
+    size = jnp.sum(jnp.abs(c), axis=0)
+    steepness = jnp.sum(jnp.arange(count, dtype=c.dtype)[:, None, None] * jnp.abs(c), axis=0)
+    rounding = (count + 8) * eps * size
+    b = jnp.tensordot(jnp.asarray(_to_bernstein(count), c.dtype), c, 1, precision="highest")
+    steps = b[1:] - b[:-1]
+    convex = jnp.min(steps[1:] - steps[:-1], axis=0, initial=jnp.inf) >= 4 * rounding
+    rises = jnp.min(steps, axis=0, initial=jnp.inf) >= 2 * rounding
+    falls = jnp.max(steps, axis=0, initial=-jnp.inf) <= -2 * rounding
+    u = jax.lax.fori_loop(0, NEWTON_STEPS, lambda _, u: _newton_step(c, u), _vertex(c))
+    u = jnp.where(rises, -1.0, jnp.where(falls, 1.0, u))
     value, slope, _ = _evaluated(c, u)
-    rounding = 2 * count * eps * size
-    slope_bound = jnp.abs(slope) + 2 * count * eps * steepness
-    tangent = value - rounding - slope_bound * (1 + jnp.abs(u)) * SLACK
-    error = (error + rounding + (count + 8) * eps * size) * SLACK + TINY
-    low = jnp.maximum(low, jnp.where(monotone, value - rounding, jnp.where(convex, tangent, -jnp.inf))) - error
+    tangent = value - rounding - (jnp.abs(slope) + 2 * count * eps * steepness) * (1 + jnp.abs(u)) * SLACK
+    below = jnp.where(rises | falls, value, jnp.where(convex, tangent, -jnp.inf))
+    error = (error + 3 * rounding) * SLACK + TINY
+    low = jnp.maximum(jnp.min(b, axis=0), below) - error
     middle = c[0] < value
     high, at = jnp.where(middle, c[0], value) + error, jnp.where(middle, 0.0, u)
     # What overflowed is not known: NaN must not pass for a bound.
     return Enclosure(jnp.where(jnp.isnan(low), -jnp.inf, low), jnp.where(jnp.isnan(high), jnp.inf, high), at)
 
 
-@jax.jit
-def _below(c: Float[Array, "k cells paths"]) -> tuple[Cells, Cells]:
-    """The least of the quadratic part on [−1, 1], less the magnitudes of all other coefficients; and its place."""
+def _to_bernstein(count: int) -> np.ndarray:
+    """From coefficients of powers on [−1, 1] to those of the Bernstein polynomials; none exceeds 1."""
+    n = count - 1
+
+    def entry(j: int, k: int) -> float:
+        whole = sum((-1) ** (k - i) * math.comb(j, i) * math.comb(n - j, k - i) for i in range(k + 1))
+        return whole / math.comb(n, k)
+
+    return np.array([[entry(j, k) for k in range(count)] for j in range(count)])
+
+
+def _vertex(c: Float[Array, "k cells paths"]) -> Cells:
+    """Where the quadratic part is least on [−1, 1]."""
     bowl, steep = c[2] > 0, jnp.abs(c[1])
-    x = jnp.where(bowl, jnp.minimum(steep / jnp.where(bowl, 2 * c[2], 1.0), 1.0), 1.0)
-    return c[0] - x * (steep - c[2] * x) - jnp.sum(jnp.abs(c[3:]), axis=0), -jnp.sign(c[1]) * x
+    return -jnp.sign(c[1]) * jnp.where(bowl, jnp.minimum(steep / jnp.where(bowl, 2 * c[2], 1.0), 1.0), 1.0)
 
 
 class Front(eqx.Module):
     """The cells that are still undecided, `centre` ± `half` where `active`, and what the others have shown.
 
     `floor` bounds the function in each cell from below, `low` in all the cells that are done with; `high` is a bound
-    on the value `at` the lowest point seen. `open`: more cells were undecided than there is space for.
+    on the value `at` the lowest point seen. `overfull`: more cells were undecided than there is space for.
     """
 
     centre: Cells
@@ -91,29 +104,28 @@ class Front(eqx.Module):
     low: PerPath
     high: PerPath
     at: PerPath
-    open: Bool[Array, " paths"]
+    overfull: Bool[Array, " paths"]
 
     @property
     def undecided(self) -> Bool[Array, " paths"]:
         """Whether there are cells left to judge."""
-        return jnp.any(self.active & (self.half > FINEST), axis=0) & ~self.open
+        return jnp.any(self.active & (self.half > FINEST), axis=0) & ~self.overfull
 
 
-def undivided(paths: int, dtype: np.dtype, piece: Array | int = 0, pieces: Array | int = 1) -> Front:
-    """The first cells of so many paths, in one of several pieces of [−1, 1]; their number is a power of two."""
-    infinite = jnp.full((paths,), jnp.inf, dtype)
-    half = 1 / jnp.asarray(CELLS * pieces, dtype)
-    centre = (2 * (jnp.arange(CELLS, dtype=jnp.int32) + CELLS * piece) + 1).astype(dtype) * half - 1
-    cells = jnp.broadcast_to(centre[:, None], (CELLS, paths))
+def undivided(left: PerPath, width: PerPath, going: Bool[Array, " paths"]) -> Front:
+    """The first cells of pieces of [−1, 1] that begin at `left`; none where a path is not `going` on."""
+    infinite = jnp.full_like(left, jnp.inf)
+    half = jnp.broadcast_to(width[None] / (2 * CELLS), (CELLS, *width.shape))
+    centre = left[None] + half * jnp.arange(1, 2 * CELLS, 2, dtype=left.dtype)[:, None]
     return Front(
-        centre=cells,
-        half=jnp.broadcast_to(half, (CELLS, paths)),
-        floor=jnp.full_like(cells, -jnp.inf),
-        active=jnp.ones((CELLS, paths), bool),
+        centre=centre,
+        half=half,
+        floor=jnp.full_like(centre, -jnp.inf),
+        active=jnp.broadcast_to(going[None], centre.shape),
         low=infinite,
         high=infinite,
         at=jnp.zeros_like(infinite),
-        open=jnp.zeros((paths,), bool),
+        overfull=jnp.zeros_like(going),
     )
 
 
@@ -150,7 +162,7 @@ def judged(build: Build, front: Front) -> Front:
         low=jnp.minimum(front.low, jnp.min(jnp.where(undecided & ~overfull[None], jnp.inf, low), axis=0)),
         high=jnp.where(better, lowest, front.high),
         at=jnp.where(better, first, front.at),
-        open=front.open | overfull,
+        overfull=front.overfull | overfull,
     )
 
 

@@ -1,6 +1,6 @@
 """Analytic functions on [−1, 1] by their values at Chebyshev nodes, with bounds that turn the values into proofs.
 
-A model bounds what rounding did to its values, and the function itself on an ellipse about [−1, 1] in the complex
+A model bounds what rounding did to its values, and the function itself on ellipses about [−1, 1] in the complex
 plane: by that the polynomial through the values differs from the function by next to nothing (Trefethen, Approximation
 Theory and Approximation Practice, theorem 8.2), and the less, the smaller the interval is on which the function was
 taken. So arithmetic is that of numbers, node by node, whatever the degree of the polynomials that are multiplied.
@@ -55,15 +55,15 @@ for _k, _unit in enumerate(np.eye(NODES)):
 LEBESGUE = 3.0
 """The polynomial through values exceeds their largest magnitude by less than this factor."""
 
-REACH = 16.0
-"""The long semi-axis of the ellipse, where the interval is not so small that it can be longer."""
+REACHES, LONGEST = (3.0, 6.0), 16.0
+"""Long semi-axes of ellipses; the last may be longer, where the interval is small."""
 
-ELSEWHERE = 4 / 1.9 / 1.99 ** (NODES - 1)
-"""The theorem's 4/(ρ − 1)/ρ^(NODES−1) is below this over reach^NODES: ρ > 1.99 · reach, and ρ − 1 > 1.9 · reach."""
+ELSEWHERE = 4 / 1.6 / 1.94 ** (NODES - 1)
+"""The theorem's 4/(ρ − 1)/ρ^(NODES−1) is below this over reach^NODES: ρ > 1.94 · reach, and ρ − 1 > 1.6 · reach."""
 
 
 class ChebyshevModel(eqx.Module):
-    """Functions by `values` within `error` of the exact ones, of magnitudes up to `size`, on the ellipse up to `bound`.
+    """Functions by `values` within `error` of the exact ones, of magnitudes up to `size`, on ellipses up to `bound`.
 
     The components of a vector share all three. The theorem holds at the zeros of T_n, too: of the terms above n each
     takes the values of one below, up to its sign, at either kind of nodes.
@@ -72,7 +72,7 @@ class ChebyshevModel(eqx.Module):
     values: Float[Array, "*vector node cells paths"]
     size: Float[Array, "cells paths"]
     error: Float[Array, "cells paths"]
-    bound: Float[Array, "cells paths"]
+    bound: Float[Array, "ellipses cells paths"]
 
     def __getitem__(self, index: Any) -> "ChebyshevModel":
         """Some components of a vector."""
@@ -105,22 +105,22 @@ class ChebyshevModel(eqx.Module):
     def one(self) -> "ChebyshevModel":
         """The constant 1 in the same cells."""
         ones = jnp.ones_like(self.error)
-        return ChebyshevModel(jnp.ones_like(self.values), ones, 0.0 * ones, ones)
+        return ChebyshevModel(jnp.ones_like(self.values), ones, 0.0 * ones, jnp.ones_like(self.bound))
 
 
 @jax.jit
 def multiple(p: ChebyshevModel, factor: Float[Array, "1 paths"], error: Float[Array, "1 paths"]) -> ChebyshevModel:
     """`p` times a positive number that is known to within `error`."""
-    size, most = factor * p.size, (factor + error) * p.bound * SLACK
+    size, most = factor * p.size, (factor + error)[None] * p.bound * SLACK
     rounding = after(factor * p.error + error * (p.size + p.error), 1, size)
     return ChebyshevModel(factor[None] * p.values, size * SLACK, rounding, most)
 
 
 @jax.jit
-def interpolated(p: ChebyshevModel, reach: Float[Array, "cells paths"]) -> tuple[Array, Array]:
+def interpolated(p: ChebyshevModel, reach: Float[Array, "ellipses cells paths"]) -> tuple[Array, Array]:
     """Coefficients (k, cells, paths) of a polynomial, and how far from it the function may be on [−1, 1].
 
-    `reach` is the long semi-axis of the ellipse on which the bound holds, a power of two from `REACH` on.
+    `reach` are the long semi-axes of the ellipses on which the bounds hold.
     """
     eps = float(np.finfo(p.values.dtype).eps)
     a = _applied(TO_CHEBYSHEV, p.values)
@@ -129,7 +129,7 @@ def interpolated(p: ChebyshevModel, reach: Float[Array, "cells paths"]) -> tuple
     rounding = eps * 4 * NODES**2 * largest(p.values)
     weights = jnp.asarray(np.sum(np.abs(TO_POWERS), axis=0), a.dtype)[:, None, None]
     conversion = eps * NODES * jnp.sum(weights * jnp.abs(a), axis=0)
-    elsewhere = ELSEWHERE * jax.lax.integer_pow(1 / reach, NODES) * p.bound
+    elsewhere = jnp.min(ELSEWHERE * jax.lax.integer_pow(1 / reach, NODES) * p.bound, axis=0)
     return _applied(TO_POWERS, a), (LEBESGUE * p.error + rounding + conversion + elsewhere) * SLACK + TINY
 
 

@@ -1,15 +1,20 @@
 """Is a function positive on [−1, 1]? Proved, refuted at a point, or left open."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.algebra.cells import Build, PerPath, judged, undivided
 
 POSITIVE, OPEN, NEGATIVE = range(3)
 """Codes of an answer: proved positive everywhere; neither; proved negative somewhere."""
+
+
+NARROWER, NARROWEST = 4.0, 2.0**-9
+"""By what a piece is made narrower; one of the second width or less is left open instead."""
 
 
 class Answer(eqx.Module):
@@ -24,27 +29,46 @@ class Answer(eqx.Module):
     at: PerPath
 
 
-def positive(build: Build, paths: int, dtype: np.dtype, pieces: Array | int = 1) -> Answer:
-    """Whether the functions that `build` makes are positive on the whole of [−1, 1].
+def positive(build: Build, widest: Float[Array, " paths"]) -> Answer:
+    """Whether the functions that `build` makes, one for each path, are positive on the whole of [−1, 1].
 
-    So many `pieces` of [−1, 1] are judged one after the other. The question is left open where more than half of the
-    cells of a round are undecided, too.
+    Piece after piece of [−1, 1] is judged, first of the `widest` width that is given for a path, a power of two. Where
+    more cells of a piece are undecided than there is space for, a narrower one is taken.
     """
 
-    def judge(k: Array, before: Answer) -> Answer:
+    def piece(s: _Sweep) -> _Sweep:
         front = jax.lax.while_loop(
             lambda front: jnp.any(front.undecided & (front.high >= 0)),
             lambda front: judged(build, front),
-            undivided(paths, dtype, k, pieces),
+            undivided(s.left, s.width, s.going),
         )
-        left = front.open | jnp.any(front.active, axis=0)
+        narrower = front.overfull & (front.high >= 0) & (s.width > NARROWEST)
+        left = front.overfull | jnp.any(front.active, axis=0)
         code = jnp.where(front.high < 0, NEGATIVE, jnp.where(left, OPEN, POSITIVE)).astype(jnp.int32)
-        low = jnp.min(jnp.where(front.active, front.floor, jnp.inf), axis=0)
-        low = jnp.minimum(jnp.minimum(front.low, low), before.low)
-        lower = front.high < before.high
-        high, at = jnp.where(lower, front.high, before.high), jnp.where(lower, front.at, before.at)
-        return Answer(jnp.maximum(code, before.code), low, high, at)
+        done = s.going & ~narrower
+        low = jnp.minimum(front.low, jnp.min(jnp.where(front.active, front.floor, jnp.inf), axis=0))
+        lower = front.high < s.found.high
+        found = Answer(
+            jnp.where(done, code, s.found.code),
+            jnp.where(done, jnp.minimum(low, s.found.low), s.found.low),
+            jnp.where(lower, front.high, s.found.high),
+            jnp.where(lower, front.at, s.found.at),
+        )
+        at = jnp.where(done, s.left + s.width, s.left)
+        wider = (at / (2 * s.width) == jnp.round(at / (2 * s.width))) & (s.width < widest)
+        width = jnp.where(narrower, s.width / NARROWER, jnp.where(wider, 2 * s.width, s.width))
+        return _Sweep(at, width, (found.code == POSITIVE) & (at < 1), found)
 
-    infinite = jnp.full((paths,), jnp.inf, dtype)
-    start = Answer(jnp.full((paths,), POSITIVE, jnp.int32), infinite, infinite, jnp.zeros_like(infinite))
-    return jax.lax.fori_loop(jnp.int32(0), jnp.asarray(pieces, jnp.int32), judge, start)
+    infinite = jnp.full_like(widest, jnp.inf)
+    unknown = Answer(jnp.full(widest.shape, POSITIVE, jnp.int32), infinite, infinite, jnp.zeros_like(infinite))
+    start = _Sweep(jnp.full_like(widest, -1.0), widest, jnp.ones(widest.shape, bool), unknown)
+    return jax.lax.while_loop(lambda s: jnp.any(s.going), piece, start).found
+
+
+class _Sweep(NamedTuple):
+    """From where on [−1, 1] is not judged yet, and the width of the next piece."""
+
+    left: Float[Array, " paths"]
+    width: Float[Array, " paths"]
+    going: Bool[Array, " paths"]
+    found: Answer

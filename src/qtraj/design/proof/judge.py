@@ -173,7 +173,8 @@ def _proof(parts: Parts | None, entry: Entry, bound: tuple[Array, Array], paths:
 
     branches = [of_order(order) for order in range(1, ORDER + 1)]
     build = lambda centre, half: jax.lax.switch(entry.order - 1, branches, centre, half)  # noqa: E731
-    return positive(build, paths[0], dtype, entry.pieces)
+    widest = jnp.full(paths, 2.0, dtype) / entry.pieces.astype(dtype)
+    return positive(build, widest)
 
 
 def _divisor(name: str, i: Invariants, bound: tuple[Array, Array]) -> ChebyshevModel:
