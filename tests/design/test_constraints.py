@@ -45,8 +45,11 @@ def test_values_are_those_of_the_definition(motion, placement):
         ("hermite", AXIS, "nearest", ["curvature", "angular_acceleration", "yaw_acceleration"]),
         *(
             pytest.param(motion, placement, objective, list(QUANTITIES), marks=pytest.mark.slow)
-            for motion, placement in [("uniform", None), ("hermite", None), ("hermite", AXIS)]
-            for objective in ["nearest", "smoothest"]
+            for motion, placement, objective in [
+                ("uniform", None, "nearest"),
+                ("hermite", None, "smoothest"),
+                ("hermite", AXIS, "nearest"),
+            ]
         ),
     ],
 )

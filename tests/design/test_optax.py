@@ -46,7 +46,6 @@ def test_every_optimiser_ends_where_sqp_does(name):
     [
         ("fastest", "uniform", None),
         pytest.param("smoothest", "uniform", 6.5, marks=pytest.mark.slow),
-        pytest.param("nearest", "hermite", None, marks=pytest.mark.slow),
         pytest.param("fastest", "hermite", None, marks=pytest.mark.slow),
         pytest.param("smoothest", "hermite", 4.0, marks=pytest.mark.slow),
     ],
