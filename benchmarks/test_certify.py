@@ -12,9 +12,9 @@ import pytest
 
 import qtraj as qt
 from qtraj.algebra.positivity import OPEN, positive
+from qtraj.design.magnitudes import squared
 from qtraj.design.proof.certificate import STATUSES
 from qtraj.design.proof.inequalities import FORMS, parts, slack
-from qtraj.path.values import squared
 
 from .race import race, report
 from .tuning.problems import problems

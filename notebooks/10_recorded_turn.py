@@ -39,14 +39,14 @@ from qtraj.viz.figures import limits_figure, tuning_figure
 # %%
 track = qt.read_track(files("qtraj.io") / "data" / "boreas_right_angle.csv").window(1093.5, 1099.5)
 fits = {motion: qt.fit(track, motion=motion) for motion in ("uniform", "hermite")}
-for motion, found in fits.items():
-    r = found.residual
+for motion, path in fits.items():
+    r = path.residual
     print(f"{motion}: {r.horizontal_rms:.3f} m RMS horizontally, {r.vertical_rms:.3f} m vertically")
 fit = fits["uniform"]
-assert fit.successful
+assert fit.residual.converged
 assert fit.residual.horizontal_rms < 0.2
 assert fits["hermite"].residual.horizontal_rms < 0.3 * fit.residual.horizontal_rms
-path = fit.path
+path = qt.SpiralHelix(fit.radius, fit.angle, fit.height, fit.duration, fit.placement)  # the path by itself
 
 # %% [markdown]
 # ## Orientation along the path

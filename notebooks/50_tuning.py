@@ -12,7 +12,7 @@
 #
 # A turn is given by the states at its ends, and it is too sharp. Tuning changes the velocities there as little as it
 # can, so that the limit holds on the *whole* path, and the outcome carries a proof of it. Here a family of such turns
-# in one call, what its proofs are worth beside samples, random turns, and the same search by optimisers of optax.
+# in one call, what its proofs are worth beside samples, random turns, and one that cannot be.
 
 # %%
 # %matplotlib inline
@@ -20,23 +20,15 @@ import tempfile
 import time
 from pathlib import Path
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 import pandas
 from matplotlib.figure import Figure
 
 jax.config.update("jax_enable_x64", True)
 
 import qtraj as qt
-from qtraj.design.tuning.box import box
-from qtraj.design.tuning.methods import method_of
-from qtraj.design.tuning.motions.registry import motion_of
-from qtraj.design.tuning.objectives.registry import objective_of
-from qtraj.design.tuning.problem import pose
-from qtraj.design.tuning.task import Task, by_slots, present
 from qtraj.io.dataset import path_dataset
 from qtraj.viz.figures import tuning_figure
 from qtraj.viz.style import frame, series
@@ -183,104 +175,6 @@ for k in left:
     again = qt.tune(lanes(first, k), lanes(last, k), qt.Limits(curvature=wanted[k]), starts=8)
     print(f"problem {k}: {turns.status[k]}; from eight starts: {again.result}")
     assert again.converged or "curvature" in again.result
-
-# %% [markdown]
-# ## With any optimiser of optax
-#
-# `tune` searches by sequential quadratic programming, "sqp", which is made for these problems. It takes any optimiser of
-# optax as well: around it is an augmented Lagrangian, whose rounds the optimiser minimises and which raises the
-# multipliers of the limits in between. Path and certificate are the same; what differs is what it costs. Below, times
-# of the first call, with compiling, and of the second.
-
-# %%
-limits = qt.Limits(curvature=0.048, lateral_acceleration=2.2)
-methods = {"sqp": "sqp", "lbfgs": "lbfgs", "adam": optax.adam(1e-2)}
-rows = {}
-for name, method in methods.items():
-    for again in (False, True):
-        begun = time.perf_counter()
-        found = qt.tune(start, end, limits, method=method, starts=1)
-        jax.block_until_ready(found.objective)
-        seconds = time.perf_counter() - begun
-        rows.setdefault(name, {})["again [ms]" if again else "first call [s]"] = 1e3 * seconds if again else seconds
-    assert found.converged
-    assert found.certificate.holds
-    excess = max(value / limit - 1 for _, value, limit in found.certificate.worst.values())
-    rows[name] |= {
-        "objective [m²/s²]": float(found.objective),
-        "worst value over its limit": float(excess),
-        "steps": int(found.iterations),
-    }
-compared = pandas.DataFrame.from_dict(rows, orient="index")
-assert np.ptp(compared["objective [m²/s²]"]) < 1e-5 * compared["objective [m²/s²]"].mean()
-assert compared["steps"].idxmin() == "sqp"
-compared.style.format("{:.4g}").format("{:.8f}", subset=["objective [m²/s²]"])
-
-# %% [markdown]
-# All three end at the same objective, and every limit is proved. "sqp" is the default for a reason: it needs a few steps,
-# with second derivatives; Adam, which knows neither curvature nor line search, needs hundreds of times as many.
-#
-# ### Step by step
-#
-# Every method is a search with a state, which proceeds by so many steps. The loop below stops each after a few, and looks
-# at the objective and at the worst violation, $\frac12((value/limit)^2 - 1)$.
-
-# %%
-posed = pose(start, end, objective_of("nearest"), motion_of("uniform"), None, 0, None)
-low, high = box(posed, (), {})
-task = Task(posed, jnp.asarray(by_slots(limits, 1)[0]), low, high, jnp.ones(()))
-tasks = jax.tree.map(lambda x: x[None], task)  # searches run side by side: here a batch of one
-
-
-@eqx.filter_jit
-def proceed(search, states, steps):
-    """A search after further steps: its state, the number of steps, the objective and the worst violation."""
-    states = search.proceed(tasks, present(limits), states, steps)
-    found, cost = search.ended(tasks, states, jnp)
-    return states, (found.steps[0], posed.scale * cost[0], found.violation[0])
-
-
-history = {}
-for name, method in methods.items():
-    search = method_of(method, smooth=True, max_steps=300, inner_steps=200)
-    states = search.unstarted(tasks, jnp.zeros_like(tasks.low))
-    pace, seen = {"sqp": 1, "lbfgs": 2, "adam": 25}[name], []
-    while not states.done[0]:
-        states, looked = proceed(search, states, jnp.maximum(states.steps[0], 0) + pace)
-        seen.append([float(x) for x in looked])
-    history[name] = np.array(seen)
-    print(f"{name:6s}{int(history[name][-1, 0]):6d} steps, worst violation {history[name][-1, 2]:.1e}")
-
-# %%
-figure = Figure(figsize=(7.5, 3.4), layout="constrained")
-left, right = figure.subplots(1, 2)
-solution = history["sqp"][-1, 1]
-for k, (name, (steps, objective, violation)) in enumerate((name, seen.T) for name, seen in history.items()):
-    left.loglog(steps + 1, np.maximum(violation, 1e-10), **series(k), label=name)
-    right.loglog(steps + 1, np.maximum(np.abs(objective / solution - 1), 1e-10), **series(k), label=name)
-left.set(xlabel="1 + steps", ylabel="worst violation of a limit", title="Limits")
-right.set(xlabel="1 + steps", ylabel="relative distance", title="Objective, from the solution")
-for axes in (left, right):
-    frame(axes)
-    axes.legend(frameon=False)
-assert all(seen[-1, 2] <= 2e-9 for seen in history.values())
-figure
-
-# %% [markdown]
-# The augmented Lagrangian comes from outside the limits: the objective is too good at first, and rises as the limits are
-# met, round by round. Derivatives of the solution need no derivative of a search, and so they are those of "sqp", too.
-
-
-# %%
-def duration(curvature, method):
-    """The duration of the tuned path [s]."""
-    limited = qt.Limits(curvature=curvature, lateral_acceleration=2.2)
-    return qt.tune(start, end, limited, method=method, starts=1).path.duration
-
-
-slopes = {name: float(jax.jit(jax.grad(duration), static_argnums=1)(0.048, methods[name])) for name in ("sqp", "lbfgs")}
-print({name: f"{slope:.6f} s·m" for name, slope in slopes.items()})
-assert abs(slopes["lbfgs"] / slopes["sqp"] - 1) < 1e-4
 
 # %% [markdown]
 # ## Into a table

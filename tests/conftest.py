@@ -1,23 +1,11 @@
-"""A strict session: float64, no silent broadcasting or promotion, warnings as errors; shapes checked on request."""
+"""A strict session: float64, no silent broadcasting or promotion, shapes checked, warnings as errors."""
 
-import hashlib
 import os
-import platform
-import shutil
-import time
-from pathlib import Path
+import tempfile
 
 import jax
 import jaxtyping
 import pytest
-
-from qtraj.foundation.compilation_cache import default_folder, enable_compilation_cache
-
-CHECKS_TYPES = os.environ.get("QTRAJ_TESTS_CHECK_TYPES", "") not in ("", "0")
-"""Whether every shape and type is checked at run time, which doubles the time that tracing takes."""
-
-UNUSED = 14 * 24 * 3600
-"""[s] After this long without a run, what other versions or flags have compiled is deleted."""
 
 # Most of the time goes into compiling what runs once: compile quickly rather than well, unless told otherwise.
 QUICKLY = ["--xla_backend_optimization_level=0"]
@@ -29,34 +17,19 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
-
-def processor() -> str:
-    """What compiled code may depend on: the processor and what it can do."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor()
-    return "".join(sorted({line for line in lines if line.startswith(("model name", "flags", "Features"))}))
-
-
-# The same functions are compiled in many tests and in every run: one process compiles, the others and later runs load.
-key = "\n".join([jax.__version__, jax.lib.__version__, os.environ["XLA_FLAGS"], platform.machine(), processor()])
-compiled = default_folder().parent / "tests" / f"jax-{jax.__version__}-{hashlib.sha256(key.encode()).hexdigest()[:12]}"
-enable_compilation_cache(compiled)
-
+# The same programs are compiled in many tests: what one process has compiled in this run, the others read.
 if "PYTEST_XDIST_WORKER" not in os.environ:
-    os.utime(compiled)
-    for folder in compiled.parent.iterdir():
-        if folder.stat().st_mtime < time.time() - UNUSED:
-            shutil.rmtree(folder, ignore_errors=True)
+    compiled = tempfile.TemporaryDirectory(prefix="qtraj-tests-")
+    os.environ["QTRAJ_TESTS_COMPILED"] = compiled.name
+jax.config.update("jax_compilation_cache_dir", os.environ["QTRAJ_TESTS_COMPILED"])
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
 
-if CHECKS_TYPES:
-    jaxtyping.install_import_hook("qtraj", "beartype.beartype")
+jaxtyping.install_import_hook("qtraj", "beartype.beartype")
 
 
 @pytest.fixture(scope="module")
 def as_a_user_runs_it():
-    """Without the checks of shapes, where the session has them."""
+    """Without the checks of shapes, under which the tests of the library itself run: here they cost a quarter."""
     before = jaxtyping.config.jaxtyping_disable
     jaxtyping.config.update("jaxtyping_disable", True)
     yield

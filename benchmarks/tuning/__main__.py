@@ -13,7 +13,7 @@ import numpy as np  # noqa: E402
 import qtraj as qt  # noqa: E402
 from benchmarks.tuning import ipopt, slsqp  # noqa: E402
 from benchmarks.tuning.problems import Problems, problems  # noqa: E402
-from qtraj.design.tuning.multistart import starting_points  # noqa: E402
+from qtraj.design.tuning.campaign import starting_points  # noqa: E402
 
 SEED = 7
 FEASIBLE = 1 + 1e-10

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import minimize
 
+from qtraj.design.magnitudes import squared
 from qtraj.design.tuning.problem import Problem
-from qtraj.path.values import squared
 
 INSTANTS = 129
 ADDED = 8

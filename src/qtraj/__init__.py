@@ -13,16 +13,12 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to 
     from qtraj.batch.evaluate import evaluate as evaluate
     from qtraj.batch.table import Table as Table
     from qtraj.design.fitting.fit import fit as fit
-    from qtraj.design.fitting.fitted import Fitted as Fitted
     from qtraj.design.limits import Limits as Limits
-    from qtraj.design.peaks import peak as peak
+    from qtraj.design.magnitudes import peak as peak
     from qtraj.design.proof.certificate import Certificate as Certificate
     from qtraj.design.proof.certify import certify as certify
     from qtraj.design.tuning.outcome import Tuned as Tuned
     from qtraj.design.tuning.tune import tune as tune
-    from qtraj.foundation.compilation_cache import enable_compilation_cache as enable_compilation_cache
-    from qtraj.foundation.outcome import ResultCode as ResultCode
-    from qtraj.foundation.progress import Progress as Progress
     from qtraj.io import exchange as exchange
     from qtraj.io.dataset_file import load_dataset as load_dataset, save_dataset as save_dataset
     from qtraj.io.label import label as label
@@ -79,16 +75,12 @@ _HOMES = {
     "qtraj.batch.evaluate": ("evaluate",),
     "qtraj.batch.table": ("Table",),
     "qtraj.design.fitting.fit": ("fit",),
-    "qtraj.design.fitting.fitted": ("Fitted",),
     "qtraj.design.limits": ("Limits",),
-    "qtraj.design.peaks": ("peak",),
+    "qtraj.design.magnitudes": ("peak",),
     "qtraj.design.proof.certificate": ("Certificate",),
     "qtraj.design.proof.certify": ("certify",),
     "qtraj.design.tuning.outcome": ("Tuned",),
     "qtraj.design.tuning.tune": ("tune",),
-    "qtraj.foundation.compilation_cache": ("enable_compilation_cache",),
-    "qtraj.foundation.outcome": ("ResultCode",),
-    "qtraj.foundation.progress": ("Progress",),
     "qtraj.io.dataset_file": ("load_dataset", "save_dataset"),
     "qtraj.io.label": ("label",),
     "qtraj.io.stored": ("load",),

@@ -12,6 +12,7 @@ import pytest
 
 import qtraj as qt
 from qtraj.batch import long_rows, program
+from qtraj.path.quantities import DESCRIPTIONS, INTEGRATED
 
 EXACT = 1e-12
 NAMES = ("position", "quaternion", "curvature", "torsion", "rate", "angular_acceleration")
@@ -245,12 +246,13 @@ def test_an_infinite_peak_is_one_in_a_trace_too():
 
 def test_reductions_say_their_units_and_no_norm():
     times = np.linspace(0.0, 1.0, 4)
-    names = ["position", "speed", "curvature", "quaternion", "rate", "angular_acceleration", "jerk", "yaw_rate"]
-    units = dict(zip(names, ["m s", "m", "m-1 s", "s", "rad", "rad s-1", "m s-2", "rad"], strict=True))
+    names = ["position", "speed", "curvature", "quaternion", "rate", "angular_acceleration", "jerk"]
+    units = dict(zip(names, ["m s", "m", "m-1 s", "s", "rad", "rad s-1", "m s-2"], strict=True))
     data = qt.evaluate(helix(), times, names, reduce="integral").to_xarray()
     assert {name: data[name].attrs["units"] for name in names} == units
     assert "unit norm" not in data.attrs["quaternion_convention"]
     assert data["rate"].attrs["long_name"].startswith("integral of each component of the angular rate")
+    assert set(INTEGRATED) == {unit for unit, _ in DESCRIPTIONS.values()}
 
 
 def test_a_table_is_written_over():

@@ -1,88 +1,20 @@
 """The batched façade gives what the single instants give, labelled."""
 
-import copy
-
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import qtraj as qt
-from qtraj.path.channel import CHANNELS, Channel
-from qtraj.path.moving_basis import MovingPolynomials
-from qtraj.path.quantity import QUANTITIES
-from qtraj.path.trihedral import AbstractFrame
-from qtraj.path.values import value
+from qtraj.path.quantities import AXES
 
 TIMES = np.linspace(0.0, 4.0, 7)
 SHAPES = {"world": 3, "body": 3, "quaternion_component": 4}
 EXACT = 1e-13
-TILTED = qt.Placement([5.0, -2.0, 1.0], [0.8, 0.1, -0.5, 0.3])
 
 
-def helix(k: float = 0.0, placement: qt.Placement | None = None) -> qt.SpiralHelix:
-    return qt.SpiralHelix(jnp.stack([20.0 + k, jnp.asarray(1.0)]), [0.2, 1.9], [1.0, 0.4, 0.05], 4.0, placement)
-
-
-class Quintic(qt.AbstractHodograph):
-    """A user's own path, world axes: coefficients (6, 3)."""
-
-    coefficients: jax.Array
-    duration: jax.Array
-
-    def derivatives(self, t, order):
-        def position(t):
-            return jnp.stack([t**k for k in range(6)]) @ self.coefficients
-
-        rows = [position]
-        for _ in range(order):
-            rows.append(jax.jacfwd(rows[-1]))
-        return jnp.stack([row(t) for row in rows])
-
-    def polynomials(self):
-        x, y, z = self.coefficients.T
-        return MovingPolynomials(x, y, z, jnp.zeros_like(x, shape=(1,)))
-
-
-def quintic(k: float = 0.0) -> Quintic:
-    rows = [[0, 0, 0], [20, 1, 2], [0.3, 2, 0.1], [0.1, -0.4, 0.2], [0.02, 0.1, -0.05], [0.003, -0.01, 0.004]]
-    return Quintic(jnp.asarray(rows).at[2, 1].add(k), jnp.asarray(4.0))
-
-
-class Backward(AbstractFrame):
-    """A user's own frame: the upright one, looking back."""
-
-    def trihedral(self, r, duration):
-        at = qt.Upright().trihedral(r, duration)
-        turned = lambda at: (at.tangent, at.normal, at.rate, at.acceleration)  # noqa: E731
-        return eqx.tree_at(turned, at, (-at.tangent, -at.normal, _back(at.rate), _back(at.acceleration)))
-
-
-def _back(v):
-    return v * jnp.asarray([-1.0, -1.0, 1.0])
-
-
-@eqx.filter_jit
-def one_after_the_other(path, times, frame):
-    """Every output by the functions of one instant."""
-
-    def one(t):
-        at, r = qt.trihedral(path, t, frame), path.derivatives(t, 3)
-        moved = dict(zip(("position", "velocity", "acceleration", "jerk"), r, strict=True))
-        turned = {"dcm": at.dcm(), "quaternion": at.quaternion(), "gibbs": at.gibbs(), "rate": at.rate}
-        shaped = {"speed": at.speed, "curvature": at.curvature, "torsion": at.torsion, "defined": at.defined}
-        magnitudes = {entry.variable: value(path, t, name) for name, entry in QUANTITIES.items()}
-        return magnitudes | moved | turned | shaped | {"angular_acceleration": at.acceleration}
-
-    return jax.vmap(one)(times)
-
-
-def require_equal(table, expected, k=...):
-    assert expected.keys() == CHANNELS.keys()
-    for name, values in expected.items():
-        scale = max(1.0, np.abs(values).max())
-        np.testing.assert_allclose(getattr(table, name)[k], values, rtol=0, atol=EXACT * scale, err_msg=name)
+def helix(k: float = 0.0) -> qt.SpiralHelix:
+    return qt.SpiralHelix(jnp.stack([20.0 + k, jnp.asarray(1.0)]), [0.2, 1.9], [1.0, 0.4, 0.05], 4.0)
 
 
 @pytest.fixture(scope="module")
@@ -92,81 +24,38 @@ def stack():
 
 @pytest.fixture(scope="module")
 def table():
-    return qt.evaluate(helix(), TIMES, tuple(CHANNELS))
+    return qt.evaluate(helix(), TIMES, tuple(AXES))
 
 
-PATHS = {
-    "helix": helix(),
-    "tilted helix": helix(placement=TILTED),
-    "polynomials of one's own": quintic(),
-    "function": qt.Curve(lambda t: jnp.stack([8 * jnp.cos(t), jnp.sin(t) * 9, 0.5 * t + 0.2 * t**2]), 4.0),
-}
-FRAMES = {"natural": qt.Natural(), "upright": qt.Upright(), "leaning": qt.Upright([0.3, -0.2, 2.0]), "own": Backward()}
-
-
-@pytest.mark.parametrize(
-    ("path", "frame"),
-    [
-        ("helix", "natural"),
-        ("tilted helix", "natural"),
-        ("tilted helix", "leaning"),
-        ("tilted helix", "own"),
-        ("polynomials of one's own", "upright"),
-        ("function", "natural"),
-    ],
-)
-def test_every_output_is_that_of_the_single_instant(path, frame):
-    table = qt.evaluate(PATHS[path], TIMES, tuple(CHANNELS), FRAMES[frame])
-    require_equal(table, one_after_the_other(PATHS[path], jnp.asarray(TIMES), FRAMES[frame]))
-
-
-def test_a_stack_of_paths_of_ones_own():
-    many = qt.evaluate(jax.vmap(quintic)(jnp.arange(3.0)), TIMES, tuple(CHANNELS))
-    for k in range(3):
-        require_equal(many, one_after_the_other(quintic(1.0 * k), jnp.asarray(TIMES), qt.Natural()), k)
-
-
-def test_polynomials_are_worked_out_in_components(monkeypatch):
-    """A path that gives its polynomials is asked for nothing else."""
-
-    def refuse(self, t, order):
-        raise AssertionError("derivatives of single instants are slow")
-
-    monkeypatch.setattr(Quintic, "derivatives", refuse)
-    for frame in (qt.Natural(), qt.Upright()):
-        traced = jax.make_jaxpr(lambda p, frame=frame: qt.evaluate(p, TIMES, tuple(CHANNELS), frame).position)
-        traced(quintic())
-
-
-def test_a_new_channel_is_one_entry(monkeypatch):
-    added = Channel("drift", "m s-1", "speed across the horizon", (), lambda at: at.derivative(1)[2])
-    monkeypatch.setitem(CHANNELS, "drift", added)
-    found = qt.evaluate(helix(), TIMES, ["drift", "velocity"])
-    np.testing.assert_array_equal(found.drift, found.velocity[:, 2])
-    assert found.to_xarray()["drift"].attrs == {"units": "m s-1", "long_name": "speed across the horizon"}
-    assert qt.evaluate(helix(), TIMES, ["drift"], reduce="max")["drift"] == np.max(found.drift)
-
-
-def test_a_table_is_a_tree_with_attributes(table):
-    assert not hasattr(table, "colour")
-    with pytest.raises(AttributeError, match="'colour'"):
-        _ = table.colour
-    with pytest.raises(TypeError, match="'colour'"):
-        qt.Table(table.time, colour=table.speed)
-    double = jax.jit(lambda table: jax.tree.map(lambda x: 2 * x, table))(qt.evaluate(helix(), TIMES))
-    np.testing.assert_allclose(double.position, 2 * table.position, rtol=EXACT)
-    faster = eqx.tree_at(lambda table: table.speed, table, 2 * table.speed)
-    np.testing.assert_array_equal(faster.speed, 2 * table.speed)
-    assert copy.deepcopy(table).position.shape == (7, 3)
-    assert "yaw_rate" in dir(table)
-    assert "7 instants, 0 … 4 s, natural frame: position, velocity" in repr(jax.tree.map(lambda x: x, table))
+def test_every_output_is_that_of_the_single_instant(table):
+    for i, t in enumerate(TIMES):
+        at = qt.trihedral(helix(), t)
+        r = helix().derivatives(t, 3)
+        expected = {
+            "position": r[0],
+            "velocity": r[1],
+            "acceleration": r[2],
+            "jerk": r[3],
+            "dcm": at.dcm(),
+            "quaternion": at.quaternion(),
+            "gibbs": at.gibbs(),
+            "speed": at.speed,
+            "curvature": at.curvature,
+            "torsion": at.torsion,
+            "rate": at.rate,
+            "angular_acceleration": at.acceleration,
+            "defined": at.defined,
+        }
+        for name, value in expected.items():
+            scale = max(1.0, np.abs(value).max())
+            np.testing.assert_allclose(getattr(table, name)[i], value, rtol=0, atol=EXACT * scale, err_msg=name)
 
 
 def test_shapes_of_one_path_and_of_many(table, stack):
-    many = qt.evaluate(stack, TIMES, tuple(CHANNELS))
-    first = qt.evaluate(stack, TIMES, tuple(CHANNELS), components="first")
-    for name, entry in CHANNELS.items():
-        inner = tuple(SHAPES[axis] for axis in entry.axes)
+    many = qt.evaluate(stack, TIMES, tuple(AXES))
+    first = qt.evaluate(stack, TIMES, tuple(AXES), components="first")
+    for name, axes in AXES.items():
+        inner = tuple(SHAPES[axis] for axis in axes)
         assert getattr(table, name).shape == (7, *inner)
         assert getattr(many, name).shape == (3, 7, *inner)
         assert getattr(first, name).shape == (*inner, 3, 7)
@@ -176,7 +65,7 @@ def test_shapes_of_one_path_and_of_many(table, stack):
 
 def test_only_what_was_asked_for_is_there():
     table = qt.evaluate(helix(), TIMES)
-    given = [name for name in CHANNELS if getattr(table, name) is not None]
+    given = [name for name in AXES if getattr(table, name) is not None]
     assert given == ["position", "velocity", "acceleration", "quaternion", "curvature", "torsion", "rate"]
 
 
@@ -190,6 +79,11 @@ def test_the_quaternion_is_continuous_on_request():
     np.testing.assert_allclose(jnp.abs(jnp.sum(plain * smooth, axis=-1)), 1.0, atol=EXACT)
 
 
+def test_another_frame_is_hung_on_request():
+    table = qt.evaluate(helix(), TIMES, ["dcm"], frame=qt.Upright())
+    np.testing.assert_allclose(table.dcm[3], qt.trihedral(helix(), TIMES[3], qt.Upright()).dcm(), atol=EXACT)
+
+
 def test_any_hodograph_will_do():
     curve = qt.Curve(lambda t: jnp.stack([jnp.cos(t), jnp.sin(t), 0.5 * t]), 4.0)
     table = qt.evaluate(curve, TIMES, ["curvature", "torsion"])
@@ -199,10 +93,10 @@ def test_any_hodograph_will_do():
 
 @pytest.mark.parametrize("components", ["last", "first"])
 def test_to_xarray_labels_and_keeps_every_number(stack, components):
-    table = qt.evaluate(stack, TIMES, tuple(CHANNELS), components=components)
+    table = qt.evaluate(stack, TIMES, tuple(AXES), components=components)
     data = table.to_xarray()
-    assert list(data.data_vars) == list(CHANNELS)
-    for name in CHANNELS:
+    assert set(data.data_vars) == set(AXES)
+    for name in AXES:
         np.testing.assert_array_equal(data[name].values, getattr(table, name))
         assert data[name].attrs["units"]
     assert data["position"].sel(world="z").dims == ("path", "time")

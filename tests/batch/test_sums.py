@@ -42,7 +42,7 @@ def wanted(paths, times):
 @pytest.mark.parametrize("own", [False, True])
 def test_integrals_are_those_of_the_samples(count, number, own):
     paths, times = stack(count), instants(number, count if own else 1)
-    np.testing.assert_allclose(jax.jit(found)(paths, times), wanted(paths, times), rtol=1e-13, atol=1e-14)
+    np.testing.assert_allclose(jax.jit(found)(paths, times), wanted(paths, times), rtol=1e-13, atol=1e-15)
 
 
 def test_pieces_of_a_row_add_up():

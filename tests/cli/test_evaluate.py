@@ -64,19 +64,6 @@ def test_files_hold_the_table(qtraj, tmp_path):
     assert np.array_equal(track.attitudes, content["columns"]["quaternion"])
 
 
-def test_further_outputs_are_added_to_the_files_and_to_json(qtraj, tmp_path):
-    options = ("--samples", 3, "--also", "yaw_rate", "--also", "dcm", "--out", tmp_path / "out", "--json")
-    content = json.loads(qtraj("evaluate", HELIX, *options).stdout)
-    climbing = R * RATE / np.hypot(R * RATE, CLIMB)  # the cosine of the climb, about whose normal the frame yaws
-    assert content["columns"]["yaw_rate"] == pytest.approx([RATE * climbing] * 3)
-    assert content["units"]["yaw_rate"] == "rad s-1"
-    header = (tmp_path / "out" / "table.csv").read_text().splitlines()[0].split(",")
-    assert header[-10:-7] == ["yaw_rate [rad/s]", "dcm_tangent_x", "dcm_tangent_y"]
-    refused = qtraj("evaluate", HELIX, "--also", "colour")
-    assert refused.exit_code == 2
-    assert "unknown output 'colour'; known are position" in refused.stderr
-
-
 def test_a_scenario_is_evaluated_before_tuning(qtraj):
     result = qtraj("evaluate", EXAMPLES / "ramp_from_states.toml", "--samples", 7, "--json")
     columns = json.loads(result.stdout)["columns"]

@@ -15,12 +15,11 @@ import pytest
 from rich.console import Console
 
 import qtraj as qt
-from qtraj.cli import output, terminal
+from qtraj.cli import main, output, session, terminal
 from qtraj.cli.app import app
 from qtraj.cli.content import finite
 from qtraj.cli.evaluation import work as evaluation
 from qtraj.cli.layout import column_table
-from qtraj.foundation.progress import Progress
 
 SOURCE = Path(__file__).parents[2] / "src"
 HELIX = Path(__file__).parents[2] / "examples" / "helix.toml"
@@ -102,7 +101,7 @@ def shown(monkeypatch, is_terminal):
     monkeypatch.setattr(sys, "stderr", stream)
     with terminal.watching() as watch:
         watch.say("fitting")
-        watch.tuning(Progress("searches", 3, 8))
+        watch.tuning("3 of 8 searches")
     return stream.getvalue()
 
 
@@ -110,16 +109,6 @@ def test_progress_is_shown_on_a_terminal_and_wiped(monkeypatch):
     text = shown(monkeypatch, is_terminal=True)
     assert "tuning: 3 of 8 searches" in text
     assert text.rpartition("searches")[2].endswith("\x1b[2K")  # the line is erased, and nothing comes after
-
-
-def test_a_tuning_that_reports_thousands_of_times_is_shown_a_few_times(monkeypatch):
-    shown = []
-    monkeypatch.setattr(terminal.Bars, "update", lambda self, task, **what: shown.append(what))
-    watch = terminal.Watch(terminal.Bars())
-    for done in range(5000):
-        watch.tuning(Progress("searches", done, 5000))
-    assert shown[0] == {"description": "tuning: 0 of 5000 searches", "completed": 0, "total": 5000}
-    assert len(shown) < 20
 
 
 def test_progress_is_silent_where_stderr_is_no_terminal(monkeypatch):
@@ -224,20 +213,13 @@ def test_version(qtraj):
 
 
 @pytest.mark.parametrize(
-    ("setting", "expected"),
-    [
-        ({"JAX_COMPILATION_CACHE_DIR": "/somewhere"}, "/somewhere"),
-        ({"JAX_ENABLE_COMPILATION_CACHE": "0"}, "None"),
-        ({}, "{cache}/qtraj/jax"),
-    ],
-    ids=["folder", "off", "none"],
+    ("name", "value", "expected"),
+    [("XDG_CACHE_HOME", "/somewhere", "/somewhere/qtraj"), ("LOCALAPPDATA", "/windows", "/windows/qtraj")],
 )
-def test_the_environment_decides_on_the_cache(tmp_path, setting, expected):
-    """A folder of JAX's own setting is left alone, and a cache that is switched off stays off."""
-    code = "import jax; from qtraj.cli.session import prepare; prepare(); print(jax.config.jax_compilation_cache_dir)"
-    done = process(["-c", code], XDG_CACHE_HOME=str(tmp_path), **setting)
-    assert done.stdout.strip() == expected.format(cache=tmp_path)
-    assert any(tmp_path.iterdir()) == (not setting)
+def test_the_cache_stands_in_the_users_own_folder(monkeypatch, name, value, expected):
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setenv(name, value)
+    assert session.cache_folder() == Path(expected)
 
 
 def surroundings(**environment):
@@ -283,17 +265,55 @@ def test_a_process_computes_in_float64_and_keeps_its_compilations(tmp_path):
     assert any((tmp_path / "qtraj" / "jax").iterdir())
 
 
+@pytest.mark.parametrize(
+    ("arguments", "command"),
+    [
+        (["tune"], "tune"),
+        (["tune", "turn.toml", "--out", "x"], "tune"),
+        (["--version"], None),
+        ([], None),
+        (["tune", "--help"], None),
+        (["-h", "report"], None),
+        (["../tune"], None),
+    ],
+)
+def test_the_command_is_known_before_it_is_parsed(monkeypatch, arguments, command):
+    monkeypatch.setattr(sys, "argv", ["qtraj", *arguments])
+    assert main._command() == command
+
+
+def names(folder):
+    """Of the programs that processes with this cache folder kept."""
+    return {file.name.rsplit("-", 1)[0] for file in (folder / "qtraj" / "programs").glob("*/*")}
+
+
 @pytest.mark.slow
-def test_a_second_tuning_compiles_nothing(tmp_path):
-    def tune():
-        done = process(["-m", "qtraj", "tune", "--out", str(tmp_path / "out"), "--json"], XDG_CACHE_HOME=str(tmp_path))
+def test_a_second_process_traces_nothing_anew(tmp_path):
+    def report(folder, before=""):
+        arguments = ["qtraj", "report", str(HELIX), "--out", str(tmp_path / folder)]
+        code = f"{before}; import sys; sys.argv = {arguments!r}; from qtraj.cli.main import main; main()"
+        done = process(["-c", code.lstrip("; ")], XDG_CACHE_HOME=str(tmp_path))
         assert (done.returncode, done.stderr) == (0, "")
-        compiled = {file.name for file in (tmp_path / "qtraj" / "jax").iterdir()}
-        return json.loads(done.stdout), compiled
+        return any((tmp_path / folder).iterdir())
+
+    assert report("first")
+    assert names(tmp_path) == {"sampled", "report.used"}
+    assert report("second", "from jax import export; export.export = None")
+
+
+@pytest.mark.slow
+def test_a_second_tuning_traces_nothing(tmp_path):
+    def tune(before=""):
+        code = f"{before}import sys; sys.argv = ['qtraj', 'tune', '--out', {str(tmp_path / 'out')!r}, '--json']; "
+        done = process(["-c", code + "from qtraj.cli.main import main; main()"], XDG_CACHE_HOME=str(tmp_path))
+        assert (done.returncode, done.stderr) == (0, "")
+        return json.loads(done.stdout)
 
     first = tune()
-    assert any("_proceed" in name for name in first[1])
-    assert tune() == first
+    steps = {"minimise", "measures", "ends", "posed", "begin", "proceed", "ended", "reached", "cylindrical"}
+    judging = {"gap", "finding", "in_columns", "code", "sampled"}
+    assert names(tmp_path) == steps | judging | {"tune.used"}
+    assert tune("from jax import export; export.export = None; ") == first
 
 
 def test_neither_a_cache_that_cannot_be_made_nor_a_terminal_without_greek_is_an_error(tmp_path):

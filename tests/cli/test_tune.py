@@ -87,8 +87,6 @@ def test_the_json_is_what_the_library_says(default_run):
     assert tuning == {
         "objective": "nearest",
         "motion": "uniform",
-        "method": "sqp",
-        "options": {},
         "fixed": [],
         "bounds": {},
         "value": tuned.objective,

@@ -9,8 +9,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 import qtraj as qt
-from qtraj.path.quantity import QUANTITIES as UNITS
-from qtraj.path.values import value as magnitude
+from qtraj.design.magnitudes import UNITS, magnitude
 
 ALL = dict.fromkeys(UNITS, 1.0)
 PLACEMENTS = [None, qt.Placement([5.0, 6.0, 7.0]), qt.Placement([0.0, 0.0, 0.0], [1.0, 0.2, -0.1, 0.3])]
@@ -83,7 +82,7 @@ def test_peaks_are_those_of_a_bounded_search(name):
         (lambda: qt.Limits(torsion=float("nan")), "limit torsion must be positive"),
         (lambda: qt.Limits(slope=[0.1, 0.2]), "limit slope must be one number"),
         (lambda: qt.Limits(acceleration=["x"]), "limit acceleration must be a number"),
-        (lambda: qt.peak(helix(), "colour"), "unknown path quantity 'colour'"),
+        (lambda: qt.peak(helix(), "colour"), "unknown magnitude 'colour'"),
     ],
 )
 def test_bad_limits_are_refused_with_a_reason(make, fragment):

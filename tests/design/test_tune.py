@@ -10,11 +10,10 @@ import pytest
 from scipy.optimize import NonlinearConstraint, minimize
 
 import qtraj as qt
-from qtraj.design.tuning.motions.registry import MOTIONS
-from qtraj.design.tuning.objectives.registry import OBJECTIVES
+from qtraj.design.magnitudes import magnitude
+from qtraj.design.tuning.outcome import STATUSES
 from qtraj.design.tuning.problem import pose
 from qtraj.path.boundary import cylindrical
-from qtraj.path.values import value as magnitude
 
 RATE = 0.35
 START = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, RATE * 20, 0.3])
@@ -28,7 +27,7 @@ AGREES = 1e-6  # relative difference of objectives
 
 def best_of_slsqp(objective, motion, limits=LIMITS, duration=None, starts=3):
     """The least objective that SciPy's SLSQP finds from several starts, with the limits at 300 fixed instants."""
-    problem = pose(START, END, OBJECTIVES[objective], MOTIONS[motion], duration, 0, None)
+    problem = pose(START, END, objective, motion, duration, 0, None)
     given = limits.given()
 
     def both(z):
@@ -354,7 +353,7 @@ def test_a_batch_is_what_its_lanes_are(many):
         assert many[k].certificate.status == one.certificate.status
     with pytest.raises(ValueError, match="does not go into one document"):
         many.save("many.toml")
-    with pytest.raises(ValueError, match="stack the states likewise"):
+    with pytest.raises(ValueError, match="lanes"):
         qt.tune(starts, ends, jax.vmap(lambda k: qt.Limits(curvature=k, lateral_acceleration=k))(jnp.ones(3)))
 
 
@@ -394,7 +393,7 @@ def test_a_batch_ends_where_its_lanes_do(many):
     assert len(list(many)) == 5
     with pytest.raises(IndexError, match="there are 5 problems"):
         many[5]
-    with pytest.raises(ValueError, match="stack the states likewise"):
+    with pytest.raises(ValueError, match="lanes"):
         qt.tune(START, END, limits)
     shared = qt.tune(starts, END, LIMITS, starts=1)
     np.testing.assert_array_equal(shared.end.position[1], END.position)
@@ -406,12 +405,17 @@ def test_velocities_that_all_vanish_are_refused():
         qt.tune(still, qt.BoundaryState(END.position, [0.0, 0, 0]), LIMITS, motion="hermite", duration=4.0, turn=1.0)
 
 
+@pytest.mark.parametrize("change", [{"method": "lbfgs"}, {"objective": lambda path: path.length()}])
+def test_the_search_that_cannot_be_traced_says_so(change):
+    with pytest.raises(ValueError, match="pass method='sqp'"):
+        jax.jit(lambda k: qt.tune(START, END, qt.Limits(curvature=k), **change).path)(0.048)
+
+
 @pytest.mark.parametrize(("steps", "said"), [(1, "1 step"), (2, "2 steps"), (0, "0 steps")])
 @pytest.mark.parametrize("status", ["converged", "not converged"])
 def test_one_step_is_no_steps(status, steps, said):
     path = qt.SpiralHelix([10.0], [0.0, 0.4], [0.0, 0.5], 5.0)
     ends = path.state(0.0), path.state(path.duration)
-    code = {"converged": qt.ResultCode.successful, "not converged": qt.ResultCode.not_converged}[status]
-    found = qt.Tuned(path, *ends, 0.0, qt.certify(path, qt.Limits(speed=9.0)), code, steps)
+    found = qt.Tuned(path, *ends, 0.0, qt.certify(path, qt.Limits(speed=9.0)), STATUSES.index(status), steps)
     assert f"{status} {'after' if ' ' in status else 'in'} {said}: " in found.result
     assert f", {said};" in repr(found)

@@ -15,6 +15,7 @@ import qtraj as qt
 from qtraj.foundation import record
 from qtraj.foundation.result import AbstractResult, counted, extent
 from qtraj.io.flat import flatten, unflatten
+from qtraj.motion.propagation.propagate import PropagationResult
 from qtraj.path.residual import compare
 
 EXACTLY = {} if tuple(map(int, pandas.__version__.split(".")[:2])) >= (3, 1) else {"float_precision": "round_trip"}
@@ -22,7 +23,7 @@ EXACTLY = {} if tuple(map(int, pandas.__version__.split(".")[:2])) >= (3, 1) els
 SUFFIXES = [".nc", ".zarr", ".parquet", ".csv"]
 INSTANTS = np.array([0.0, 0.1, 1 / 3])
 LANES = 3
-REACHED = qt.ResultCode.successful
+REACHED = PropagationResult.successful
 HOSTILE = "<script>alert(1)</script>&\"'"
 LONGEST = 240
 """Characters of a summary that still is one."""
@@ -50,7 +51,7 @@ def single():
     vectors = jnp.eye(3)
     return {
         "path": path,
-        "fitted": qt.Fitted(path, compare(path, track), qt.ResultCode.held_by_bounds, 9, [5.0, 20.0]),
+        "fitted": qt.SpiralHelix([10.0], [0.0, 0.4], [0.0], 2.0, residual=compare(path, track)),
         "certificate": certificate,
         "state": qt.BoundaryState([10.0, 0, 1 / 7], [1.0, 4.0, 1 / 3], [0.0, -1.6, 1 / 7]),
         "tuned": qt.Tuned(path, *ends, 1 / 3, certificate, 0, 7, "try less"),
@@ -58,10 +59,10 @@ def single():
         "trihedral": qt.Trihedral(*vectors, *vectors[0] / 3, *vectors[:2] / 7, jnp.asarray(True)),
         "attitude": qt.Attitude(jnp.ones(4) / 2, jnp.ones(3) / 3, jnp.ones(3) / 7),
         "closed": qt.Solution(INSTANTS, quaternion, rate, 0, rate / 3, quaternion / 5, INSTANTS / 3),
-        "open": qt.Solution(INSTANTS, quaternion, rate, qt.ResultCode.max_steps_reached, axes="inertial"),
+        "open": qt.Solution(INSTANTS, quaternion, rate, 1, axes="inertial"),
         "closed form": qt.control.ClosedMotion(INSTANTS, quaternion / 5, quaternion, INSTANTS / 3),
         "friction": qt.dynamics.FrictionDemand(jnp.asarray(1 / 3), jnp.asarray(0.5)),
-        "propagation": qt.Propagation(*map(jnp.asarray, (INSTANTS, quaternion, 1e-13, 7, REACHED))),
+        "propagation": qt.Propagation(*map(jnp.asarray, (INSTANTS, quaternion, 1e-13, 7)), REACHED),
         "track": track,
         "residual": compare(path, track),
     }
@@ -83,9 +84,9 @@ def many():
         "frictions, one in flight": jax.vmap(qt.dynamics.FrictionDemand)(
             jnp.array([1 / 3, np.inf]), jnp.array([0.5, np.inf])
         ),
-        "tables": qt.Table(each, position=positions, batched=True),
+        "tables": qt.Table(each, positions, batched=True),
         "tables, components first": qt.Table(
-            jnp.asarray(INSTANTS), position=jnp.moveaxis(positions, 2, 0), batched=True, components="first"
+            jnp.asarray(INSTANTS), jnp.moveaxis(positions, 2, 0), batched=True, components="first"
         ),
         "reduced": qt.evaluate(tuned.path, INSTANTS, ("speed", "position"), reduce="max", components="first"),
     }
@@ -291,17 +292,7 @@ def test_what_the_calls_give_back_are_results():
     named = {getattr(qt, name) for name in qt.__all__}
     named |= {getattr(qt.control, name) for name in qt.control.__all__} | {qt.dynamics.FrictionDemand}
     classes = {thing for thing in named if isinstance(thing, type) and issubclass(thing, AbstractResult)}
-    wanted = {
-        qt.Tuned,
-        qt.Fitted,
-        qt.Certificate,
-        qt.Table,
-        qt.Solution,
-        qt.Propagation,
-        qt.Track,
-        qt.Trihedral,
-        qt.SpiralHelix,
-    }
+    wanted = {qt.Tuned, qt.Certificate, qt.Table, qt.Solution, qt.Propagation, qt.Track, qt.Trihedral, qt.SpiralHelix}
     wanted |= {qt.Attitude, qt.BoundaryState, qt.Residual, qt.control.ClosedMotion, qt.dynamics.FrictionDemand}
     assert classes == wanted
 
@@ -393,13 +384,13 @@ def test_axes_and_commands_of_a_solution_are_known_words():
 
 
 def test_every_ending_of_a_propagation_has_its_own_words():
-    codes = [qt.ResultCode.successful, qt.ResultCode.tolerance_not_reached, qt.ResultCode.not_finite]
+    named = ("successful", "tolerance_not_reached", "not_finite")
+    endings = [getattr(PropagationResult, name) for name in named]
     quaternion = np.ones((len(INSTANTS), 4))
-    each = [qt.Propagation(*map(jnp.asarray, (INSTANTS, quaternion, 1e-13, 7, code))) for code in codes]
+    each = [qt.Propagation(*map(jnp.asarray, (INSTANTS, quaternion, 1e-13, 7)), ending) for ending in endings]
     lanes = jax.tree.map(lambda *x: jnp.stack(x), *each)
-    texts = [one.result for one in each]
-    assert len(set(texts)) == 3
-    assert list(lanes.result) == lanes.record().variables["result"].values.tolist() == texts
+    texts = [PropagationResult[ending] for ending in endings]
+    assert lanes.record().variables["result"].values.tolist() == texts
     assert [one.record().variables["result"].values.item() for one in each] == texts
 
 

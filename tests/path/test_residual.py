@@ -1,13 +1,10 @@
 """A track against a path: distances, velocities and directions that are known beforehand."""
 
-import tomllib
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import tomli_w
 
 import qtraj.foundation.document as document
 from qtraj.path.hodograph import Curve
@@ -39,6 +36,8 @@ def test_a_track_on_the_path_has_no_residual():
     assert float(residual.velocity_rms) < ROUND_OFF
     assert float(residual.direction_rms) < ROUND_OFF
     assert int(residual.samples) == 41
+    assert bool(residual.converged)
+    assert residual.message == ""
 
 
 def test_a_constant_offset_is_the_residual():
@@ -114,31 +113,15 @@ def test_residuals_are_differentiable_in_the_path_also_where_they_vanish():
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
-def test_a_residual_is_stored(tmp_path, suffix):
-    residual = compare(PATH, track_along(PATH, (0.1, 0.2, 0.3)))
-    document.save(residual, tmp_path / f"residual{suffix}")
-    assert eqx.tree_equal(document.load(tmp_path / f"residual{suffix}"), residual)
+def test_a_path_keeps_its_residual_in_a_file(tmp_path, suffix):
+    residual = compare(PATH, track_along(PATH, (0.1, 0.2, 0.3)), converged=False, message="try a longer window")
+    path = eqx.tree_at(lambda p: p.residual, PATH, residual, is_leaf=lambda x: x is None)
+    path.save(tmp_path / f"path{suffix}")
+    back = document.load(tmp_path / f"path{suffix}")
+    assert isinstance(back.residual, Residual)
+    assert eqx.tree_equal(back, path)
 
 
-def test_a_path_that_was_stored_with_its_residual_is_read_without_it(tmp_path):
-    """As versions wrote it that kept the residual in the path, and the end of the fit in the residual."""
-    PATH.save(tmp_path / "path.toml")
-    document.save(compare(PATH, track_along(PATH)), tmp_path / "residual.toml")
-    older = tomllib.loads((tmp_path / "residual.toml").read_text()) | {"converged": False, "message": "try a window"}
-    (tmp_path / "older.toml").write_text(tomli_w.dumps(older))
-    assert isinstance(document.load(tmp_path / "older.toml"), Residual)
-    path = tomllib.loads((tmp_path / "path.toml").read_text()) | {"residual": older | {"type": "Residual"}}
-    (tmp_path / "path.toml").write_text(tomli_w.dumps(path))
-    assert eqx.tree_equal(document.load(tmp_path / "path.toml"), PATH)
-
-
-def test_only_the_recorded_samples_count():
-    """The number of samples is padded; a track and its continuation by one sample differ by that sample alone."""
-    track = track_along(PATH, (3.0, 0.0, 0.0))
-    for count in (20, 40, 41):
-        part = Track(track.times[:count], track.positions[:count], track.velocities[:count])
-        residual = compare(PATH, part)
-        radius = 12.0 + 0.5 * TIMES[:count] - 0.1 * TIMES[:count] ** 2
-        np.testing.assert_allclose([residual.distance_rms, residual.maximum], 3.0, atol=ROUND_OFF)
-        np.testing.assert_allclose([residual.radius_min, residual.radius_max], [radius.min(), radius.max()], rtol=1e-12)
-        assert int(residual.samples) == count
+def test_a_path_with_a_residual_passes_through_jit():
+    path = eqx.tree_at(lambda p: p.residual, PATH, compare(PATH, track_along(PATH)), is_leaf=lambda x: x is None)
+    np.testing.assert_allclose(jax.jit(lambda p: p.position(1.0))(path), PATH.position(1.0), rtol=1e-12)

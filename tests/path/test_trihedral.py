@@ -10,8 +10,7 @@ import pytest
 
 import qtraj as qt
 from qtraj.algebra import matrices
-from qtraj.path.frenet import Invariants
-from qtraj.path.regularity import regularity
+from qtraj.path.invariants import existence, invariants
 from qtraj.path.trihedral import AbstractFrame
 
 from .conftest import as_curve
@@ -196,17 +195,18 @@ def test_the_upright_frame_ends_where_the_path_runs_along_up():
 
 def test_invariants_do_not_depend_on_the_basis(tilted):
     world, rotating = tilted.derivatives(1.7, 3), tilted.rotating_derivatives(1.7, 3)
-    a, b = Invariants(world), Invariants(rotating)
+    a, b = invariants(*world[1:]), invariants(*rotating[1:])
     for name in ("S", "N", "T"):
         np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-12)
-    sizes = [regularity(i, tilted.duration).cross_norm for i in (a, b)]
-    np.testing.assert_allclose(*sizes, rtol=1e-12)
+    assert float(existence(*rotating[1:], tilted.duration).bend) == pytest.approx(
+        float(existence(*world[1:], tilted.duration).bend), rel=1e-12
+    )
 
 
-def test_regularity_has_no_units():
-    """The same path in millimetres and milliseconds is exactly as regular."""
+def test_existence_has_no_units():
+    """The same path in millimetres and milliseconds exists exactly as much."""
     path = qt.SpiralHelix([20.0, 1.0], [0.2, 0.35], [1.0, 0.4], 4.5)
     small = qt.SpiralHelix([2e4, 1.0], [0.2, 0.35e-3], [1e3, 0.4], 4.5e3)
-    a = regularity(Invariants(path.derivatives(1.0, 3)), path.duration)
-    b = regularity(Invariants(small.derivatives(1e3, 3)), small.duration)
-    np.testing.assert_allclose([a.speed, a.cross_norm, a.level], [b.speed, b.cross_norm, b.level], rtol=1e-12)
+    a = existence(*path.derivatives(1.0, 3)[1:], path.duration)
+    b = existence(*small.derivatives(1e3, 3)[1:], small.duration)
+    np.testing.assert_allclose([a.motion, a.bend], [b.motion, b.bend], rtol=1e-12)

@@ -22,9 +22,9 @@ import math
 
 import jax.numpy as jnp
 
-from qtraj.algebra import hamilton, matrices
+from qtraj.algebra import matrices
 from qtraj.algebra.vector import balanced, norm, unit as unit_vector
-from qtraj.foundation.types import Mat4, Quat, Scalar, Vec3
+from qtraj.foundation.types import Flag, Mat4, Quat, Scalar, Vec3
 
 _COS = [(-1) ** k / math.factorial(2 * k) for k in range(8)]
 _SINC = [(-1) ** k / math.factorial(2 * k + 1) for k in range(8)]
@@ -35,7 +35,16 @@ _SMALL_TANGENT_SQUARED = 0.0025  # above, the closed forms are, since their deri
 
 def product(p: Quat, q: Quat) -> Quat:
     """p∘q by Hamilton's rule."""
-    return jnp.stack(hamilton.product(p, q))
+    a, b, c, d = p
+    s, x, y, z = q
+    return jnp.stack(
+        [
+            a * s - b * x - c * y - d * z,
+            a * x + b * s + c * z - d * y,
+            a * y - b * z + c * s + d * x,
+            a * z + b * y - c * x + d * s,
+        ]
+    )
 
 
 def conjugate(q: Quat) -> Quat:
@@ -61,7 +70,8 @@ def unit(q: Quat) -> Quat:
 
 def canonical(q: Quat) -> Quat:
     """Of q and −q the one whose first non-zero component is positive: scalar ≥ 0, and one choice for half turns."""
-    return jnp.where(hamilton.is_negative(q), -q, q)
+    s, x, y, z = q
+    return jnp.where(_negative(s, _negative(x, _negative(y, z < 0))), -q, q)
 
 
 def from_xyzw(xyzw: Quat) -> Quat:
@@ -72,6 +82,10 @@ def from_xyzw(xyzw: Quat) -> Quat:
 def to_xyzw(q: Quat) -> Quat:
     """The components of λ with the scalar part last."""
     return jnp.roll(q, -1, axis=-1)
+
+
+def _negative(x: Scalar, next_is: Flag) -> Flag:
+    return (x < 0) | ((x == 0) & next_is)
 
 
 def rotate(q: Quat, v_body: Vec3) -> Vec3:

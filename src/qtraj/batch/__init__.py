@@ -1,1 +1,1 @@
-"""Layer 5: many paths at many instants."""
+"""Floor 5: many paths at many instants."""

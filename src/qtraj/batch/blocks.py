@@ -26,14 +26,10 @@ Write = Callable[[str, int, Array, Array, Array, Array], Array]
 """(name, component, buffer, values (paths, instants), first path, first instant) → the buffer with the values."""
 
 
-Empty = Callable[[str, Any], Array]
-"""(name, dtype) → a buffer."""
-
-
 def filled(
-    work: Work, empty: Empty, write: Write, paths: Any, columns: Any, shape: tuple[int, int], samples: int = SAMPLES
+    work: Work, write: Write, paths: Any, columns: Any, shape: tuple[int, int], buffers: Any, samples: int = SAMPLES
 ) -> Any:
-    """Buffers, by name, with the components that `work` gives for every path and instant.
+    """`buffers`, by name, with the components that `work` gives for every path and instant.
 
     The last block of a row overlaps the one before it, so every block has one shape.
     """
@@ -42,19 +38,15 @@ def filled(
     high = min(count, max(1, samples // wide))
     across, along = -(-count // high), -(-instants // wide)
 
-    def cut(p: Array, c: Array) -> Any:
-        own = jax.tree.map(lambda x: lax.dynamic_slice_in_dim(x, p, high), paths)
-        return own, jax.tree.map(lambda x: _cut(x, p, c, high, wide), columns)
-
     def block(i: Array, buffers: Any) -> Any:
         p, c = jnp.minimum((i // along) * high, count - high), jnp.minimum((i % along) * wide, instants - wide)
-        for name, components in work(*cut(p, c)).items():
+        own = jax.tree.map(lambda x: lax.dynamic_slice_in_dim(x, p, high), paths)
+        values = work(own, jax.tree.map(lambda x: _cut(x, p, c, high, wide), columns))
+        for name, components in values.items():
             for k, component in enumerate(components):
                 buffers = buffers | {name: write(name, k, buffers[name], component, p, c)}
         return buffers
 
-    kinds = jax.eval_shape(work, *jax.eval_shape(cut, 0, 0))
-    buffers = {name: empty(name, components[0].dtype) for name, components in kinds.items()}
     return lax.fori_loop(0, across * along, block, buffers)
 
 

@@ -14,8 +14,8 @@ from qtraj.batch.table import Table
 from qtraj.batch.task import Task
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
-from qtraj.path.channel import CHANNELS
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.quantities import AXES
 from qtraj.path.trihedral import AbstractFrame, Natural
 
 DEFAULT_OUTPUTS = ("position", "velocity", "acceleration", "quaternion", "curvature", "torsion", "rate")
@@ -35,17 +35,16 @@ def evaluate(
     """Evaluate one path, or a stack of paths as `jax.vmap` makes it, at `times` [s], shared (n,) or per path (b, n).
 
     One path gives a `Table` of arrays (n, …), b paths (b, n, …); with `components="first"` the components' axes lead.
-    Either way each component lies contiguously in memory. `outputs` are names of `Table`: vectors, frames, and every
-    path quantity. `frame` is the trihedral to hang on the path (the natural one). A quaternion's sign is free at each
-    instant; `continuous=True` chooses it so that neighbours in time agree.
+    Either way each component lies contiguously in memory. `outputs` names fields of `Table`; `frame` is the trihedral
+    to hang on the path (the natural one). A quaternion's sign is free at each instant; `continuous=True` chooses it so
+    that neighbours in time agree.
 
     `reduce` "max", "min", "integral" (trapezoidal rule) or "mean" gives a `Reduced` over the instants instead, and no
     sample is stored. `devices` to spread the work over are all local ones, if there is enough to do. `reuse` is the
     table of an earlier call of the same form: its arrays are written over and must not be used again, which spares
     the system from finding fresh memory.
 
-    Paths that have `polynomials`, with a natural or upright frame, are fastest. The call may be traced, and
-    differentiated in both modes.
+    Spiral-helices with the natural trihedral are fastest. The call may be traced, and differentiated in both modes.
 
     **Raises:** ValueError for something else than a path, unknown outputs, components, reductions, times that are
     neither (n,) nor (b, n), or a table to reuse that is not of this form.
@@ -84,8 +83,8 @@ def _names(outputs: Sequence[str]) -> tuple[str, ...]:
             f"outputs must be a sequence of names, such as ({outputs!r},), but the text {outputs!r} was given"
         )
     names = tuple(dict.fromkeys(outputs))
-    if unknown := [name for name in names if name not in CHANNELS]:
-        raise ValueError(f"unknown output {unknown[0]!r}; known are {', '.join(CHANNELS)}")
+    if unknown := [name for name in names if name not in AXES]:
+        raise ValueError(f"unknown output {unknown[0]!r}; known are {', '.join(AXES)}")
     return names
 
 

@@ -1,7 +1,7 @@
 """The compiled programs behind `evaluate`."""
 
+import functools
 from collections.abc import Sequence
-from functools import lru_cache, partial
 from typing import Any
 
 import equinox as eqx
@@ -13,14 +13,13 @@ from jaxtyping import Array
 
 from qtraj.batch.blocks import SAMPLES, filled, mapped, reduced
 from qtraj.batch.channels import channels
-from qtraj.batch.cpu import in_one_loop
 from qtraj.batch.devices import AXIS, Spread, spread
 from qtraj.batch.long_rows import LONG, by_path, long_row
 from qtraj.batch.reduction import LINEAR, block_peak, joiner
 from qtraj.batch.sums import integrals, neighbours
-from qtraj.batch.task import Task
+from qtraj.batch.task import Task, inner_shape
 from qtraj.foundation.derivatives import carrying
-from qtraj.path.channel import CHANNELS
+from qtraj.foundation.one_loop import in_one_loop
 
 
 def run(
@@ -54,7 +53,7 @@ def _traced(task: Task, request: Any, times: Array) -> Any:
     values = mapped(work, arrays, (times,), shape, _samples())
     flat = {name: jnp.stack(values[name]) for name in task.names}
     lead = shape if task.batched else shape[1:]
-    return _results(task, {name: x.reshape(*CHANNELS[name].shape, *lead) for name, x in flat.items()})
+    return _results(task, {name: x.reshape(*inner_shape(name), *lead) for name, x in flat.items()})
 
 
 def _followed(task: Task, paths: Any, frame: Any, times: Array) -> Any:
@@ -97,7 +96,7 @@ def _frozen(tree: Any) -> Any:
     return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
 
-@lru_cache(maxsize=128)
+@functools.lru_cache(maxsize=128)
 def _writing(task: Task, over: Spread | None, donate: bool) -> Any:
     """A compiled call that writes every block into its results.
 
@@ -111,12 +110,13 @@ def _writing(task: Task, over: Spread | None, donate: bool) -> Any:
         def local(paths: Any, times: Array) -> Any:
             count, instants = paths.duration.shape[0], times.shape[1]
             arrays, work = _worker(paths, frame, task.names)
-
-            def empty(name: str, dtype: Any) -> Array:
-                # Values that differ: of equal ones the compiler would make one buffer, and then copy it.
-                return jnp.full(task.raw_shape(name, count, instants), task.names.index(name), dtype)
-
-            return filled(work, empty, task.write, arrays, (times,), (count, instants), _samples())
+            kinds = jax.eval_shape(work, arrays, (times,))
+            # Values that differ, lest the compiler takes one buffer for several and then copies it.
+            buffers = {
+                name: jnp.full(task.raw_shape(name, count, instants), i, kinds[name][0].dtype)
+                for i, name in enumerate(task.names)
+            }
+            return filled(work, task.write, arrays, (times,), (count, instants), buffers, _samples())
 
         if over is not None:
             out = {name: task.spec(name, over.lead, "first") for name in task.names}
@@ -130,7 +130,7 @@ def _writing(task: Task, over: Spread | None, donate: bool) -> Any:
     return jax.jit(call, static_argnums=0, in_shardings=inputs, out_shardings=formats, **donated)
 
 
-@lru_cache(maxsize=128)
+@functools.lru_cache(maxsize=128)
 def _reduction(task: Task, over: Spread | None) -> Any:
     """A compiled call that reduces every block."""
 
@@ -221,7 +221,6 @@ def _worker(paths: Any, frame: Any, names: tuple[str, ...]) -> Any:
     """The arrays of the paths, and the function that evaluates a block of them at (times, …)."""
     arrays, rest = eqx.partition(paths, eqx.is_array)
 
-    @partial(jax.jit, inline=True)  # traced once for each shape of blocks
     def work(block: Any, cut: Any) -> Any:
         leaves, form = jax.tree.flatten(channels(eqx.combine(block, rest), cut[0], frame, names))
         return form.unflatten(in_one_loop(leaves))

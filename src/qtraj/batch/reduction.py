@@ -10,8 +10,7 @@ from jaxtyping import Array
 
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, in_lanes
-from qtraj.foundation.units import integrated
-from qtraj.path.channel import CHANNELS, LABELS, framed
+from qtraj.path.quantities import AXES, DESCRIPTIONS, INTEGRATED, LABELS, framed
 
 REDUCTIONS = ("max", "min", "integral", "mean")
 
@@ -47,17 +46,18 @@ class Reduced(AbstractResult):
         """The numbers over `path`, where there are many, and over components; `…_time` is where a peak is attained."""
         variables = {}
         for name, values in self.values.items():
-            entry, paths = CHANNELS[name], ("path",) if self.batched else ()
-            dims = (*paths, *entry.axes) if self.components == "last" else (*entry.axes, *paths)
-            unit = integrated(entry.unit) if self.reduction == "integral" else entry.unit
-            what = f"{self.reduction} of {'each component of ' if entry.axes else ''}the {entry.meaning}"
-            variables[name] = Quantity(values, unit, what, dims)
+            (unit, meaning), axes = DESCRIPTIONS[name], AXES[name]
+            lanes = ("path",) if self.batched else ()
+            dims = (*lanes, *axes) if self.components == "last" else (*axes, *lanes)
+            whole = INTEGRATED[unit] if self.reduction == "integral" else unit
+            what = f"{self.reduction} of {'each component of ' if axes else ''}the {meaning}"
+            variables[name] = Quantity(values, whole, what, dims)
             if self.times is not None:
                 variables[f"{name}_time"] = Quantity(self.times[name], "s", f"time of the {self.reduction}", dims)
         first = next(iter(variables.values()))
-        count = (np.shape(first.values)[first.axes.index("path")],) if self.batched else ()
+        paths = (np.shape(first.values)[first.axes.index("path")],) if self.batched else ()
         return Record(
-            f"{in_lanes(count, 'paths')}{self.reduction} over time, {self.frame} frame: {', '.join(self.values)}",
+            f"{in_lanes(paths, 'paths')}{self.reduction} over time, {self.frame} frame: {', '.join(self.values)}",
             variables,
             attributes=framed(self.frame) | {"reduction": self.reduction, "quaternion_convention": QUATERNIONS},
             labels=LABELS,

@@ -65,8 +65,8 @@ def _together(work: Work, paths: Any, row: Float[Array, "rows m"], wide: int, in
 
     @jax.checkpoint
     def part(paths: Any, i: Array, slopes: Any) -> Any:
-        # The values are cut from the row, which copies nothing. Their derivatives come as blocks of their own: else the
-        # reverse pass would add up a whole row in every step. Where the times have none, nothing is left of these.
+        # The values are cut from the row, which copies nothing. Their derivatives come as blocks of their own, lest the
+        # reverse pass adds up a whole row in every step; where the times have none, nothing is left of these blocks.
         cuts = [lax.dynamic_slice_in_dim(values, i * wide + k, wide, axis=1) for k in range(3)]
         before, t, after = (carrying(cut, slope) for cut, slope in zip(cuts, slopes, strict=True))
         inside = jnp.arange(wide) < instants - i * wide
@@ -74,7 +74,7 @@ def _together(work: Work, paths: Any, row: Float[Array, "rows m"], wide: int, in
         return jax.tree.map(lambda x: jnp.where(inside, x.astype(row.dtype) * weights, 0.0), work(paths, (t,)))
 
     def step(so_far: Any, cut: Any) -> Any:
-        # Tied to the step: what depends on the paths alone would be worked out before the loop, and then read in it.
+        # Tied to the step, lest what depends on the paths alone is worked out before the loop, and then read in it.
         now, (i, slopes) = lax.optimization_barrier((paths, cut))
         return jax.tree.map(jnp.add, so_far, part(now, i, slopes)), None
 

@@ -1,63 +1,48 @@
 """What a batched evaluation returns: labelled arrays."""
 
-from typing import Any
-
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, in_lanes, over
-from qtraj.path.channel import CHANNELS, LABELS, framed
+from qtraj.path.quantities import AXES, DESCRIPTIONS, LABELS, framed
 
 
 class Table(AbstractResult):
     """Arrays over instants (n,) or over paths and instants (b, n), components on the last axis (or the first).
 
-    Each output of `evaluate` is an attribute: `table.position`, `table.curvature`, `table.yaw_rate`; None where it was
-    not asked for. `time` [s], (n,) or (b, n), is measured from each path's own start.
-
-    **Raises:** TypeError for arrays of other names.
+    Fields that were not asked for are None. `time` [s], (n,) or (b, n), is measured from each path's own start.
     """
 
     time: Float[Array, "*rows n"]
-    values: dict[str, Array]
-    batched: bool = eqx.field(static=True)
-    components: str = eqx.field(static=True)
-    frame: str = eqx.field(static=True)
-
-    def __init__(
-        self,
-        time: Array,
-        *,
-        batched: bool = False,
-        components: str = "last",
-        frame: str = "natural",
-        **values: Array | None,
-    ):
-        if unknown := values.keys() - CHANNELS.keys():
-            raise TypeError(f"unknown output {min(unknown)!r}; known are {', '.join(CHANNELS)}")
-        self.time = time
-        self.values = {name: x for name, x in values.items() if x is not None}
-        self.batched, self.components, self.frame = batched, components, frame
-
-    def __getattr__(self, name: str) -> Any:
-        if name in CHANNELS:
-            return self.values.get(name)
-        raise AttributeError(f"a table has no {name!r}")
-
-    def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *CHANNELS]
+    position: Float[Array, "..."] | None = None
+    velocity: Float[Array, "..."] | None = None
+    acceleration: Float[Array, "..."] | None = None
+    jerk: Float[Array, "..."] | None = None
+    dcm: Float[Array, "..."] | None = None
+    quaternion: Float[Array, "..."] | None = None
+    gibbs: Float[Array, "..."] | None = None
+    speed: Float[Array, "..."] | None = None
+    curvature: Float[Array, "..."] | None = None
+    torsion: Float[Array, "..."] | None = None
+    rate: Float[Array, "..."] | None = None
+    angular_acceleration: Float[Array, "..."] | None = None
+    defined: Bool[Array, "..."] | None = None
+    batched: bool = eqx.field(static=True, default=False)
+    components: str = eqx.field(static=True, default="last")
+    frame: str = eqx.field(static=True, default="natural")
 
     def record(self) -> Record:
         """The arrays over `time`, or over `sample` where each path has instants of its own, and over `path`."""
         along = "time" if self.time.ndim == 1 else "sample"  # times of each path's own are no axis
         instants = ("path", along) if self.batched else (along,)
         variables = {}
-        for name, entry in CHANNELS.items():
-            if name in self.values:
-                dims = (*instants, *entry.axes) if self.components == "last" else (*entry.axes, *instants)
-                variables[name] = Quantity(self.values[name], entry.unit, entry.meaning, dims)
+        for name, axes in AXES.items():
+            values = getattr(self, name)
+            if values is not None:
+                dims = (*instants, *axes) if self.components == "last" else (*axes, *instants)
+                variables[name] = Quantity(values, *DESCRIPTIONS[name], dims)
         time = Quantity(self.time, "s", "time from the start of the path", instants[-self.time.ndim :])
         paths = [np.shape(q.values)[q.axes.index("path")] for q in variables.values() if "path" in q.axes][:1]
         return Record(

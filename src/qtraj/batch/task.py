@@ -9,7 +9,7 @@ from jax.experimental.layout import Layout
 from jax.sharding import PartitionSpec
 from jaxtyping import Array
 
-from qtraj.path.channel import CHANNELS
+from qtraj.path.quantities import AXES, LABELS
 
 
 @dataclass(frozen=True)
@@ -25,15 +25,15 @@ class Task:
     def shaped(self, name: str, flat: Array) -> Array:
         """The result from components and paths on leading axes, (components, paths, …)."""
         flat = flat if self.batched else flat[:, 0]
-        return self.ordered(name, flat.reshape(*CHANNELS[name].shape, *flat.shape[1:]))
+        return self.ordered(name, flat.reshape(*inner_shape(name), *flat.shape[1:]))
 
     def raw_shape(self, name: str, count: int, instants: int) -> tuple[int, ...]:
         """The shape of a result with its components first."""
-        return CHANNELS[name].shape + ((count, instants) if self.batched else (instants,))
+        return inner_shape(name) + ((count, instants) if self.batched else (instants,))
 
     def write(self, name: str, k: int, raw: Array, values: Array, p: Array, c: Array) -> Array:
         """`raw`, components first, with `values` (paths, instants) of its k-th component from `p` and `c` on."""
-        inner = CHANNELS[name].shape
+        inner = inner_shape(name)
         places = [jnp.asarray(i, c.dtype) for i in np.unravel_index(k, inner)] if inner else []
         lead = values.shape if self.batched else values.shape[1:]
         block = values.reshape((1,) * len(inner) + lead)
@@ -41,19 +41,24 @@ class Task:
 
     def ordered(self, name: str, raw: Array) -> Array:
         """The result from one with its components first."""
-        inner = len(CHANNELS[name].axes)
+        inner = len(inner_shape(name))
         if self.components == "first" or not inner:
             return raw
         return jnp.moveaxis(raw, range(inner), range(raw.ndim - inner, raw.ndim))
 
     def spec(self, name: str, lead: tuple[str | None, str | None], components: str) -> PartitionSpec:
         """How a result, with its components last or first, is divided where paths and instants are as `lead`."""
-        inner, over = (None,) * len(CHANNELS[name].axes), lead if self.batched else lead[1:]
+        inner, over = (None,) * len(inner_shape(name)), lead if self.batched else lead[1:]
         return PartitionSpec(*(inner + over if components == "first" else over + inner))
 
     def layout(self, name: str) -> Layout:
         """Components apart in memory, whatever the order of the axes."""
-        inner, lead = len(CHANNELS[name].axes), 2 if self.batched else 1
+        inner, lead = len(inner_shape(name)), 2 if self.batched else 1
         if self.components == "first":
             return Layout(tuple(range(inner + lead)))
         return Layout((*range(lead, lead + inner), *range(lead)))
+
+
+def inner_shape(name: str) -> tuple[int, ...]:
+    """The shape of an output at one instant."""
+    return tuple(len(LABELS[axis]) for axis in AXES[name])

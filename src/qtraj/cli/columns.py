@@ -1,13 +1,13 @@
 """Columns of numbers as a text file."""
 
 from collections.abc import Mapping, Sequence
-from itertools import product
 from pathlib import Path
 
 import numpy as np
 import xarray
 
-from qtraj.foundation.units import symbol
+SYMBOLS = {"1": "", "rad": "rad", "rad s-1": "rad/s", "rad s-2": "rad/s²", "s-1": "1/s", "s-2": "1/s²"}
+"""Units of datasets over instants as people write them."""
 
 
 def write_csv(columns: Mapping[str, np.ndarray], headers: Mapping[str, Sequence[str]], file: Path) -> None:
@@ -23,7 +23,7 @@ def csv_headers(dataset: xarray.Dataset) -> dict[str, list[str]]:
     """The columns of a dataset over instants: name_component [unit], such as rate_x [rad/s]."""
     headers = {"time": ["time [s]"]}
     for name, variable in dataset.data_vars.items():
-        unit = symbol(variable.attrs["units"])
-        components = product(*(dataset[axis].values for axis in variable.dims[1:]))
-        headers[str(name)] = ["_".join([str(name), *labels]) + (f" [{unit}]" if unit else "") for labels in components]
+        unit = SYMBOLS[variable.attrs["units"]]
+        components = [f"_{label}" for label in dataset[variable.dims[1]].values] if variable.ndim > 1 else [""]
+        headers[str(name)] = [f"{name}{component}{f' [{unit}]' if unit else ''}" for component in components]
     return headers

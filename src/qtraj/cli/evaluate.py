@@ -16,22 +16,19 @@ def evaluate(
     step: float | None = typer.Option(
         None, metavar="SECONDS", help="Time between instants instead; the end is always included."
     ),
-    also: list[str] = typer.Option(
-        [], metavar="NAME", help="A further output of qtraj.evaluate, such as yaw_rate; several with one option each."
-    ),
     out: Path | None = typer.Option(None, metavar="DIR", help="Folder for table.nc and table.csv."),
     as_json: bool = typer.Option(False, "--json", help="Print the table as JSON instead."),
 ) -> None:
     """Tabulate a path: time, position, speed, curvature, torsion, attitude and rate.
 
     Of a scenario it is the path before tuning. Attitude and rate are those of the natural trihedral; the quaternion is
-    scalar first, body to world. What --also names is added to the files and to JSON.
+    scalar first, body to world.
     """
     with guarded():  # imports here, so that --help need not wait for pydantic and xarray
         from qtraj.cli.evaluation.tabulate import print_table
         from qtraj.cli.evaluation.work import run
 
-        content = run(scenario, samples, step, out, also)
+        content = run(scenario, samples, step, out)
     if as_json:
         typer.echo(json.dumps(content, allow_nan=False))
     else:

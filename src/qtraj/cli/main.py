@@ -9,7 +9,13 @@ NEEDED = ("typer", "rich", "pydantic", "xarray", "h5netcdf", "matplotlib")
 """What the command line needs beyond the core of qtraj."""
 
 SELDOM = (100_000, 20, 100)
-"""Thresholds of Python's garbage collector, which by default takes a tenth of a run to find modules and traces."""
+"""Thresholds of Python's garbage collector, which by default takes a tenth of a run to find modules and programs."""
+
+
+def _command() -> str | None:
+    """The command given; None where only help is wanted."""
+    first = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
+    return first if first.isidentifier() and not {"-h", "--help"} & set(sys.argv) else None
 
 
 def main() -> None:
@@ -25,11 +31,13 @@ def main() -> None:
     atexit.register(gc.freeze)  # a process that ends need not search for garbage once more
     try:
         from qtraj.cli.session import prepare
+        from qtraj.foundation.exported.kept import ahead
 
         prepare()
-        from qtraj.cli.app import app  # after the settings, in case an import computes
+        with ahead(_command()):
+            from qtraj.cli.app import app
 
-        app(prog_name="qtraj")
+            app(prog_name="qtraj")
     except KeyboardInterrupt:  # before a command has begun, which sees to it itself
         sys.stderr.write("interrupted\n")
         sys.exit(130)

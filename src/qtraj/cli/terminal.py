@@ -6,9 +6,7 @@ from typing import Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress as Bars, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-from qtraj.foundation.progress import Progress, throttled
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 BAD_INPUT = 2
 INTERRUPTED = 130
@@ -50,24 +48,18 @@ def _fail(message: str) -> None:
 class Watch:
     """Progress on a terminal; silent elsewhere."""
 
-    def __init__(self, shown: Bars | None):
-        self._shown = shown
-        self._task: Any = None if shown is None else shown.add_task("", total=None)
-        self._tuning = throttled(None if shown is None else self._show)
+    def __init__(self, progress: Progress | None):
+        self._progress = progress
+        self._task: Any = None if progress is None else progress.add_task("", total=None)
 
     def say(self, text: str) -> None:
         """What is being done now."""
-        if self._shown is not None:
-            self._shown.update(self._task, description=text, completed=0, total=None)
+        if self._progress is not None:
+            self._progress.update(self._task, description=text)
 
-    def tuning(self, progress: Progress | str) -> None:
-        """How far a tuning is; shown a few times a second."""
-        self._tuning(Progress(progress) if isinstance(progress, str) else progress)
-
-    def _show(self, progress: Progress) -> None:
-        if self._shown is not None:
-            known = {"completed": progress.done, "total": progress.total}
-            self._shown.update(self._task, description=f"tuning: {progress}", **known)
+    def tuning(self, text: str) -> None:
+        """How far a tuning is."""
+        self.say(f"tuning: {text}")
 
 
 @contextmanager
@@ -77,6 +69,6 @@ def watching() -> Iterator[Watch]:
     if not console.is_terminal:
         yield Watch(None)
         return
-    text = TextColumn("{task.description}", markup=False)
-    with Bars(SpinnerColumn(), text, BarColumn(20), TimeElapsedColumn(), console=console, transient=True) as shown:
-        yield Watch(shown)
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        yield Watch(progress)

@@ -5,22 +5,20 @@ import dataclasses
 import equinox as eqx
 from jaxtyping import Array, Float
 
+from qtraj.design.magnitudes import UNITS, magnitude
 from qtraj.foundation.arrays import as_float, require_positive
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.quantity import quantity
-from qtraj.path.values import value
 
 
 @storable
 class Limits(eqx.Module):
-    """Upper bounds on path quantities; None leaves a quantity free.
+    """Upper bounds on magnitudes along a path; None leaves a quantity free.
 
     `curvature`, `torsion` [1/m]; `speed` [m/s]; `acceleration` |r̈|, `lateral_acceleration` |ṙ×r̈|/|ṙ|,
     `longitudinal_acceleration` |ṙ·r̈|/|ṙ| [m/s²]; `slope` rise over run against the world's z axis [-];
-    `angular_rate` [rad/s] and `angular_acceleration` [rad/s²] of the natural trihedral; `jerk` |r⃛| [m/s³]; `yaw_rate`
-    [rad/s] and `yaw_acceleration` [rad/s²], those of the upright frame about its own z axis.
+    `angular_rate` [rad/s] and `angular_acceleration` [rad/s²] of the natural trihedral.
 
     **Raises:** ValueError for a limit that is not a positive finite number.
     """
@@ -34,9 +32,6 @@ class Limits(eqx.Module):
     slope: Scalar | None
     angular_rate: Scalar | None
     angular_acceleration: Scalar | None
-    jerk: Scalar | None
-    yaw_rate: Scalar | None
-    yaw_acceleration: Scalar | None
 
     def __init__(
         self,
@@ -49,9 +44,6 @@ class Limits(eqx.Module):
         slope: ArrayInput | None = None,
         angular_rate: ArrayInput | None = None,
         angular_acceleration: ArrayInput | None = None,
-        jerk: ArrayInput | None = None,
-        yaw_rate: ArrayInput | None = None,
-        yaw_acceleration: ArrayInput | None = None,
     ):
         self.curvature = _limit(curvature, "curvature")
         self.torsion = _limit(torsion, "torsion")
@@ -62,9 +54,6 @@ class Limits(eqx.Module):
         self.slope = _limit(slope, "slope")
         self.angular_rate = _limit(angular_rate, "angular_rate")
         self.angular_acceleration = _limit(angular_acceleration, "angular_acceleration")
-        self.jerk = _limit(jerk, "jerk")
-        self.yaw_rate = _limit(yaw_rate, "yaw_rate")
-        self.yaw_acceleration = _limit(yaw_acceleration, "yaw_acceleration")
 
     def given(self) -> dict[str, Float[Array, "*lanes"]]:
         """The limits that are set, by name."""
@@ -73,7 +62,7 @@ class Limits(eqx.Module):
 
     def values(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
         """The limited magnitudes of `path` at one instant `t` [s], by name, each in its limit's unit."""
-        return {name: value(path, t, name) for name in self.given()}
+        return {name: magnitude(path, t, name) for name in self.given()}
 
     def margins(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
         """Limit less magnitude at one instant `t` [s], by name: negative where the limit is broken."""
@@ -84,12 +73,13 @@ class Limits(eqx.Module):
 def _limit(value: ArrayInput | None, name: str) -> Scalar | None:
     if value is None:
         return None
-    unit = quantity(name).label
     try:
         limit = as_float(value)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"the limit {name} must be a number [{unit}], but {value!r} was given") from error
+        raise ValueError(
+            f"the limit {name} must be a number [{UNITS[name] or '-'}], but {value!r} was given"
+        ) from error
     if limit.ndim != 0:
         raise ValueError(f"the limit {name} must be one number, but an array of shape {limit.shape} was given")
-    require_positive(limit, f"the limit {name}", unit)
+    require_positive(limit, f"the limit {name}", UNITS[name] or "-")
     return limit

@@ -17,30 +17,13 @@ from jaxtyping import Array, Float, Int
 from qtraj.foundation.least import place_of_largest
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.quantity import quantity
-from qtraj.path.values import value
 
 NEWTON_STEPS = 4
 NODES, POLISHED = 257, 3
 """Of `summit`: where it looks, and how many of the highest places it polishes."""
 
-CELLS = 1025
-"""Cells of time in which `peak` searches."""
-
 OfPath = Callable[[AbstractHodograph, Scalar], Scalar]
 """A quantity of a path at one instant."""
-
-
-@eqx.filter_jit
-def peak(path: AbstractHodograph, name: str) -> tuple[Scalar, Scalar]:
-    """Time [s] and size of the largest value of one path quantity (a field of `Limits`) over the whole path.
-
-    Sought in 1025 cells of time by Newton's method; differentiable in the path (envelope theorem).
-
-    **Raises:** ValueError for an unknown name.
-    """
-    quantity(name)
-    return largest(lambda path, t: value(path, t, name), path, CELLS)
 
 
 def cell_peaks(f: OfPath, path: AbstractHodograph, cells: int) -> Float[Array, " n"]:
@@ -92,7 +75,7 @@ def highest(values: Float[Array, " n"], number: int) -> Int[Array, " {number}"]:
     for _ in range(number):
         k = place_of_largest(values)
         places.append(k)
-        values = jnp.where(jnp.arange(values.shape[0], dtype=k.dtype) == k, -jnp.inf, values)
+        values = jnp.where(jnp.arange(values.shape[0]) == k, -jnp.inf, values)
     return jnp.stack(places)
 
 

@@ -14,8 +14,6 @@ from qtraj.foundation.types import ArrayInput, ScalarLike
 COARSE_METRES = 1e-3
 """A float32 position that resolves less than this [m] is worth a warning."""
 
-SMALLEST_BUCKET = 64
-"""Rows to which fewer are padded."""
 
 _warned: set[str] = set()
 
@@ -45,12 +43,7 @@ def concrete(x: Any) -> np.ndarray | None:
 
 def part(x: Array | np.ndarray, index: Any) -> Array:
     """`x[index]`, taken by NumPy where it is known: a small gather of JAX costs more than what is gathered."""
-    return x[index] if isinstance(x, Tracer) or isinstance(index, Tracer) else as_array(np.asarray(x)[index], x.dtype)
-
-
-def bucket(count: int) -> int:
-    """The size to which `count` rows are padded, a power of two, so that similar sizes share one executable."""
-    return max(SMALLEST_BUCKET, 1 << (count - 1).bit_length())
+    return x[index] if isinstance(x, Tracer) else as_array(np.asarray(x)[index], x.dtype)
 
 
 def real_vector(x: ArrayInput, name: str, size: int) -> Array:

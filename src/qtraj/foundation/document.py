@@ -25,11 +25,7 @@ FORMAT = "qtraj/1"
 
 _SPELT = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 
-Change = Callable[[dict[str, Any]], dict[str, Any]]
-"""From the fields of an older document to those of today, before any of them is read."""
-
 _classes: dict[str, type] = {}
-_changes: dict[str, Change] = {}
 
 T = TypeVar("T")
 
@@ -38,16 +34,6 @@ def storable(cls: type[T]) -> type[T]:
     """Let `save` write and `load` read instances of this Module class."""
     _classes[cls.__name__] = cls
     return cls
-
-
-def reads_older(change: Change) -> Callable[[type[T]], type[T]]:
-    """Let `load` read documents of this class that an older version wrote, whose fields `change` brings up to date."""
-
-    def of(cls: type[T]) -> type[T]:
-        _changes[cls.__name__] = change
-        return cls
-
-    return of
 
 
 def save(obj: Any, file: str | os.PathLike[str]) -> None:
@@ -126,10 +112,8 @@ def _encode(value: Any) -> Any:
 
 def _decode(value: Any) -> Any:
     if isinstance(value, dict) and "type" in value:
-        name, fields = value["type"], {k: v for k, v in value.items() if k != "type"}
-        if isinstance(name, str) and name in _changes:
-            fields = _changes[name](fields)
-        return _construct(name, {k: _decode(v) for k, v in fields.items()})
+        fields = {k: _decode(v) for k, v in value.items() if k != "type"}
+        return _construct(value["type"], fields)
     if isinstance(value, dict):
         return {k: _decode(v) for k, v in value.items()}
     if isinstance(value, list):

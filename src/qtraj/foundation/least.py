@@ -4,16 +4,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from qtraj.foundation.types import Scalar
 
-def least(values: Float[Array, "n *rest"]) -> tuple[Float[Array, "*rest"], Int[Array, "*rest"]]:
-    """The least of n ≥ 1 values on the first axis, and a place where it stands.
 
-    Any place of equal ones, and 0 where all are infinite; NaN counts as infinite. Nothing of it is differentiated.
-    Several times faster than `jnp.argmin`, whose care for NaN and for the first of equal numbers keeps XLA from
-    compiling plain comparisons.
+def least(values: Float[Array, " n"]) -> tuple[Scalar, Int[Array, ""]]:
+    """The least of n ≥ 1 values and a place where it stands: any one of equal ones, and 0 where all are infinite.
+
+    NaN counts as infinite. Nothing of it is differentiated. Several times faster than `jnp.argmin`, whose care for NaN
+    and for the first of equal numbers keeps XLA from compiling plain comparisons.
     """
     known = jax.lax.stop_gradient(jnp.where(values == values, values, jnp.inf))
-    places = jax.lax.broadcasted_iota(jnp.int32, values.shape, 0)
+    places = jnp.arange(values.shape[0])
 
     def lesser(a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
         better = b[0] < a[0]

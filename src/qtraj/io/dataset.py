@@ -10,24 +10,47 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
+import jax
 import numpy as np
 import xarray
+from jaxtyping import Array, Float
 
 from qtraj.batch.evaluate import evaluate
 from qtraj.design.limits import Limits
+from qtraj.design.magnitudes import magnitude, netcdf_unit
 from qtraj.foundation.arrays import as_float
+from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.provenance import made_with
 from qtraj.foundation.record import notes
-from qtraj.path.channel import CHANNELS, LABELS, framed
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantities import AXES, DESCRIPTIONS, LABELS, framed
 from qtraj.path.track import Track, known, known_elapsed
 
 SAMPLES = 513
 """Samples of each path unless told otherwise."""
 
-MAGNITUDES = {name: entry.variable for name, entry in QUANTITIES.items()}
-"""The variable of each limited quantity, by the name of its limit."""
+MAGNITUDES = {
+    "curvature": "curvature",
+    "torsion": "torsion_magnitude",
+    "speed": "speed",
+    "acceleration": "acceleration_magnitude",
+    "lateral_acceleration": "lateral_acceleration",
+    "longitudinal_acceleration": "longitudinal_acceleration",
+    "slope": "slope",
+    "angular_rate": "angular_rate",
+    "angular_acceleration": "angular_acceleration_magnitude",
+}
+"""The variable of each limited magnitude, by the name of its limit."""
+
+MEANINGS = {
+    "torsion": "magnitude of the torsion",
+    "acceleration": "magnitude of the acceleration",
+    "lateral_acceleration": "acceleration across the path, |r' × r''| / |r'|",
+    "longitudinal_acceleration": "magnitude of the acceleration along the path, |r' · r''| / |r'|",
+    "slope": "rise over run",
+    "angular_rate": "magnitude of the trihedral's angular rate",
+    "angular_acceleration": "magnitude of the trihedral's angular acceleration",
+}
 
 FRAMED = framed("natural")
 
@@ -48,8 +71,9 @@ def path_dataset(
 ) -> xarray.Dataset:
     """The paths, by name, as one dataset with units, meanings and conventions in its attributes (extra `io`).
 
-    All outputs of `qtraj.evaluate`, at `samples` instants of each path. A variable that a limit bounds holds it as
-    attribute `limit`. A recorded `track` is added as `recorded_position` over `recorded_time`, from its first sample.
+    All outputs of `qtraj.evaluate` and the limited magnitudes, at `samples` instants of each path. A variable that a
+    limit bounds holds it as attribute `limit`. A recorded `track` is added as `recorded_position` over
+    `recorded_time`, from its first sample on.
 
     **Raises:** ValueError for no path, or fewer than 2 samples.
     """
@@ -88,11 +112,22 @@ def _columns(path: AbstractHodograph, progress: np.ndarray) -> dict[str, tuple[t
     """Every variable of one path: dimensions, values and notes."""
     duration = np.asarray(path.duration)
     times = as_float(duration * progress.astype(duration.dtype))
-    table = evaluate(path, times, outputs=tuple(CHANNELS), continuous=True)
+    outputs, magnitudes = _sampled(path, times)
     columns: dict[str, Any] = {
         "time": (("sample",), np.asarray(times), notes("s", "time from the start of the path")),
         "duration": ((), duration, notes("s", "duration of the path")),
     }
-    for name, entry in CHANNELS.items():
-        columns[name] = (("sample", *entry.axes), np.asarray(table.values[name]), notes(entry.unit, entry.meaning))
+    for name, axes in AXES.items():
+        columns[name] = (("sample", *axes), np.asarray(outputs[name]), notes(*DESCRIPTIONS[name]))
+    for name, variable in MAGNITUDES.items():
+        about = notes(netcdf_unit(name), MEANINGS.get(name, name))
+        columns.setdefault(variable, (("sample",), np.asarray(magnitudes[name]), about))
     return columns
+
+
+@kept()
+def _sampled(path: AbstractHodograph, times: Float[Array, " n"]) -> tuple[dict[str, Array], dict[str, Array]]:
+    """The outputs and the limited magnitudes, by name."""
+    table = evaluate(path, times, outputs=tuple(AXES), continuous=True)
+    magnitudes = {name: jax.vmap(lambda t, name=name: magnitude(path, t, name))(times) for name in MAGNITUDES}
+    return {name: getattr(table, name) for name in AXES}, magnitudes

@@ -1,8 +1,8 @@
 """The keys of a path scenario, for `qtraj tune` and `qtraj evaluate`, each with what it may hold."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import Field, create_model, model_validator
+from pydantic import Field, model_validator
 
 from qtraj.design.fitting.fit import BOUNDS, POSITION_SIGMA, VELOCITY_SIGMA
 from qtraj.io.scenario_part import (
@@ -21,16 +21,13 @@ from qtraj.io.scenario_part import (
     Vector,
     Wholes,
 )
-from qtraj.path.quantity import QUANTITIES, PathQuantity
 
 Motion = Literal["uniform", "hermite"]
 Objective = Literal["nearest", "fastest", "smoothest"]
-Method = Literal["sqp", "lbfgs", "adam"]
 
 MOTION = "'uniform' or 'hermite'"
 VARIABLES = "'start.V_rho', 'start.V_phi' (hermite), 'start.V_h', the same of 'end', 'duration'"
 OBJECTIVE = "'nearest', 'fastest' or 'smoothest'"
-METHOD = "'sqp', 'lbfgs' or 'adam'"
 
 
 class TrackPart(Part):
@@ -111,23 +108,40 @@ class PlacementPart(Part):
     )
 
 
-class LimitedPart(Part):
-    """Upper bounds on path quantities, anywhere on the path."""
+class LimitsPart(Part):
+    """Upper bounds on magnitudes, anywhere on the path."""
+
+    curvature: Positive | None = Field(default=None, title="of the path", description="a positive finite number [1/m]")
+    torsion: Positive | None = Field(
+        default=None, title="magnitude of the torsion", description="a positive finite number [1/m]"
+    )
+    speed: Positive | None = Field(default=None, title="along the path", description="a positive finite number [m/s]")
+    acceleration: Positive | None = Field(
+        default=None, title="magnitude of the acceleration", description="a positive finite number [m/s²]"
+    )
+    lateral_acceleration: Positive | None = Field(
+        default=None, title="across the path", description="a positive finite number [m/s²]"
+    )
+    longitudinal_acceleration: Positive | None = Field(
+        default=None, title="magnitude of that along the path", description="a positive finite number [m/s²]"
+    )
+    slope: Positive | None = Field(
+        default=None,
+        title="magnitude of the rise over the run",
+        description="a positive finite number [-], rise over run",
+    )
+    angular_rate: Positive | None = Field(
+        default=None, title="magnitude of the trihedral's rate", description="a positive finite number [rad/s]"
+    )
+    angular_acceleration: Positive | None = Field(
+        default=None,
+        title="magnitude of the trihedral's angular acceleration",
+        description="a positive finite number [rad/s²]",
+    )
 
     def given(self) -> dict[str, float]:
         """The limits that are set, by name."""
         return {name: value for name, value in self.model_dump().items() if value is not None}
-
-
-def _limit(entry: PathQuantity) -> Any:
-    described = f"a positive finite number [{entry.label}]"
-    number: Any = Positive
-    return number | None, Field(default=None, title=entry.meaning, description=described)
-
-
-_limits: dict[str, Any] = {name: _limit(entry) for name, entry in QUANTITIES.items()}
-LimitsPart = create_model("LimitsPart", __base__=LimitedPart, __doc__=LimitedPart.__doc__, **_limits)
-"""One key for each entry of the registry of path quantities."""
 
 
 class TunePart(Part):
@@ -164,35 +178,6 @@ class TunePart(Part):
     starts: Counts = Field(
         default=8, title="searches, from the given states and about them", description="a whole number, 1 or more"
     )
-    method: Method = Field(
-        default="sqp",
-        title="how to search: sequential quadratic programming, much the fastest, or an augmented Lagrangian around "
-        "an optimiser of optax, for comparison",
-        description=METHOD,
-    )
-    max_steps: Counts | None = Field(
-        default=None,
-        title="steps of 'sqp', or rounds of the others, after which a search ends; 300 if left out",
-        description="a whole number, 1 or more",
-    )
-    inner_steps: Counts | None = Field(
-        default=None,
-        title="steps of 'lbfgs' or 'adam' in one round; 200 if left out",
-        description="a whole number, 1 or more",
-    )
-    learning_rate: Positive | None = Field(
-        default=None,
-        title="of 'adam', in reference speeds; 0.01 if left out",
-        description="a positive finite number",
-    )
-
-    @model_validator(mode="after")
-    def _options(self) -> "TunePart":
-        if self.learning_rate is not None and self.method != "adam":
-            raise ValueError(f"learning_rate belongs to method = 'adam', but the method is {self.method!r}")
-        if self.inner_steps is not None and self.method == "sqp":
-            raise ValueError("inner_steps belongs to method = 'lbfgs' or 'adam', but the method is 'sqp'")
-        return self
 
 
 class Scenario(Part):
@@ -220,9 +205,7 @@ class Scenario(Part):
     turns: Wholes | None = Field(
         default=None, title="of a path from two states: whole turns besides", description="a whole number, 0 or more"
     )
-    limits: LimitsPart = Field(  # pyright: ignore[reportInvalidTypeForm]
-        default=LimitsPart(), title="what tuning must keep", description="a table [limits]"
-    )
+    limits: LimitsPart = Field(default=LimitsPart(), title="what tuning must keep", description="a table [limits]")
     purpose: dict[str, Text] = Field(
         default_factory=dict,
         title="why there is a limit, for the tables",

@@ -10,7 +10,6 @@ from qtraj.foundation.document import load
 __all__ = ["load"]
 
 HOMES = (
-    "qtraj.design.fitting.fitted",
     "qtraj.design.limits",
     "qtraj.design.proof.certificate",
     "qtraj.design.tuning.outcome",

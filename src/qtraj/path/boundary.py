@@ -7,6 +7,7 @@ import numpy as np
 from qtraj.algebra.vector import norm, unit
 from qtraj.foundation.arrays import real_vector, warn_if_coarse
 from qtraj.foundation.document import storable
+from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent, in_lanes, vector_text
 from qtraj.foundation.types import ArrayInput, Scalar, Vec3
@@ -84,7 +85,7 @@ class Cylindrical(eqx.Module):
         return (_required(self.acceleration)[1] - 2 * self.velocity[0] * self.rate) / self.radius
 
 
-@eqx.filter_jit
+@kept(Cylindrical)
 def cylindrical(state: BoundaryState, placement: Placement | None) -> Cylindrical:
     """`state` in cylindrical components about the axis of `placement` (the world's z axis without one)."""
     placement = Placement() if placement is None else placement

@@ -11,8 +11,6 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from qtraj.algebra import bernstein
-
 Component = Array | int
 Triple = tuple[Any, Any, Any]
 """x, y, z: arrays of one shape; an entry that vanishes identically may be the integer 0."""
@@ -39,17 +37,17 @@ def total(terms: Sequence[Any]) -> Any:
 
 
 def dot(a: Any, b: Any) -> Any:
-    """a·b of two triples, of two vectors (3,), or of two vectors of polynomials."""
+    """a·b of two triples, or of two vectors (3,)."""
     if isinstance(a, tuple):
-        return total([times(x, y) for x, y in zip(a, b, strict=True)])
-    return bernstein.dot(a, b) if isinstance(a, bernstein.Bernstein) else a @ b
+        return total([times(a[0], b[0]), times(a[1], b[1]), times(a[2], b[2])])
+    return a @ b
 
 
 def cross(a: Any, b: Any) -> Any:
-    """a × b of two triples, of two vectors (3,), or of two vectors of polynomials."""
+    """a × b of two triples, or of two vectors (3,)."""
     if isinstance(a, tuple):
         return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-    return bernstein.cross(a, b) if isinstance(a, bernstein.Bernstein) else jnp.cross(a, b)
+    return jnp.cross(a, b)
 
 
 def scaled(a: Triple, factor: Array) -> Triple:

@@ -16,7 +16,6 @@ from qtraj.foundation import document
 from qtraj.foundation.arrays import as_float, one_instant, real_scalar, require_positive
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
 from qtraj.path.boundary import BoundaryState
-from qtraj.path.moving_basis import MovingPolynomials
 
 # Length: panels × Gauss–Legendre nodes. Exact to round-off wherever the speed stays clear of zero.
 PANELS, NODES = 32, 16
@@ -30,13 +29,6 @@ class AbstractHodograph(eqx.Module):
     @abc.abstractmethod
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """r and its time derivatives up to `order` at one instant, world axes, row k in [m s^-k]."""
-
-    def polynomials(self) -> MovingPolynomials | None:
-        """The path's polynomials in its own moving basis, or None where it has none.
-
-        A path that gives them has its limits proved, and is evaluated in batches in components.
-        """
-        return None
 
     def position(self, t: ScalarLike) -> Vec3:
         """r(t), (3,) [m]."""

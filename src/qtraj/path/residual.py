@@ -8,15 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from qtraj.algebra import polynomial
-from qtraj.foundation.arrays import as_array, as_float, bucket, concrete
-from qtraj.foundation.document import reads_older, storable
+from qtraj.algebra.vector import norm
+from qtraj.foundation.arrays import as_array, as_float, concrete
+from qtraj.foundation.document import storable
+from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.spiral_helix import SpiralHelix
-from qtraj.path.track import STANDING, Track, known, known_elapsed
+from qtraj.path.track import STANDING, Track, known_elapsed
 
 OVERHANG = 1e-6
 """A track may outlast the path it is compared with by this part of the path's duration: rounding, no more."""
@@ -32,16 +33,11 @@ MEANINGS = {
     "direction_rms": ("rad", "root mean square of the angle between recorded velocity and tangent"),
     "radius_min": ("m", "least radius at the samples"),
     "radius_max": ("m", "largest radius at the samples"),
+    "converged": ("1", "whether the fit converged"),
 }
 """Unit and meaning of every number."""
 
 
-def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
-    """Older residuals said how the fit had ended, which its result now does."""
-    return {name: value for name, value in fields.items() if name not in ("converged", "message")}
-
-
-@reads_older(_from_older)
 @storable
 class Residual(AbstractResult):
     """A recorded track against a path, over all samples; RMS is the root of the mean square.
@@ -50,7 +46,8 @@ class Residual(AbstractResult):
     between the recorded position and the path at the same time. `velocity_rms` [m/s], and `direction_rms` [rad], the
     angle between the recorded velocity and the path's tangent at samples that move: None without recorded velocities.
     `turn` [rad] is that of the recorded direction of travel, left positive (the angle about the axis is `path.turn`).
-    `radius_min`, `radius_max` [m]: ρ at the samples, None for a path other than a spiral-helix.
+    `radius_min`, `radius_max` [m]: ρ at the samples, None for a path other than a spiral-helix. `converged` and
+    `message` tell how a fit ended.
     """
 
     horizontal_rms: Scalar
@@ -63,6 +60,8 @@ class Residual(AbstractResult):
     direction_rms: Scalar | None
     radius_min: Scalar | None
     radius_max: Scalar | None
+    converged: Bool[Array, ""]
+    message: str = eqx.field(static=True)
 
     def __init__(
         self,
@@ -76,6 +75,8 @@ class Residual(AbstractResult):
         direction_rms: ArrayInput | None = None,
         radius_min: ArrayInput | None = None,
         radius_max: ArrayInput | None = None,
+        converged: ArrayInput = True,
+        message: str = "",
     ):
         self.horizontal_rms = as_float(horizontal_rms)
         self.vertical_rms = as_float(vertical_rms)
@@ -87,17 +88,20 @@ class Residual(AbstractResult):
         self.direction_rms = _optional(direction_rms)
         self.radius_min = _optional(radius_min)
         self.radius_max = _optional(radius_max)
+        self.converged = as_array(converged, bool)
+        self.message = message
 
     def record(self) -> Record:
         """The fields that are known."""
         quantities = {name: Quantity(getattr(self, name), unit, text) for name, (unit, text) in MEANINGS.items()}
         variables = {name: q for name, q in quantities.items() if q.values is not None}
+        variables["message"] = Quantity(np.broadcast_to(self.message, self.samples.shape), "", "how the fit ended")
         rms = f"{extent(self.horizontal_rms, 'm')} horizontal, {extent(self.vertical_rms, 'm')} vertical"
         summary = f"{in_lanes(self.samples.shape)}RMS {rms}, largest {extent(self.maximum, 'm')}"
         return Record(f"{summary}, {extent(self.samples)} samples", variables, attributes={"frame": "world"})
 
 
-def compare(path: AbstractHodograph, track: Track) -> Residual:
+def compare(path: AbstractHodograph, track: Track, converged: bool = True, message: str = "") -> Residual:
     """The residual of `path` against `track`, whose first sample is at path time 0.
 
     Differentiable in the path.
@@ -105,64 +109,63 @@ def compare(path: AbstractHodograph, track: Track) -> Residual:
     **Raises:** ValueError where the track lasts longer than the path.
     """
     _require_covered(path, track)
-    elapsed = known_elapsed(track)
-
-    # Padded with copies of the first sample that do not count: tracks of similar length share one executable.
-    def padded(x: np.ndarray) -> Array:
-        spare = np.repeat(x[:1], bucket(len(x)) - len(x), axis=0)
-        return as_array(np.concatenate([x, spare]), path.duration.dtype)
-
-    velocities = None if track.velocities is None else padded(known(track.velocities))
-    count = as_array(len(elapsed), int)
+    times = as_array(known_elapsed(track), path.duration.dtype)
     return Residual(
-        **_measures(path, padded(elapsed), padded(known(track.positions)), velocities, count),
+        **_measures(path, times, track.positions, track.velocities),
         turn=track.turn,
-        samples=len(elapsed),
+        samples=times.shape[0],
+        converged=converged,
+        message=message,
     )
 
 
-@eqx.filter_jit
+@kept()
 def _measures(
     path: AbstractHodograph,
     times: Float[Array, " n"],
     positions: Float[Array, "n 3"],
     velocities: Float[Array, "n 3"] | None,
-    count: Int[Array, ""],
 ) -> dict[str, Any]:
-    """The numbers of a residual, of the first `count` samples."""
     states = jax.vmap(lambda t: path.derivatives(t, 1))(times)
-    counts = jnp.arange(times.shape[0]) < count
-    squares = jnp.where(counts[:, None], states[:, 0] - positions, 0.0) ** 2
-    distance = jnp.sum(squares, axis=1)
-    sums = {"horizontal_rms": squares[:, 0] + squares[:, 1], "vertical_rms": squares[:, 2], "distance_rms": distance}
-    if velocities is not None:
-        sums["velocity_rms"] = jnp.sum(jnp.where(counts[:, None], states[:, 1] - velocities, 0.0) ** 2, axis=1)
-        angles, moving = _angles(states[:, 1], velocities, counts)
-        sums["direction_rms"] = angles**2 * (count / moving).astype(angles.dtype)
-    means = jnp.sum(jnp.stack([*sums.values()]), axis=1) / count.astype(times.dtype)
-    found: dict[str, Any] = dict.fromkeys(("velocity_rms", "direction_rms", "radius_min", "radius_max"))
-    found |= dict(zip(sums, _root(means), strict=True)) | {"maximum": _root(jnp.max(distance))}
-    if isinstance(path, SpiralHelix):
-        radius = jax.vmap(lambda t: polynomial.evaluate(path.radius, t))(times)
-        found |= {"radius_min": jnp.min(radius), "radius_max": jnp.max(radius)}
-    return found
+    offset = states[:, 0] - positions.astype(states.dtype)
+    distances = jax.vmap(norm)(offset)
+    radius = _radius(path, times)
+    recorded = None if velocities is None else velocities.astype(states.dtype)
+    return {
+        "horizontal_rms": _rms(jax.vmap(norm)(offset[:, :2])),
+        "vertical_rms": _rms(offset[:, 2]),
+        "distance_rms": _rms(distances),
+        "maximum": jnp.max(distances),
+        "velocity_rms": None if recorded is None else _rms(jax.vmap(norm)(states[:, 1] - recorded)),
+        "direction_rms": None if recorded is None else _direction_rms(states[:, 1], recorded),
+        "radius_min": None if radius is None else jnp.min(radius),
+        "radius_max": None if radius is None else jnp.max(radius),
+    }
 
 
-def _angles(
-    velocities: Float[Array, "n 3"], recorded: Float[Array, "n 3"], counts: Bool[Array, " n"]
-) -> tuple[Float[Array, " n"], Int[Array, ""]]:
-    """Angles between tangent and recorded velocity, 0 where either stands still, and how many move, at least 1."""
-    speeds = jnp.sum(recorded**2, axis=1)
-    moving = counts & (speeds > STANDING**2 * jnp.max(speeds)) & (jnp.sum(velocities**2, axis=1) > 0)
-    along = jnp.where(moving, jnp.sum(velocities * recorded, axis=1), 1.0)
-    across = jnp.where(moving[:, None], jnp.cross(velocities, recorded), 0.0)
-    return jnp.arctan2(_root(jnp.sum(across**2, axis=1)), along), jnp.maximum(jnp.sum(moving), 1)
+def _radius(path: AbstractHodograph, times: Float[Array, " n"]) -> Float[Array, " n"] | None:
+    if not isinstance(path, SpiralHelix):
+        return None
+    return jax.vmap(lambda t: path.rotating_derivatives(t, 0)[0, 0])(times)
 
 
-def _root(squares: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """Square roots, whose derivative vanishes where they do."""
-    zero = squares == 0
-    return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, squares)))
+def _direction_rms(velocities: Float[Array, "n 3"], recorded: Float[Array, "n 3"]) -> Scalar:
+    """RMS angle between tangent and recorded velocity over the samples that move (0 where none does)."""
+    speeds = jax.vmap(norm)(recorded)
+    moving = (speeds > STANDING * jnp.max(speeds)) & (jax.vmap(norm)(velocities) > 0)
+
+    def angle(a: Float[Array, "3"], b: Float[Array, "3"], counts: Bool[Array, ""]) -> Scalar:
+        along = jnp.where(counts, a @ b, 1.0)
+        across = jnp.where(counts, jnp.cross(a, b), 0.0)
+        return jnp.arctan2(norm(across), along)
+
+    angles = jax.vmap(angle)(velocities, recorded, moving)
+    count = jnp.maximum(jnp.sum(moving), 1).astype(angles.dtype)
+    return norm(angles) / jnp.sqrt(count)
+
+
+def _rms(x: Float[Array, " n"]) -> Scalar:
+    return norm(x) / x.shape[0] ** 0.5
 
 
 def _optional(x: ArrayInput | None) -> Scalar | None:

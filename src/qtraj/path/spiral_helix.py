@@ -8,23 +8,18 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra import polynomial
 from qtraj.foundation.arrays import as_float, one_instant, real_scalar, require_finite, require_positive
-from qtraj.foundation.document import reads_older, storable
+from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path import boundary_problem as problem
 from qtraj.path.boundary import BoundaryState
+from qtraj.path.components import Triple
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.moving_basis import MovingPolynomials
+from qtraj.path.invariants import Jets, rotating_components
 from qtraj.path.placement import Placement
 
 
-def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
-    """Older fitted paths were stored with their residual, which now belongs to the result of a fit."""
-    return {name: value for name, value in fields.items() if name != "residual"}
-
-
-@reads_older(_from_older)
 @storable
 class SpiralHelix(AbstractHodograph, AbstractResult):
     """A spiral about an axis with a height along it.
@@ -32,7 +27,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
     `radius`, `angle` and `height` are ascending coefficients in t [s] of ρ [m], φ [rad] and h [m], of any degree;
     `duration` [s]; the axis is the world's z axis unless a `placement` says otherwise. Outside [0, duration] the
     polynomials extrapolate. `mismatch` is the relative disagreement of the two V_φ/ρ that `from_boundary` was given
-    (infinite where its problem has no solution).
+    (infinite where its problem has no solution); `residual` compares a fitted path with its recording.
 
     **Raises:** ValueError for coefficients that are not a finite vector, or a duration that is not positive.
     """
@@ -43,6 +38,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
     duration: Scalar
     placement: Placement | None
     mismatch: Scalar
+    residual: Any
 
     def __init__(
         self,
@@ -52,6 +48,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         duration: ArrayInput,
         placement: Placement | None = None,
         mismatch: ArrayInput = 0.0,
+        residual: Any = None,
     ):
         self.radius = _coefficients(radius, "radius")
         self.angle = _coefficients(angle, "angle")
@@ -59,6 +56,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         self.duration = real_scalar(duration, "the duration of a spiral-helix")
         self.placement = placement
         self.mismatch = as_float(mismatch)
+        self.residual = residual
         require_positive(self.duration, "the duration of a spiral-helix", "s")
 
     def record(self) -> Record:
@@ -74,6 +72,8 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
             variables["origin"] = Quantity(self.placement.origin, "m", "a point of the axis, world axes", ("world",))
             orientation = Quantity(self.placement.orientation, "1", "path's axes to world, any length", ("component",))
             variables["orientation"] = orientation
+        if isinstance(self.residual, AbstractResult):
+            variables |= {f"residual_{name}": q for name, q in self.residual.record().variables.items()}
         first, last = (extent(radius, "m") for radius in _ends(self.radius, self.duration))
         turn, climb = (np.diff(_ends(x, self.duration), axis=0) for x in (self.angle, self.height))
         over = f"turn {extent(np.rad2deg(turn))}°, climb {extent(climb, 'm')} in {extent(self.duration, 's')}"
@@ -93,11 +93,17 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
 
     def rotating_derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """As `derivatives`, in the rotating basis (e_ρ, e_φ, k) at `t` and about the path's own axis."""
-        rows = self.polynomials().components(one_instant(t), order)
+        rows = self.rotating_components(one_instant(t), order)
         return jnp.stack([jnp.stack([jnp.asarray(x, self.duration.dtype) for x in row]) for row in rows])
 
-    def polynomials(self) -> MovingPolynomials:
-        return MovingPolynomials(self.radius, None, self.height, self.angle, self.placement)
+    def rotating_components(self, t: ScalarLike, order: int) -> list[Triple]:
+        """As `rotating_derivatives`, a triple of numbers for each order."""
+        return rotating_components(*self.jets(t, order))
+
+    def jets(self, t: ScalarLike, order: int) -> Jets:
+        """Taylor coefficients of ρ, φ and h at `t`, up to `order`, one number each."""
+        radius, angle, height = (polynomial.terms(c, t, order) for c in (self.radius, self.angle, self.height))
+        return radius, angle, height
 
     @property
     def turn(self) -> Scalar:

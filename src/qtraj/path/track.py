@@ -8,7 +8,7 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent
 from qtraj.foundation.types import ArrayInput, Scalar
-from qtraj.path.channel import CHANNELS, LABELS
+from qtraj.path.quantities import AXES, DESCRIPTIONS, LABELS
 
 FEWEST_SAMPLES = 4
 """A window with fewer samples says nothing about a curve."""
@@ -57,7 +57,7 @@ class Track(AbstractResult):
         """The samples over `time`, on the recording's own clock; `qtraj.read_track` reads them as CSV."""
         columns = {"position": self.positions, "velocity": self.velocities, "quaternion": self.attitudes}
         given = {name: x for name, x in columns.items() if x is not None}
-        variables = {name: CHANNELS[name].labelled(x, "time") for name, x in given.items()}
+        variables = {name: Quantity(x, *DESCRIPTIONS[name], ("time", *AXES[name])) for name, x in given.items()}
         if "quaternion" in variables:
             variables["quaternion"] = variables["quaternion"]._replace(meaning=RECORDED_ATTITUDE)
         time = Quantity(self.times, "s", "time on the recording's own clock", ("time",))

@@ -9,12 +9,12 @@ import xarray
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D  # registers the projection
 
-from qtraj.foundation.units import symbol
 from qtraj.io.dataset import MAGNITUDES
 from qtraj.viz.space import draw_space
 from qtraj.viz.style import BAND, BOUND, LIMIT, RC, WIDTH, head, path_line, title
 
 ALWAYS = ("curvature", "lateral_acceleration")
+UNITS = {"m-1": "1/m", "m s-1": "m/s", "m s-2": "m/s²", "rad s-1": "rad/s", "rad s-2": "rad/s²", "1": "–"}
 PANEL = 1.7  # [inch] of height
 FLAT = 0.85  # of the largest value: where the least is larger, the zero would only squeeze what there is to see
 
@@ -92,7 +92,7 @@ def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> 
         axes.axhspan(limit, top, color=LIMIT, alpha=0.05, lw=0)
         axes.set_ylim(top=top)
     axes.set_xlim(left=0)
-    axes.set_ylabel(f"{name.removesuffix('_magnitude').replace('_', ' ')} [{symbol(variable.attrs['units']) or '–'}]")
+    axes.set_ylabel(f"{name.removesuffix('_magnitude').replace('_', ' ')} [{UNITS[variable.attrs['units']]}]")
     axes.grid(alpha=0.25, lw=0.5)
     axes.legend(loc="best", fontsize=8)
     if last:

@@ -12,7 +12,7 @@ from qtraj.batch.table import Table
 from qtraj.cli.content import finite
 from qtraj.cli.layout import MOST_ROWS, heading, numbers_table, print_files, print_scenario
 from qtraj.cli.tuning.report import print_fit
-from qtraj.path.channel import CHANNELS
+from qtraj.path.quantities import DESCRIPTIONS
 from qtraj.path.spiral_helix import SpiralHelix
 
 OUTPUTS = ("position", "velocity", "acceleration", "speed", "curvature", "torsion", "quaternion", "rate", "defined")
@@ -46,15 +46,15 @@ def table_content(
     path: SpiralHelix, table: Table, scenario: dict[str, Any], fit: dict[str, Any] | None
 ) -> dict[str, Any]:
     """The table of a path, of JSON's types only."""
-    names = [name for name in CHANNELS if name in table.values]
+    names = ("time", *OUTPUTS)
     content = {
         "qtraj": __version__,
         "command": "evaluate",
         "scenario": scenario,
         "fit": fit,
         "path": {"duration": float(path.duration), "length": float(path.length()), "turn": float(path.turn)},
-        "units": {"time": "s"} | {name: CHANNELS[name].unit for name in names},
-        "columns": {name: np.asarray(getattr(table, name)).tolist() for name in ("time", *names)},
+        "units": {"time": "s"} | {name: DESCRIPTIONS[name][0] for name in OUTPUTS},
+        "columns": {name: np.asarray(getattr(table, name)).tolist() for name in names},
         "files": [],
     }
     return finite(content)

@@ -1,13 +1,12 @@
 """The work of `qtraj evaluate`: from a file to a table and its files."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from qtraj.batch.evaluate import evaluate
-from qtraj.cli.columns import csv_headers, write_csv
+from qtraj.cli.columns import write_csv
 from qtraj.cli.content import provenance, scenario_content
 from qtraj.cli.evaluation.tabulate import HEADERS, OUTPUTS, table_content
 from qtraj.cli.output import check_folder, write_all
@@ -24,9 +23,7 @@ MOST = 1_000_000
 """More instants than this are surely a mistake."""
 
 
-def run(
-    file: Path, samples: int | None, step: float | None, out: Path | None, also: Sequence[str] = ()
-) -> dict[str, Any]:
+def run(file: Path, samples: int | None, step: float | None, out: Path | None) -> dict[str, Any]:
     """Evaluate the path of a file, and write it where a folder is given: what there is to say.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
@@ -38,16 +35,15 @@ def run(
         path, about, fit = _path(file)
         times = instants(float(path.duration), samples, step)
         watch.say("evaluating")
-        table = evaluate(path, times, (*OUTPUTS, *also), continuous=True)
+        table = evaluate(path, times, OUTPUTS, continuous=True)
         content = table_content(path, table, about, fit)
         if out is not None:
+            columns = {name: np.asarray(getattr(table, name)) for name in HEADERS}
             dataset = table.to_xarray()
-            headers = HEADERS | {name: csv_headers(dataset)[name] for name in also if name not in HEADERS}
-            columns = {name: np.asarray(getattr(table, name)) for name in headers}
             dataset.attrs |= {k: v for k, v in CONVENTIONS.items() if k != "layout"} | provenance(file, about)
             writers = {
                 "table.nc": lambda file: write_netcdf(dataset, file),
-                "table.csv": lambda file: write_csv(columns, headers, file),
+                "table.csv": lambda file: write_csv(columns, HEADERS, file),
             }
             content["files"] = [str(written) for written in write_all(out, writers)]
     return content

@@ -11,27 +11,28 @@ from qtraj.cli.tracking.course import Course
 from qtraj.cli.tracking.findings import SETTLED, findings, outcome, stability
 from qtraj.cli.tracking.job import Job
 from qtraj.cli.tracking.program import described
-from qtraj.foundation.outcome import ResultCode
 from qtraj.io.attitude_part import radians
 from qtraj.io.instants import Column
 from qtraj.io.scenario import ScenarioFile
 from qtraj.io.tracking_model import TrackingScenario
 from qtraj.motion.control.laws import RateLaw
+from qtraj.motion.simulation import ode
+from qtraj.motion.simulation.solution import FAR_SHEET, NEAR_ZERO
 
 ENDINGS = {
-    ResultCode.successful: "finished: every instant was reached.",
-    ResultCode.max_steps_reached: (
+    ode.FINISHED: "finished: every instant was reached.",
+    ode.OUT_OF_STEPS: (
         "stopped: too many steps between two instants. Take smaller gains, larger simulation.rtol and simulation.atol, "
         "or a shorter simulation.duration."
     ),
-    ResultCode.step_too_small: (
+    ode.STALLED: (
         "stopped: the step fell to round-off, since the command grows without bound there or the tolerances are too "
         "fine. Take another [error], smaller gains, or larger simulation.rtol and simulation.atol."
     ),
-    ResultCode.near_zero_error: "finished, but the error quaternion came near zero, where the command grows as 1/|μ|².",
-    ResultCode.wrong_sign: (
-        "stopped: the error quaternion started with a negative scalar part (μ0 < 0) and ran into zero, where the law "
-        "has no command."
+    NEAR_ZERO: "finished, but the error quaternion came near zero, where the command grows as 1/|μ|².",
+    FAR_SHEET: (
+        "stopped: the error quaternion started on the far sheet (μ0 < 0) and ran into zero, where the law has no "
+        "command."
     ),
 }
 """How an integration ended, and what to do, in terms of the scenario."""
@@ -109,8 +110,8 @@ def command_unit(job: Job) -> str:
 
 def _result(course: Course, code: int, sign: str) -> str:
     """How the integration ended, and what to do."""
-    text = ENDINGS.get(ResultCode(code), ResultCode(code).text)
-    if code in (ResultCode.near_zero_error, ResultCode.wrong_sign):
+    text = ENDINGS[code]
+    if code in (NEAR_ZERO, FAR_SHEET):
         text = f"{text} {NO_SIGN if sign == 'auto' else OTHER_SIGN}"
     reached = course.times[np.isfinite(np.asarray(course.solution.quaternion)).all(axis=1)]
     if len(reached) == len(course.times):

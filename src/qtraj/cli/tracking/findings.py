@@ -7,13 +7,14 @@ import numpy as np
 
 from qtraj.cli.tracking.course import Course
 from qtraj.cli.tracking.job import Job
-from qtraj.foundation.outcome import ResultCode
 from qtraj.motion.control.errors import error_quaternion, error_rate
 from qtraj.motion.control.laws import AccelerationLaw, RateLaw
 from qtraj.motion.control.response import growth
 from qtraj.motion.control.sheet import least_norm
+from qtraj.motion.simulation import ode
 from qtraj.motion.simulation.sensor import Sensor
 from qtraj.motion.simulation.simulate import NEAR
+from qtraj.motion.simulation.solution import NEAR_ZERO
 
 SETTLED = math.radians(1.0)
 """Within this angle [rad] a loop has settled, unless told otherwise."""
@@ -51,11 +52,11 @@ def findings(job: Job, course: Course, settled: float) -> dict[str, Any]:
 
 
 def outcome(course: Course, found: dict[str, Any]) -> int:
-    """The code of the solution, or `near_zero_error` where the closed form tells that between two instants."""
+    """The code of the solution, or `NEAR_ZERO` where the closed form tells that between two instants."""
     code, least = int(course.solution.code), found["least_error_norm"]
     first = float(np.asarray(course.solution.norm)[0])
     near = least is not None and least["value"] < NEAR * min(first, 1.0)
-    return ResultCode.near_zero_error if near and code == ResultCode.successful else code
+    return NEAR_ZERO if near and code == ode.FINISHED else code
 
 
 def stability(job: Job) -> dict[str, Any]:

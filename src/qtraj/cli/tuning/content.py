@@ -9,15 +9,13 @@ from qtraj._version import __version__
 from qtraj.cli.content import finite, scenario_content
 from qtraj.cli.tuning.job import Job, ends
 from qtraj.cli.tuning.remarks import far_off, held, moved
+from qtraj.design.magnitudes import UNITS
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.tuning.outcome import Tuned
-from qtraj.foundation import units
-from qtraj.foundation.outcome import ResultCode
 from qtraj.io.scenario import ScenarioFile
 from qtraj.path.boundary import BoundaryState, cylindrical
 from qtraj.path.departure import departure
 from qtraj.path.placement import Placement
-from qtraj.path.quantity import quantity
 from qtraj.path.spiral_helix import SpiralHelix
 
 COMPONENTS = ("V_rho", "V_phi", "V_h")
@@ -43,8 +41,6 @@ def tune_content(
         "tuning": {
             "objective": job.objective,
             "motion": job.motion,
-            "method": job.method,
-            "options": dict(job.options),
             **held(job),
             "value": float(best.objective),
             "status": best.status,
@@ -57,9 +53,9 @@ def tune_content(
 
 def fit_content(job: Job) -> dict[str, Any] | None:
     """The fitted path against its recording; None for a path that was not fitted."""
-    if job.fitted is None:
+    found = job.residual
+    if found is None or job.track is None:
         return None
-    found = job.fitted.residual
     placement = job.path.placement or Placement()
     numbers = {
         "samples": found.samples,
@@ -78,14 +74,14 @@ def fit_content(job: Job) -> dict[str, Any] | None:
     return plain | {
         "samples": int(found.samples),
         "axis": np.asarray(placement.origin)[:2].tolist(),
-        "status": ResultCode(int(job.fitted.code)).name,
-        "result": job.fitted.result,
+        "converged": bool(found.converged),
+        "message": found.message,
     }
 
 
 def _limit(name: str, before: Certificate, after: Certificate, purpose: dict[str, str]) -> dict[str, Any]:
     return {
-        "unit": units.symbol(quantity(name).unit),
+        "unit": UNITS[name],
         "purpose": purpose.get(name),
         "limit": before.worst[name][2],
         "before": _finding(name, before),

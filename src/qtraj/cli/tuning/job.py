@@ -1,30 +1,25 @@
 """From a scenario to what the commands work on: the path before tuning, and what tuning needs besides."""
 
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import equinox as eqx
 from jaxtyping import Array, Float
 
 from qtraj.design.fitting.fit import fit
-from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
-from qtraj.design.tuning.initial import given_path
+from qtraj.design.tuning.given import given_path
 from qtraj.design.tuning.outcome import Tuned
+from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.types import Scalar
 from qtraj.io.scenario import ScenarioFile
 from qtraj.io.scenario_model import Scenario
 from qtraj.io.track_file import read_track
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.placement import Placement
+from qtraj.path.residual import Residual
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track
-
-
-LEARNING_RATE = 0.01
-"""Of "adam", where the scenario does not say."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +47,8 @@ class Job:
     fixed: tuple[str, ...] = ()
     bounds: dict[str, tuple[float | None, float | None]] = field(default_factory=dict)
     turn: float | None = None
-    method: str = "sqp"
-    options: dict[str, Any] = field(default_factory=dict)
     track: Track | None = None
-    fitted: Fitted | None = None
+    residual: Residual | None = None
 
     def tuning(self) -> dict[str, Any]:
         """The arguments of `tune`."""
@@ -72,7 +65,6 @@ class Job:
             "fixed": self.fixed,
             "bounds": self.bounds,
             "placement": self.path.placement,
-            **_search(self.method, self.options),
         }
 
 
@@ -88,8 +80,8 @@ def lay(given: ScenarioFile[Scenario], choice: Choice = Choice()) -> Job:
     limits = Limits(**scenario.limits.given())
     try:
         if scenario.track is not None:
-            fitted, track = _fitted(given, scenario, motion)
-            return _along(fitted.path, scenario, limits, objective, motion, starts, track, fitted)
+            path, track = _fitted(given, scenario, motion)
+            return _along(path, scenario, limits, objective, motion, starts, track)
         if scenario.path is not None:
             return _along(saved_path(given.beside(scenario.path)), scenario, limits, objective, motion, starts)
         return _between(scenario, limits, objective, motion, starts)
@@ -112,14 +104,14 @@ def _top(file: Path) -> list[str]:
 
 
 def saved_path(file: Path) -> SpiralHelix:
-    """The path in a saved document; of a tuned or fitted result, its path.
+    """The path in a saved document; of a tuned result, its path.
 
     **Raises:** OSError, or ValueError naming the file where it holds no spiral-helix.
     """
     from qtraj.io.stored import load  # here, for it imports every class that can be stored
 
     stored = load(file)
-    path = stored.path if isinstance(stored, Tuned | Fitted) else stored
+    path = stored.path if isinstance(stored, Tuned) else stored
     if not isinstance(path, SpiralHelix):
         raise ValueError(f"{file}: a saved path was expected, but the file holds a {type(stored).__name__}")
     return path
@@ -140,12 +132,12 @@ def ends(path: SpiralHelix) -> Ends:
     return Ends(BoundaryState(*first), BoundaryState(*last), float(turn), float(length))
 
 
-@eqx.filter_jit
+@kept()
 def _ends(path: SpiralHelix) -> tuple[list[Float[Array, "2 3"]], Scalar, Scalar]:
     return [path.derivatives(t, 1) for t in (0.0, path.duration)], path.turn, path.length()
 
 
-def _fitted(given: ScenarioFile[Scenario], scenario: Scenario, motion: str) -> tuple[Fitted, Track]:
+def _fitted(given: ScenarioFile[Scenario], scenario: Scenario, motion: str) -> tuple[SpiralHelix, Track]:
     part = scenario.track
     if part is None:
         raise ValueError("there is no [track] to fit")
@@ -167,12 +159,11 @@ def _along(
     motion: str,
     starts: int,
     track: Track | None = None,
-    fitted: Fitted | None = None,
 ) -> Job:
     """The job of a path that is there already: its ends are the boundary states, its turn is kept."""
     holds = motion == "hermite" or objective == "smoothest"
     duration = scenario.tune.duration or (float(path.duration) if holds else None)
-    # Without its mismatch it has the structure of a tuned path, and what is compiled for one serves both.
+    # Without residual and mismatch it has the structure of a tuned path, and what is compiled for one serves both.
     plain = SpiralHelix(path.radius, path.angle, path.height, path.duration, path.placement)
     start, end, turn, _ = ends(plain)
     return Job(
@@ -188,9 +179,8 @@ def _along(
         fixed=tuple(scenario.tune.fixed),
         bounds=_bounds(scenario),
         turn=turn,
-        **_method(scenario),
         track=track,
-        fitted=fitted,
+        residual=path.residual,
     )
 
 
@@ -204,30 +194,7 @@ def _between(scenario: Scenario, limits: Limits, objective: str, motion: str, st
     turns = scenario.tune.turns or scenario.turns or 0
     path = given_path(start, end, objective, motion, duration, turns, placement)
     fixed, bounds = tuple(scenario.tune.fixed), _bounds(scenario)
-    more = _method(scenario)
-    return Job(path, start, end, limits, objective, motion, duration, turns, starts, fixed, bounds, **more)
-
-
-def _method(scenario: Scenario) -> dict[str, Any]:
-    """The method and those of its options that are given."""
-    names = ("max_steps", "inner_steps", "learning_rate")
-    given = {name: value for name in names if (value := getattr(scenario.tune, name)) is not None}
-    return {"method": scenario.tune.method, "options": given}
-
-
-def _search(method: str, options: dict[str, Any]) -> dict[str, Any]:
-    """The method and its options as arguments of `tune`."""
-    options = dict(options)
-    rate = options.pop("learning_rate", LEARNING_RATE)
-    return {"method": _adam(rate) if method == "adam" else method, **options}
-
-
-@lru_cache(maxsize=8)
-def _adam(learning_rate: float) -> Any:
-    """One optimiser for each rate: what is compiled for it serves again."""
-    import optax  # here, for most scenarios do without
-
-    return optax.adam(learning_rate)
+    return Job(path, start, end, limits, objective, motion, duration, turns, starts, fixed, bounds)
 
 
 def _bounds(scenario: Scenario) -> dict[str, tuple[float | None, float | None]]:

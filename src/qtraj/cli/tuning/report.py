@@ -9,7 +9,6 @@ from rich.text import Text
 
 from qtraj.cli.layout import facts_table, heading, number, plain_table, print_files, print_scenario, verdict
 from qtraj.cli.tuning.remarks import bounds_text, fixed_text, moved_text
-from qtraj.foundation.outcome import ResultCode
 
 COMPONENTS = {"V_rho": "V_ρ", "V_phi": "V_φ", "V_h": "V_h"}
 ENDS = {"start": "A", "end": "B"}
@@ -56,8 +55,8 @@ def print_fit(console: Console, fit: dict[str, Any]) -> None:
     else:
         rows.append(("velocities", "not recorded: those of the fitted path"))
     console.print(facts_table(rows))
-    if fit["status"] != ResultCode.successful.name:
-        console.print(Text(f"Note: {fit['result']}", style="yellow"))
+    if fit["message"]:
+        console.print(Text(f"Note: {fit['message']}", style="yellow"))
 
 
 def _print_limits(console: Console, limits: dict[str, dict[str, Any]]) -> None:

@@ -10,15 +10,12 @@ curve. So ρ is held within bounds, R/4 to 2R unless told otherwise: the axis st
 
 from collections.abc import Sequence
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 
-from qtraj.design.fitting.axis_search import STARTS, starts
-from qtraj.design.fitting.fitted import Fitted
-from qtraj.design.fitting.turn_problem import TERMS, UNKNOWNS, basis_at, minimise, problem
+from qtraj.design.fitting.axis_search import starts
+from qtraj.design.fitting.turn_problem import TERMS, basis_at, minimise, problem
 from qtraj.foundation.arrays import as_array
-from qtraj.foundation.outcome import ResultCode
 from qtraj.path.placement import Placement
 from qtraj.path.residual import compare
 from qtraj.path.spiral_helix import SpiralHelix
@@ -50,9 +47,7 @@ def fit(
     velocity_sigma: float | int = VELOCITY_SIGMA,
     radius_bounds: Sequence[float | int] | None = None,
     max_steps: int = 256,
-    *,
-    throw: bool = False,
-) -> Fitted:
+) -> SpiralHelix:
     """The spiral-helix about a vertical axis that follows `track` best; path time 0 is its first sample.
 
     `motion`: "uniform" (constant φ̇, as in paper S) or "hermite" (cubic φ); ρ and h are cubics. Minimised is the sum
@@ -60,12 +55,13 @@ def fit(
     over `velocity_sigma` [m/s]; only the ratio of the two matters. `radius_bounds` [m] hold ρ: by default a quarter
     and twice the mean turning radius.
 
-    The result's `path` is the fitted one, its `residual` says how well that follows the track, and its `result` how the
-    search ended and what to do, also where a bound holds the radius. Use float64. The data must be known numbers:
-    gradients do not pass through the fit, but the fitted path has them like any other.
+    The path's `residual` tells how well it follows. Where the search did not end, `residual.converged` is false;
+    `residual.message` says so and what to do, and also tells where a bound holds the radius; it is empty for a clean
+    fit. Use float64. The data must be known numbers: gradients do not pass through the fit, but the fitted path has
+    them like any other.
 
     **Raises:** ValueError for an unknown motion, sigmas or bounds that are not positive, too few samples, or a window
-    that is nearly straight. RuntimeError with `throw` where the search did not converge or the radius vanishes.
+    that is nearly straight.
     """
     if motion not in ANGLE_TERMS:
         raise ValueError(f"motion={motion!r} is unknown: choose one of {', '.join(map(repr, ANGLE_TERMS))}")
@@ -74,20 +70,21 @@ def fit(
     bounds = (BOUNDS[0] * scale, BOUNDS[1] * scale) if radius_bounds is None else _ordered(radius_bounds)
     centre = known(track.positions).mean(axis=0)
     ratio = position_sigma / velocity_sigma
-    unknowns, ended, steps = _in_the_plane(track, centre, scale, bounds, ratio, ANGLE_TERMS[motion], max_steps)
+    unknowns, converged = _in_the_plane(track, centre, scale, bounds, ratio, ANGLE_TERMS[motion], max_steps)
     height = _height(track, centre[2], ratio)
 
     duration, dtype = float(known_elapsed(track)[-1]), track.positions.dtype
     radius = _ascending(unknowns[2 : 2 + TERMS], duration) * scale
-    angle = _ascending(unknowns[2 + TERMS :][: ANGLE_TERMS[motion]], duration)
+    angle = _ascending(unknowns[2 + TERMS :], duration)
     angle[0] -= 2 * np.pi * np.round(angle[0] / (2 * np.pi))
     numbers = (radius, angle, _ascending(height, duration), duration)
     axis = [*(centre[:2] + scale * unknowns[:2]), 0.0]
     placement = Placement(as_array(axis, dtype), as_array([1.0, 0.0, 0.0, 0.0], dtype))
     path = SpiralHelix(*(as_array(x, dtype) for x in numbers), placement=placement)
 
-    fitted = Fitted(path, compare(path, track), _code(radius, duration, bounds, ended), steps, bounds)
-    return fitted.check() if throw else fitted
+    converged, message = _verdict(radius, duration, bounds, converged, max_steps)
+    residual = compare(path, track, converged, message)
+    return SpiralHelix(path.radius, path.angle, path.height, path.duration, placement, residual=residual)
 
 
 def _in_the_plane(
@@ -98,24 +95,23 @@ def _in_the_plane(
     ratio: float,
     angle_terms: int,
     max_steps: int,
-) -> tuple[np.ndarray, bool, int]:
-    """Axis, ρ and φ in lengths of `scale` about `centre`, of the best of several searches; whether it ended; steps."""
+) -> tuple[np.ndarray, bool]:
+    """Axis, ρ and φ in lengths of `scale` about `centre`, of the best of several searches, and whether it ended."""
+    turn = problem(track, centre, scale, bounds, ratio)
     positions = (known(track.positions)[:, :2] - centre[:2]) / scale
     basis, _ = basis_at(known_elapsed(track))
-    found = starts(positions, basis, angle_terms, (bounds[0] / scale, bounds[1] / scale))
+    found = []
+    for start in starts(positions, basis, angle_terms, (bounds[0] / scale, bounds[1] / scale)):
+        unknowns, cost, ended = minimise(turn, as_array(start, float), max_steps)
+        if np.isfinite(cost):
+            found.append((float(cost), np.asarray(unknowns, np.float64), bool(ended)))
     if not found:
         raise ValueError(
             f"no spiral-helix with a radius between {bounds[0]:.4g} and {bounds[1]:.4g} m could be laid along this "
             "window. Choose a window with one bend, or pass other radius_bounds."
         )
-    begin = np.zeros((STARTS, UNKNOWNS))
-    begin[:, : 2 + TERMS + angle_terms] = [found[k % len(found)] for k in range(STARTS)]
-    free = np.arange(UNKNOWNS) < 2 + TERMS + angle_terms
-    turn = problem(track, centre, scale, bounds, ratio)
-    searches = minimise(turn, as_array(begin, float), as_array(free, float), as_array(max_steps, jnp.int32))
-    unknowns, cost, ended, steps = map(np.asarray, searches)
-    best = int(np.argmin(cost))
-    return unknowns[best].astype(np.float64), bool(ended[best]), int(steps[best])
+    _, unknowns, ended = min(found, key=lambda f: f[0])
+    return unknowns, ended
 
 
 def _height(track: Track, level: float, ratio: float) -> np.ndarray:
@@ -156,19 +152,30 @@ def _turning_radius(track: Track) -> float:
     return length / abs(turn)
 
 
-def _code(radius: np.ndarray, duration: float, bounds: tuple[float, float], ended: bool) -> ResultCode:
-    """How a fit ended whose path has these coefficients of ρ."""
+def _verdict(
+    radius: np.ndarray, duration: float, bounds: tuple[float, float], converged: bool, max_steps: int
+) -> tuple[bool, str]:
+    """Whether the fit may be called converged, and what there is to say about it."""
     rho = Polynomial(radius)
     turning = rho.deriv().roots()
     inside = turning.real[(abs(turning.imag) < 1e-12) & (turning.real > 0) & (turning.real < duration)]
     values = rho(np.array([0.0, duration, *inside]))
-    if not ended:
-        return ResultCode.not_converged
+    if not converged:
+        return False, (
+            f"the search did not end within {max_steps} steps: the numbers of this path are not the best ones. "
+            "Pass a larger max_steps, or choose a window with one clear bend."
+        )
     if not values.min() > 0:
-        return ResultCode.radius_vanishes
+        return False, (
+            "the radius vanishes inside the window, so the path runs through its own axis. "
+            "Choose a window with one clear bend, or raise the lower of radius_bounds."
+        )
     if values.min() < bounds[0] * (1 + HELD) or values.max() > bounds[1] * (1 - HELD):
-        return ResultCode.held_by_bounds
-    return ResultCode.successful
+        return True, (
+            f"the radius is held by its bounds, {bounds[0]:.4g} to {bounds[1]:.4g} m: this window alone does not fix "
+            "the axis. Choose a window with one clear bend, or pass other radius_bounds."
+        )
+    return True, ""
 
 
 def _ordered(bounds: Sequence[float | int]) -> tuple[float, float]:

@@ -1,28 +1,21 @@
 """The least-squares problem of a recorded turn in the horizontal plane: axis, radius and angle."""
 
-from typing import NamedTuple
-
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 from numpy.polynomial import legendre
 
-from qtraj.foundation.arrays import as_array, bucket
+from qtraj.foundation.arrays import as_array
+from qtraj.foundation.exported.kept import kept
+from qtraj.foundation.types import Scalar
 from qtraj.path.track import Track, known, known_elapsed
 
 TERMS = 4
 """Coefficients of ρ and h: cubics."""
 
-UNKNOWNS = 2 + 2 * TERMS
-"""The axis (x, y), and the coefficients of ρ and φ in the basis; a linear φ holds the last two at zero."""
-
-FIRST_DAMPING, LOWERED, RAISED = 1e-2, 0.3, 2.0
-"""Of Levenberg and Marquardt: the first damping, and its factors after a step that helped and one that did not."""
-
-ROUNDINGS = 100
-"""Least damping, in roundings."""
+SMALLEST_BUCKET = 64
+"""Samples are padded with weight 0 to a power of two from here on: windows of similar length share one compilation."""
 
 
 class TurnProblem(eqx.Module):
@@ -36,22 +29,24 @@ class TurnProblem(eqx.Module):
     velocity_weights: Float[Array, " n"]  # [s], 0 where no velocities are recorded
     bounds: Float[Array, "2"]
 
-    def errors(self, unknowns: Float[Array, " m"]) -> Float[Array, " k"]:
-        """Weighted errors of position and velocity, and how far ρ leaves its bounds, in one vector."""
+    def errors(self, unknowns: Float[Array, " m"]) -> tuple[Array, Array, Array]:
+        """Weighted errors of position and velocity, and how far ρ leaves its bounds.
+
+        `unknowns`: the axis (2,), then the coefficients of ρ and of φ in the basis.
+        """
         axis, of_radius, of_angle = unknowns[:2], unknowns[2 : 2 + TERMS], unknowns[2 + TERMS :]
-        both, rates = jnp.stack([of_radius, of_angle]), jnp.stack([self.basis, self.slope])
-        (radius, angle), (stretch, rate) = jnp.einsum("bnk,pk->bpn", rates, both)
-        cos, sin = jnp.cos(angle), jnp.sin(angle)
-        around = radius * rate
-        position = jnp.stack([axis[0] + radius * cos, axis[1] + radius * sin], axis=1)
-        velocity = jnp.stack([stretch * cos - around * sin, stretch * sin + around * cos], axis=1)
-        outside = radius - jnp.clip(radius, self.bounds[0], self.bounds[1])
-        return jnp.concatenate(
-            [
-                jnp.ravel(self.weights[:, None] * (position - self.positions)),
-                jnp.ravel(self.velocity_weights[:, None] * (velocity - self.velocities)),
-                self.weights * outside,
-            ]
+        terms = of_angle.shape[0]
+        radius, stretch = self.basis @ of_radius, self.slope @ of_radius
+        angle, rate = self.basis[:, :terms] @ of_angle, self.slope[:, :terms] @ of_angle
+        along = jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=1)
+        across = jnp.stack([-along[:, 1], along[:, 0]], axis=1)
+        position = axis[None] + radius[:, None] * along
+        velocity = stretch[:, None] * along + (radius * rate)[:, None] * across
+        excess = jnp.maximum(self.bounds[0] - radius, 0.0) + jnp.maximum(radius - self.bounds[1], 0.0)
+        return (
+            self.weights[:, None] * (position - self.positions),
+            self.velocity_weights[:, None] * (velocity - self.velocities),
+            self.weights * excess,
         )
 
 
@@ -72,7 +67,7 @@ def problem(track: Track, centre: np.ndarray, scale: float, bounds: tuple[float,
     count = len(basis)
     velocities = np.zeros((count, 2)) if track.velocities is None else known(track.velocities)[:, :2]
     weight = np.full(count, count**-0.5)
-    missing = bucket(count) - count
+    missing = max(SMALLEST_BUCKET, 1 << (count - 1).bit_length()) - count
 
     def padded(x: np.ndarray) -> Array:
         return as_array(np.pad(x, [(0, missing)] + [(0, 0)] * (x.ndim - 1)), float)
@@ -88,87 +83,21 @@ def problem(track: Track, centre: np.ndarray, scale: float, bounds: tuple[float,
     )
 
 
-class Search(NamedTuple):
-    """Searches side by side: where each is, what it is about to try, and whether it has ended.
-
-    `errors` and `jacobian` are those at `unknowns`; `cost` is the sum of squared errors.
-    """
-
-    unknowns: Float[Array, "s m"]
-    cost: Float[Array, " s"]
-    errors: Float[Array, "s k"]
-    jacobian: Float[Array, "s k m"]
-    trial: Float[Array, "s m"]
-    damping: Float[Array, " s"]
-    ended: Bool[Array, " s"]
-    steps: Int[Array, " s"]
-
-
-@eqx.filter_jit
+@kept()
 def minimise(
-    turn: TurnProblem, starts: Float[Array, "s m"], free: Float[Array, " m"], max_steps: Int[Array, ""]
-) -> tuple[Float[Array, "s m"], Float[Array, " s"], Bool[Array, " s"], Int[Array, " s"]]:
-    """Least squares by Levenberg and Marquardt from each of `starts`; `free` is 0 for unknowns that stay.
+    turn: TurnProblem, start: Float[Array, " m"], max_steps: int
+) -> tuple[Float[Array, " m"], Scalar, Bool[Array, ""]]:
+    """Unknowns that minimise the sum of squared errors, searched from `start`; that sum; whether the search ended."""
+    import optimistix as optx
 
-    Where each search is, its sum of squared errors, whether it ended, and its steps. All searches are one loop over
-    arrays, which compiles in a fraction of the time of a general solver, and once for both motions.
-    """
-    count, dtype = starts.shape[0], starts.dtype
-    small = float(jnp.finfo(dtype).eps) ** 0.6
-
-    def linearised(unknowns: Float[Array, " m"]) -> tuple[Array, Array]:
-        jacobian, errors = jax.jacfwd(lambda x: (turn.errors(x),) * 2, has_aux=True)(unknowns)
-        return errors, jacobian * free[None]
-
-    def step(search: Search) -> Search:
-        errors, jacobian = jax.vmap(linearised)(search.trial)
-        cost = jnp.sum(errors**2, axis=1)
-        better = ~search.ended & (cost < search.cost)
-
-        def chosen(new: Array, old: Array) -> Array:
-            return jnp.where(better.reshape(count, *(1,) * (new.ndim - 1)), new, old)
-
-        unknowns, errors, jacobian = (
-            chosen(search.trial, search.unknowns),
-            chosen(errors, search.errors),
-            chosen(jacobian, search.jacobian),
-        )
-        damping = search.damping * jnp.where(better, LOWERED, RAISED)
-        move = _damped(errors, jacobian, damping)
-        ended = search.ended | ~(jnp.max(jnp.abs(move), axis=1) > small)  # also where nothing is finite
-        cost = jnp.where(better, cost, search.cost)
-        steps = search.steps + jnp.where(search.ended, 0, 1)
-        return Search(unknowns, cost, errors, jacobian, unknowns + move, damping, ended, steps)
-
-    size = jax.eval_shape(turn.errors, starts[0]).shape[0]
-    first = Search(
-        unknowns=starts,
-        cost=jnp.full(count, jnp.inf, dtype),
-        errors=jnp.zeros((count, size), dtype),
-        jacobian=jnp.zeros((count, size, starts.shape[1]), dtype),
-        trial=starts,
-        damping=jnp.full(count, FIRST_DAMPING / LOWERED, dtype),
-        ended=jnp.zeros(count, bool),
-        steps=jnp.zeros(count, jnp.int32),
+    small = float(jnp.finfo(start.dtype).eps)
+    solution = optx.least_squares(
+        lambda unknowns, turn: turn.errors(unknowns),
+        optx.LevenbergMarquardt(rtol=small**0.6, atol=small**0.7),
+        start,
+        args=turn,
+        max_steps=max_steps,
+        throw=False,
     )
-    last = jax.lax.while_loop(lambda s: jnp.any(~s.ended & (s.steps < max_steps)), step, first)
-    return last.unknowns, last.cost, last.ended & jnp.isfinite(last.cost), last.steps
-
-
-def _damped(
-    errors: Float[Array, "s k"], jacobian: Float[Array, "s k m"], damping: Float[Array, " s"]
-) -> Float[Array, "s m"]:
-    """The steps that minimise |J p + r|² + damping |D p|², D the lengths of J's columns, by the normal equations.
-
-    Their squared condition number costs digits of a step, which later steps correct, and none of where they end.
-    """
-    normal = jnp.einsum("skm,skn->smn", jacobian, jacobian)
-    lengths = jnp.sqrt(jnp.diagonal(normal, axis1=1, axis2=2))
-    lengths = jnp.where(lengths > 0, lengths, 1.0)
-    floor = ROUNDINGS * float(jnp.finfo(errors.dtype).eps)  # below it the matrix might not be positive definite
-    diagonal = jnp.maximum(damping, floor)[:, None, None] * jnp.eye(lengths.shape[1], dtype=errors.dtype)[None]
-    factor = jnp.linalg.cholesky(normal / (lengths[:, :, None] * lengths[:, None]) + diagonal)
-    down = (jnp.einsum("skm,sk->sm", jacobian, errors) / lengths)[..., None]
-    half = jax.lax.linalg.triangular_solve(factor, down, left_side=True, lower=True)
-    whole = jax.lax.linalg.triangular_solve(factor, half, left_side=True, lower=True, transpose_a=True)
-    return -whole[..., 0] / lengths
+    cost = sum((jnp.sum(e**2) for e in turn.errors(solution.value)), jnp.zeros((), start.dtype))
+    return solution.value, cost, solution.result == optx.RESULTS.successful

@@ -2,21 +2,19 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from qtraj.design.magnitudes import netcdf_unit, quantity
 from qtraj.foundation.arrays import as_array, as_float, concrete, require_lane
 from qtraj.foundation.document import storable
-from qtraj.foundation.outcome import AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import counted, in_lanes
+from qtraj.foundation.result import AbstractResult, counted, in_lanes
 from qtraj.foundation.types import ArrayInput
-from qtraj.foundation.units import with_unit
-from qtraj.path.quantity import quantity
 
 STATUSES = ("proved", "sampled", "broken", "undecided", "undefined")
 """By their codes.
@@ -27,53 +25,17 @@ quantity exists; not to be told from one that does not exist at a known time.
 """
 PROVED, SAMPLED, BROKEN, UNDECIDED, UNDEFINED = range(len(STATUSES))
 
-_WORST = (
-    (BROKEN, ResultCode.limits_broken),
-    (UNDEFINED, ResultCode.limits_undefined),
-    (UNDECIDED, ResultCode.limits_undecided),
-    (SAMPLED, ResultCode.limits_sampled),
-)
-"""The result of a whole path by the worst of its findings, worst first."""
-
 BINDING = 1e-6
 """A limit whose relative margin is smaller than this binds."""
 
 
-class Finding(NamedTuple):
-    """What is known of one limit on one path, in Python's numbers."""
-
-    name: str
-    status: str
-    time: float
-    value: float
-    limit: float
-
-    @property
-    def met(self) -> bool:
-        """Whether the limit holds, be it by proof or by refined sampling."""
-        return self.status in STATUSES[: SAMPLED + 1]
-
-    @property
-    def binding(self) -> bool:
-        """Whether it holds with nothing to spare."""
-        return self.met and self.limit - self.value <= BINDING * self.limit
-
-    @property
-    def text(self) -> str:
-        """The largest value against the limit."""
-        if math.isnan(self.value):
-            return f"it does not exist at t = {self.time:.4g} s, where the path stops or straightens"
-        return f"{self.value:.6g} of {with_unit(self.limit, quantity(self.name).unit)} at t = {self.time:.4g} s"
-
-
 @storable
-class Certificate(AbstractOutcome):
+class Certificate(AbstractResult):
     """The findings on each given limit, of one path or of many (`*lanes` in front).
 
     `names`, and arrays over them: `codes` of `STATUSES`; `times` [s] and `values` of the largest values found, or the
     instant where the quantity does not exist, and NaN; `limits`. A batch of findings gives arrays where one path gives
-    a text or a number; `certificate[k]` is that of one lane. `code` is the `ResultCode` of the whole path and `result`
-    its text.
+    a text or a number; `certificate[k]` is that of one lane.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -91,29 +53,29 @@ class Certificate(AbstractOutcome):
     @property
     def status(self) -> dict[str, Any]:
         """The finding on each limit, by its name."""
-        texts = np.asarray(STATUSES)[_known(self.codes)]
+        texts = np.asarray(STATUSES)[self._known(self.codes)]
         return {name: _plain(texts[..., k]) for k, name in enumerate(self.names)}
 
     @property
     def worst(self) -> dict[str, tuple[Any, Any, Any]]:
         """(time [s], value, limit) at the largest value of each, by its name."""
-        rows = [_known(x) for x in (self.times, self.values, self.limits)]
+        rows = [self._known(x) for x in (self.times, self.values, self.limits)]
         return {name: (*(_plain(x[..., k]) for x in rows),) for k, name in enumerate(self.names)}
 
     @property
     def met(self) -> Any:
         """Whether every limit was found met, be it by proof or by refined sampling."""
-        return _plain((_known(self.codes) <= SAMPLED).all(axis=-1))
+        return _plain((self._known(self.codes) <= SAMPLED).all(axis=-1))
 
     @property
     def holds(self) -> Any:
         """Whether every limit is proved on the whole path; refined sampling alone proves nothing."""
-        return _plain((_known(self.codes) == PROVED).all(axis=-1))
+        return _plain((self._known(self.codes) == PROVED).all(axis=-1))
 
     @property
     def unmet(self) -> list[str]:
         """Names of the limits that were not found met, of one path."""
-        return [found.name for found in self.findings() if not found.met]
+        return [name for name, status in self.status.items() if status not in STATUSES[: SAMPLED + 1]]
 
     def margin(self, name: str) -> Any:
         """Limit less the largest value, in the limit's unit; negative where the limit is broken."""
@@ -123,7 +85,10 @@ class Certificate(AbstractOutcome):
     @property
     def binding(self) -> list[str]:
         """Names of the limits that are met with nothing to spare (a relative margin below 1e-6), of one path."""
-        return [found.name for found in self.findings() if found.binding]
+        worst, unmet = self.worst, self.unmet
+        return [
+            name for name, (_, value, limit) in worst.items() if name not in unmet and limit - value <= BINDING * limit
+        ]
 
     @property
     def summary(self) -> str:
@@ -132,36 +97,16 @@ class Certificate(AbstractOutcome):
         return "; ".join(found) or "no limits"
 
     def describe(self, name: str) -> str:
-        """The largest value of one quantity against its limit, of one path, in words."""
-        return self.findings()[self.names.index(name)].text
-
-    def findings(self, at: tuple[int, ...] = ()) -> list[Finding]:
-        """What is known of each limit on one path; `at` is its place in a batch."""
-        # No bound method here: Equinox makes a Module of each, which would take longer than all the rest.
-        codes, *numbers = (_known(x)[at] for x in (self.codes, self.times, self.values, self.limits))
-        rows = zip(self.names, codes.tolist(), *(x.tolist() for x in numbers), strict=True)
-        return [Finding(name, STATUSES[code], *rest) for name, code, *rest in rows]
-
-    @property
-    def code(self) -> Int[Array, "*lanes"]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The `ResultCode` of the whole path: that of its worst finding."""
-        code = jnp.full(self.codes.shape[:-1], ResultCode.successful, jnp.int32)
-        for finding, result in reversed(_WORST):
-            code = jnp.where(jnp.any(self.codes == finding, axis=-1), int(result), code)
-        return code
-
-    def explain(self, at: tuple[int, ...]) -> str:
-        """What the findings on one path come to."""
-        code, found = ResultCode(int(np.asarray(self.code)[at])), self.findings(at)
-        if code == ResultCode.successful:
-            return "every limit is proved on the whole path."
-        unmet = "; ".join(f"{x.name} is {x.status}: {x.text}" for x in found if not x.met)
-        return f"{code.text} {unmet}." if unmet else code.text
+        """The largest value of one quantity against its limit, in words."""
+        time, value, limit = self.worst[name]
+        if math.isnan(value):
+            return f"it does not exist at t = {time:.4g} s, where the path stops or straightens"
+        return f"{value:.6g} of {quantity(name, limit)} at t = {time:.4g} s"
 
     def record(self) -> Record:
         """The findings over `limit`, whose coordinate `limit_unit` holds the unit of each."""
         along = ("limit",)
-        statuses = np.asarray(STATUSES)[_known(self.codes)]
+        statuses = np.asarray(STATUSES)[self._known(self.codes)]
         variables = {
             "status": Quantity(statuses, "", f"one of {', '.join(STATUSES)}", along),
             "bound": Quantity(self.limits, "", "the limit, in limit_unit", along),
@@ -170,7 +115,7 @@ class Certificate(AbstractOutcome):
         }
         coordinates = {
             "limit": Quantity(np.array(self.names, dtype=str), "", "what is limited", along),
-            "limit_unit": Quantity(np.array([quantity(x).unit for x in self.names], dtype=str), "", "its unit", along),
+            "limit_unit": Quantity(np.array([netcdf_unit(x) for x in self.names], dtype=str), "", "its unit", along),
         }
         summary = f"{in_lanes(self.codes.shape[:-1], 'paths')}{self.summary}"
         return Record(summary, variables, coordinates, {"frame": "natural"})
@@ -191,17 +136,18 @@ class Certificate(AbstractOutcome):
 
     def __str__(self) -> str:
         if self.codes.ndim > 1:
-            counts = np.bincount(_known(self.codes).ravel(), minlength=len(STATUSES))
+            counts = np.bincount(self._known(self.codes).ravel(), minlength=len(STATUSES))
             found = ", ".join(f"{count} {text}" for count, text in zip(counts, STATUSES, strict=True) if count)
             return f"findings on {', '.join(self.names)} of {self.codes[..., 0].size} paths: {found}"
         return "\n".join(f"{name} {self.describe(name)}: {status}" for name, status in self.status.items())
 
-
-def _known(x: Array) -> np.ndarray:
-    known = concrete(x)
-    if known is None:
-        raise ValueError("inside a trace a certificate's findings are known as arrays only: use its codes and values")
-    return known
+    def _known(self, x: Array) -> np.ndarray:
+        known = concrete(x)
+        if known is None:
+            raise ValueError(
+                "inside a trace a certificate's findings are known as arrays only: use its codes and values"
+            )
+        return known
 
 
 def _plain(x: Any) -> Any:

@@ -12,23 +12,23 @@ from jaxtyping import Array
 
 from qtraj.algebra.positivity import NEGATIVE, POSITIVE, positive
 from qtraj.design.limits import Limits
-from qtraj.design.peaks import largest, peak, summit
+from qtraj.design.magnitudes import magnitude, moving_derivatives, peak
+from qtraj.design.peaks import largest, summit
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate
-from qtraj.design.proof.inequalities import HIGHEST_DEGREE, divisor, parts, slack
+from qtraj.design.proof.inequalities import FORMS, HIGHEST_DEGREE, divisor, parts, slack
 from qtraj.foundation import cores
+from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.types import Flag, Scalar
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.moving_basis import MovingPolynomials
+from qtraj.path.invariants import existence
 from qtraj.path.placement import Placement
-from qtraj.path.quantity import quantity
-from qtraj.path.regularity import regularity
-from qtraj.path.values import invariants_at, value
+from qtraj.path.spiral_helix import SpiralHelix
 
 GAP = 1e-9
 """A relative speed or bend that is not proved positive, and below this at its least, cannot be told from zero."""
 
-DIVISORS = ("speed", "cross_norm", "level")
-"""What quantities divide by: S, N = |ṙ×r̈|², and the square H of the horizontal speed."""
+DIVISORS = ("motion", "bend")
+"""What magnitudes divide by: the speed squared S, and the bend N = |ṙ×r̈|²."""
 
 SAMPLES = 1025
 """Cells in which the existence of what cannot be proved is sought."""
@@ -119,13 +119,13 @@ def _judged_lanes(flat: Any, static: Any) -> Findings:
 def _judged(path: AbstractHodograph, limits: Limits) -> Findings:
     """The findings on all limits of one path, each compiled once for whatever limits come together."""
     given = limits.given()
-    needed = {quantity(name).divisor for name in given}
+    needed = {FORMS[name].divisor for name in given}
     gaps = {which: _gap(path, which) for which in DIVISORS if which in needed}
-    found = [_finding(path, gaps.get(quantity(name).divisor or "none"), limit, name) for name, limit in given.items()]
+    found = [_finding(path, gaps.get(FORMS[name].divisor or "none"), limit, name) for name, limit in given.items()]
     return _in_columns([(*finding, limit) for finding, limit in zip(found, given.values(), strict=True)])
 
 
-@eqx.filter_jit
+@kept()
 def _in_columns(findings: list[Findings]) -> Findings:
     codes, times, values, limits = (jnp.stack(column) for column in zip(*findings, strict=True))
     return codes.astype(jnp.int32), times, values, limits
@@ -139,23 +139,21 @@ class _Gap(NamedTuple):
     time: Scalar
 
 
-@eqx.filter_jit
+@kept(_Gap)
 def _gap(path: AbstractHodograph, which: str) -> _Gap:
     def size(path: AbstractHodograph, t: Scalar) -> Scalar:
-        return getattr(regularity(invariants_at(path, t, 3), path.duration), which)
+        r = moving_derivatives(path, t, 3)
+        return getattr(existence(r[1], r[2], r[3], path.duration), which)
 
-    known = path.polynomials()
-    if known is None or (which == "level" and known.placement is not None):
+    if not isinstance(path, SpiralHelix):
         time, least = largest(lambda path, t: -size(path, t), path, SAMPLES)
         return _Gap(-least >= GAP**2, -least < GAP**2, time)
-    answer = positive(
-        lambda known, low, high: divisor(known, which, low, high), jax.lax.stop_gradient(parts(known, path.duration, 2))
-    )
+    answer = positive(lambda known, low, high: divisor(known, which, low, high), jax.lax.stop_gradient(parts(path, 2)))
     time, proved = answer.at * path.duration, answer.code == POSITIVE
     return _Gap(proved, ~proved & (size(path, time) < GAP**2), time)
 
 
-@eqx.filter_jit
+@kept()
 def _finding(path: AbstractHodograph, gap: _Gap | None, limit: Scalar, name: str) -> tuple[Array, Scalar, Scalar]:
     """Code, time [s] and value of one limit, given whether what it divides by vanishes."""
     code, time, value = _as_if_defined(path, gap, name, limit.astype(path.duration.dtype))
@@ -167,31 +165,29 @@ def _finding(path: AbstractHodograph, gap: _Gap | None, limit: Scalar, name: str
 
 
 def _as_if_defined(path: AbstractHodograph, gap: _Gap | None, name: str, limit: Scalar) -> tuple[Array, Scalar, Scalar]:
-    polynomials, entry = path.polynomials(), quantity(name)
-    if polynomials is None or not _low_enough(polynomials, path.duration, name):
+    if not isinstance(path, SpiralHelix) or not _low_enough(path, name):
         return _sampled(path, name, limit)
-    known = jax.lax.stop_gradient(parts(polynomials, path.duration, entry.order))
-    answer = positive(lambda known, low, high: slack(known, limit, entry, low, high), known)
+    known = jax.lax.stop_gradient(parts(path, FORMS[name].order))
+    answer = positive(lambda known, low, high: slack(known, limit, FORMS[name], low, high), known)
     code = jnp.where(answer.code == POSITIVE, PROVED, jnp.where(answer.code == NEGATIVE, BROKEN, UNDECIDED))
     hints = [answer.at] if gap is None else [answer.at, gap.time / path.duration]
-    summits = summit(lambda path, t: value(path, t, name), path, jax.lax.stop_gradient(jnp.stack(hints)))
-    if not entry.upright or polynomials.placement is None:
+    summits = summit(lambda path, t: magnitude(path, t, name), path, jax.lax.stop_gradient(jnp.stack(hints)))
+    if name != "slope" or path.placement is None:
         return code, *summits
-    upright, samples = _upright(polynomials.placement), _sampled(path, name, limit)
-    both = zip((code, *summits), samples, strict=True)
-    code, time, largest = (jnp.where(upright, a, b) for a, b in both)
-    return code, time, largest
+    upright, samples = _upright(path.placement), _sampled(path, name, limit)
+    code, time, value = (jnp.where(upright, a, b) for a, b in zip((code, *summits), samples, strict=True))
+    return code, time, value
 
 
 def _sampled(path: AbstractHodograph, name: str, limit: Scalar) -> tuple[Array, Scalar, Scalar]:
-    time, largest = peak(path, name)
-    return jnp.where(largest <= limit, SAMPLED, jnp.where(largest > limit, BROKEN, UNDECIDED)), time, largest
+    time, value = peak(path, name)
+    return jnp.where(value <= limit, SAMPLED, jnp.where(value > limit, BROKEN, UNDECIDED)), time, value
 
 
-def _low_enough(path: MovingPolynomials, duration: Scalar, name: str) -> bool:
+def _low_enough(path: SpiralHelix, name: str) -> bool:
     """Whether the inequality of a limit has a degree that is proved."""
-    one, entry = jnp.ones((), duration.dtype), quantity(name)
-    form = jax.eval_shape(lambda: slack(parts(path, duration, entry.order), one, entry, 0.0, 1.0))
+    one = jnp.ones((), path.duration.dtype)
+    form = jax.eval_shape(lambda: slack(parts(path, FORMS[name].order), one, FORMS[name], 0.0, 1.0))
     return form.degree <= HIGHEST_DEGREE
 
 

@@ -1,242 +1,205 @@
-"""The augmented Lagrangian method around any optimiser of optax.
+"""Augmented Lagrangian (Powell–Hestenes–Rockafellar) over the cells of a time grid, minimised by optax's L-BFGS.
 
-A round minimises the augmented Lagrangian (see `lagrangian`) by steps of the optimiser, and ends at the best point it
-has seen. What follows depends on how exact that point is:
-
-- Exact enough: the multipliers move to m + μg, and where the constraints came too little nearer the penalty μ grows.
-- Not exact, and the last steps brought nothing: the optimiser's steps are too long. The next round takes shorter ones,
-  by the factor `stride` on all updates. So an optimiser with a fixed learning rate converges, too.
-
-The times of the peaks stand still during one step, with its line search, if it has one.
+Time is divided into cells, and every limit is a constraint on its largest excess in each cell (see `peaks`), each with
+its own multiplier: what is held in the cells is held between the nodes.
 """
 
-from typing import Any, ClassVar, NamedTuple
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
-from qtraj.design.tuning import peaks as peaking
-from qtraj.design.tuning.lagrangian import (
-    Held,
-    OfParts,
-    expand,
-    inside,
-    lagrangian,
-    outside,
-    parts,
-    worst_times,
-)
-from qtraj.design.tuning.peaks import Peaks
-from qtraj.design.tuning.problem import Variables
-from qtraj.design.tuning.search import AbstractSearch, Found, whole
+from qtraj.design.limits import Limits
+from qtraj.design.magnitudes import squared
+from qtraj.design.peaks import cell_peaks
+from qtraj.design.tuning.campaign import Found
+from qtraj.design.tuning.problem import Problem, Variables
+from qtraj.design.tuning.rows import find_peaks
 from qtraj.design.tuning.sqp import FEASIBLE
-from qtraj.design.tuning.task import Present, Task
+from qtraj.design.tuning.task import Task
 from qtraj.foundation.types import Flag, Scalar
+from qtraj.path.spiral_helix import SpiralHelix
 
-FIRST_PENALTY, PENALTY_GROWTH, HIGHEST_PENALTY = 10.0, 4.0, 1e9
-SUFFICIENT_DECREASE = 0.25  # of the residual in one round; less, and the penalty grows
+CELLS = 65
+INNER_STEPS, MEMORY, GRADIENT_TOLERANCE = 200, 12, 1e-9
+
+FIRST_PENALTY, PENALTY_GROWTH = 10.0, 4.0
+HIGHEST_PENALTY = 1e9
+SUFFICIENT_DECREASE = 0.25  # of the violation in one round; less, and the penalty grows
 HOPELESS_DECREASE, HOPELESS_ROUNDS = 0.9, 6  # this little decrease for so many rounds, and the search gives up
 
 STATIONARY = 1e-6
 """Largest component of the Lagrangian's gradient at a converged point, in the problem's own scale."""
 
-COMPLEMENTARY = 1e-6
-"""How far an active constraint may lie inside its limit at a converged point, as ½((value/limit)² − 1)."""
+PerCell = dict[str, Float[Array, " cells"]]
+NEAR = 1 - 1e-9  # of the way to a bound
 
-LOOSEST, FINEST, OF_RESIDUAL = 1e-2, 1e-7, 0.1
-"""Gradients at which a round ends: a part of the last residual, between these."""
-
-SHORTER, SHORTEST = 0.5, 1e-9  # the next stride after a round that brought nothing, and the last one
-
-LAST_PART = 10
-"""A best point in the last part of so many of a round says that the steps still lead somewhere."""
-
-ROUNDING = 1e-13
-"""Values nearer than this part of theirs are equal; the smaller gradient is the better then."""
+_Carry = tuple[Variables, Any, Scalar, Flag, Array]
 
 
-class Point(NamedTuple):
-    """A point that a round has seen."""
+class Boxed(eqx.Module):
+    """A problem in variables y without bounds: z = m + r tanh((y − m)/r) between the bounds m ± r."""
 
-    y: Variables
-    value: Scalar
-    size: Scalar  # of the largest component of the gradient
+    problem: Problem
+    low: Variables
+    high: Variables
+
+    def inside(self, y: Variables) -> Variables:
+        """z of y."""
+        middle, half = (self.low + self.high) / 2, (self.high - self.low) / 2
+        safe = jnp.where(half > 0, half, 1.0)
+        return middle + half * jnp.tanh((y - middle) / safe)
+
+    def outside(self, z: Variables) -> Variables:
+        """y of z; of a z at a bound, one near it."""
+        middle, half = (self.low + self.high) / 2, (self.high - self.low) / 2
+        safe = jnp.where(half > 0, half, 1.0)
+        return middle + safe * jnp.arctanh(jnp.clip((z - middle) / safe, -NEAR, NEAR))
+
+    def path(self, y: Variables) -> SpiralHelix:
+        """The path of these variables."""
+        return self.problem.path(self.inside(y))
+
+    def cost(self, y: Variables) -> Scalar:
+        """The objective over its scale."""
+        return self.problem.cost(self.inside(y))
+
+
+class Iterate(NamedTuple):
+    """Where the method stands: variables, multipliers and penalty, with the size of what is still wrong."""
+
+    z: Variables
+    multipliers: PerCell
+    penalty: Scalar
     cost: Scalar
-    step: Int[Array, ""]  # of the round
-    force: OfParts  # max(0, m + μg), the next multipliers
-    times: OfParts
-    peaks: Peaks
+    violation: Scalar  # largest relative excess over a limit
+    gradient: Scalar  # largest component of the Lagrangian's gradient
+    steps: Array  # L-BFGS steps taken so far
 
 
-class State(NamedTuple):
-    """Where the searches stand: in a round, which began with what is held, and before."""
-
-    y: Variables
-    memory: Any  # of the optimiser
-    fresh: Flag  # the optimiser has to begin anew
-    stuck: Flag  # the last step led nowhere
-    best: Point
-    held: Held
-    stride: Scalar
-    tolerance: Scalar
-    residual: Scalar
-    hopeless: Int[Array, ""]
-    round: Int[Array, ""]
-    step: Int[Array, ""]  # of the round; 0 where no point is known
-    steps: Int[Array, ""]
-    done: Flag
-    settled: Flag
-    effort: Int[Array, ""]
+def search(task: Task, z: Variables, most_rounds: int, tell: Callable[[str], None] | None) -> Found:
+    """Where rounds from `z` end: the limits met at a stationary point, or not."""
+    boxed = Boxed(task.problem, task.low, task.high)
+    last, settled = _solve(boxed, task.limits, boxed.outside(z), most_rounds, tell)
+    z = boxed.inside(last.z)
+    # Advice starts from the peaks of the other method, whose multipliers it finds itself.
+    peaks = find_peaks(task.problem.without_objective(), task.limits, z)
+    settled_at = jnp.asarray(settled)
+    return Found(z, jnp.zeros_like(peaks.time), peaks.time, last.violation, settled_at, last.steps)
 
 
-class AugmentedLagrangian(AbstractSearch):
-    """Rounds of an optax optimiser; see the module. `most_steps` are those of the optimiser, in all rounds."""
-
-    stages: ClassVar[tuple[int, ...]] = (100, 200, 400, 800, 1600, 3200, 6400)
-    optimiser: Any = eqx.field(static=True)
-    rounds: Int[Array | np.ndarray, ""] = eqx.field(converter=whole)
-    inner_steps: Int[Array | np.ndarray, ""] = eqx.field(converter=whole)
-
-    @property
-    def most_steps(self) -> Int[Array | np.ndarray, ""]:
-        """Steps after which a search ends in any case."""
-        return self.rounds * (self.inner_steps + 1)
-
-    def unstarted(self, tasks: Task, z: Any) -> State:
-        xp: Any = np if isinstance(z, np.ndarray) else jnp
-        batch, dtype = z.shape[:1], z.dtype
-        one = jax.eval_shape(self.optimiser.init, jax.ShapeDtypeStruct(z.shape[1:], dtype))
-        memory = jax.tree.map(lambda x: xp.zeros((*batch, *x.shape), x.dtype), one)
-        peaks = jax.tree.map(lambda x: xp.broadcast_to(xp.asarray(x), (*batch, *x.shape)), peaking.none(dtype))
-        number, no, none = xp.zeros(batch, dtype), xp.zeros(batch, bool), xp.zeros(batch, np.int32)
-        unknown = xp.full(batch, np.inf, dtype)
-        z = xp.clip(z, tasks.low, tasks.high)
-        return State(
-            y=z,
-            memory=memory,
-            fresh=~no,
-            stuck=no,
-            best=Point(z, unknown, unknown, number, none, peaks.time, peaks.time, peaks),
-            held=Held(peaks.present, peaks.time, peaks.time, peaks.time, number + FIRST_PENALTY),
-            stride=number + 1.0,
-            tolerance=number + LOOSEST,
-            residual=unknown,
-            hopeless=none,
-            round=none - 1,
-            step=none,
-            steps=none - 1,
-            done=no,
-            settled=no,
-            effort=none,
-        )
-
-    def proceed(self, tasks: Task, which: Present, states: State, most_steps: int | Int[Array, ""]) -> State:
-        def going(s: State) -> Bool[Array, " batch"]:
-            return ~s.done & (s.steps < most_steps)
-
-        def onward(s: State) -> State:
-            on = going(s)
-            after = jax.vmap(lambda task, s, on: self._step(task, which, s, on))(tasks, s, on)
-            return jax.tree.map(lambda new, old: jnp.where(jnp.expand_dims(on, range(1, new.ndim)), new, old), after, s)
-
-        return jax.lax.while_loop(lambda s: jnp.any(going(s)), onward, states)
-
-    def ended(self, tasks: Task, states: State, xp: Any) -> tuple[Found, Any]:
-        best = states.best
-        z = inside(tasks, best.y, xp)
-        violation = xp.maximum(xp.max(best.peaks.value, axis=(-2, -1)), 0.0)
-        steps = xp.maximum(states.steps, 0)
-        return Found(
-            z, states.held.multipliers, best.peaks.time, best.peaks.value, violation, states.settled, steps
-        ), best.cost
-
-    def _step(self, task: Task, which: Present, s: State, on: Flag) -> State:
-        """One look at where a search stands; then the next step of the optimiser, or the next round."""
-        y = jnp.where(s.steps < 0, outside(task, s.y), s.y)
-        times, peaks = worst_times(task, which, s.held, y)
-        at = expand(task, which, s.held, times, y)
-        size = jnp.max(jnp.abs(at.gradient))
-        force = jnp.maximum(s.held.multipliers + s.held.penalty * at.g, 0.0)
-        here = Point(y, at.value, size, at.cost, s.step, force, times, peaks)
-        better = (s.step == 0) | _better(here, s.best)
-        best: Point = jax.tree.map(lambda a, b: jnp.where(better, a, b), here, s.best)
-        solved = (s.steps >= 0) & (best.size <= s.tolerance)
-        over = (s.steps < 0) | solved | s.stuck | (s.step >= self.inner_steps) | ~jnp.isfinite(at.value)
-        y, memory = self._moved(task, which, s, at, times, y, on & ~over)
-        stepped = s._replace(
-            y=y,
-            memory=memory,
-            fresh=jnp.zeros_like(s.fresh),
-            stuck=jnp.all(y == here.y),
-            best=best,
-            step=s.step + 1,
-            steps=s.steps + 1,
-        )
-        begun = _next_round(s, best, solved, self.rounds)
-        return jax.tree.map(lambda a, b: jnp.where(over, a, b), begun, stepped)
-
-    def _moved(
-        self, task: Task, which: Present, s: State, at: Any, times: OfParts, y: Variables, moves: Flag
-    ) -> tuple[Variables, Any]:
-        """Where the optimiser's step leads, and its memory."""
-        # A search that waits for others must not keep them with a line search of its own.
-        gradient = jnp.where(moves, at.gradient, 0.0)
-        with jax.numpy_dtype_promotion("standard"):  # optax mixes widths of numbers, which a strict session refuses
-            memory = jax.tree.map(lambda a, b: jnp.where(s.fresh, a, b), self.optimiser.init(y), s.memory)
-            updates, after = self.optimiser.update(
-                gradient,
-                memory,
-                y,
-                value=at.value,
-                grad=gradient,
-                value_fn=lambda y: lagrangian(y, task, which, s.held, times),
-            )
-            after = jax.tree.map(lambda new, old: jnp.asarray(new).astype(old.dtype), after, memory)
-        return y + s.stride * updates.astype(y.dtype), after
+def begin(problem: Boxed, limits: Limits, z: Variables) -> Iterate:
+    """The iterate at `z`, with nothing learnt yet."""
+    g, cost = survey(problem, limits, z)
+    none = {name: jnp.zeros_like(v) for name, v in g.items()}
+    unknown = jnp.full_like(cost, jnp.inf)
+    return Iterate(z, none, jnp.full_like(cost, FIRST_PENALTY), cost, worst(g), unknown, jnp.asarray(0))
 
 
-def _better(here: Point, best: Point) -> Flag:
-    rounding = ROUNDING * (1 + jnp.abs(best.value))
-    lower = here.value < best.value - rounding
-    return lower | ((here.value <= best.value + rounding) & (here.size < best.size))
+def _solve(
+    problem: Boxed, limits: Limits, z: Variables, max_rounds: int, tell: Callable[[str], None] | None
+) -> tuple[Iterate, bool]:
+    """Rounds until the limits are met at a stationary point (True), or until there is little hope of it (False)."""
+    iterate = begin(problem, limits, z)
+    hopeless = 0
+    for count in range(1, max_rounds + 1):
+        before = float(iterate.violation)
+        last, iterate = iterate, advance(problem, limits, iterate)
+        violation = float(iterate.violation)
+        if tell is not None:
+            tell(f"round {count}, " + ("limits met" if violation == 0 else f"limits broken by {100 * violation:.2g} %"))
+        if violation <= FEASIBLE and float(iterate.gradient) <= STATIONARY:
+            return iterate, True
+        if not math.isfinite(violation):
+            return last, False
+        hopeless = hopeless + 1 if violation > HOPELESS_DECREASE * before else 0
+        if hopeless >= HOPELESS_ROUNDS or float(iterate.penalty) > HIGHEST_PENALTY:
+            break
+    return iterate, False
 
 
-def _next_round(s: State, best: Point, solved: Flag, rounds: Int[Array | np.ndarray, ""]) -> State:
-    """The state at the beginning of the next round, from the best point of the last one."""
-    held = s.held
-    residual = jnp.max(jnp.abs(best.force - held.multipliers)) / held.penalty
-    violation = jnp.max(best.peaks.value)
-    settled = (violation <= FEASIBLE) & (best.size <= STATIONARY) & (residual <= COMPLEMENTARY)
-    exact = solved | s.stuck
-    slow = exact & (residual > SUFFICIENT_DECREASE * s.residual)
-    hopeless = jnp.where(exact, jnp.where(residual > HOPELESS_DECREASE * s.residual, s.hopeless + 1, 0), s.hopeless)
-    leads = LAST_PART * best.step >= (LAST_PART - 1) * s.step
-    stride = jnp.where(exact | leads, 1.0, SHORTER) * s.stride
-    finer = jnp.clip(OF_RESIDUAL * residual, FINEST, s.tolerance)
-    lost = (hopeless >= HOPELESS_ROUNDS) | (held.penalty > HIGHEST_PENALTY) | (stride < SHORTEST)
-    return s._replace(
-        y=best.y,
-        fresh=jnp.ones_like(s.fresh),
-        stuck=jnp.zeros_like(s.stuck),
-        best=best,
-        held=parts(
-            held._replace(
-                multipliers=jnp.where(exact, best.force, held.multipliers),
-                penalty=jnp.where(slow, PENALTY_GROWTH, 1.0) * held.penalty,
-            ),
-            best.times,
-            best.peaks,
-        ),
-        stride=stride,
-        tolerance=jnp.where(exact, finer, s.tolerance),
-        residual=jnp.where(exact, residual, s.residual),
-        hopeless=hopeless,
-        round=s.round + 1,
-        step=jnp.zeros_like(s.step),
-        steps=s.steps + 1,
-        done=settled | lost | (s.round + 1 >= rounds),
-        settled=settled,
-    )
+def advance(problem: Boxed, limits: Limits, iterate: Iterate) -> Iterate:
+    """One round: minimise the augmented Lagrangian in z, then move multipliers and penalty."""
+    z, gradient, steps = _descend(problem, limits, iterate)
+    g, cost = survey(problem, limits, z)
+    violation = worst(g)
+    multipliers = {name: jnp.maximum(0.0, m + iterate.penalty * g[name]) for name, m in iterate.multipliers.items()}
+    stalled = violation > SUFFICIENT_DECREASE * iterate.violation
+    penalty = jnp.where(stalled, PENALTY_GROWTH, 1.0) * iterate.penalty
+    return Iterate(z, multipliers, penalty, cost, violation, gradient, iterate.steps + steps)
+
+
+@eqx.filter_jit
+def survey(problem: Boxed, limits: Limits, z: Variables) -> tuple[PerCell, Scalar]:
+    """The excesses over the limits and the cost."""
+    return excesses(problem, limits, z, worst_times(problem, limits, z)), problem.cost(z)
+
+
+@eqx.filter_jit
+def _descend(problem: Boxed, limits: Limits, iterate: Iterate) -> tuple[Variables, Scalar, Array]:
+    """Minimise cost + Σ (max(0, m + penalty·g)² − m²)/(2·penalty) over the cells."""
+
+    def lagrangian(z: Variables, times: PerCell) -> Scalar:
+        g = excesses(problem, limits, z, times)
+        m, penalty = iterate.multipliers, iterate.penalty
+        terms = [jnp.sum(jnp.maximum(0.0, m[name] + penalty * g[name]) ** 2 - m[name] ** 2) for name in g]
+        return problem.cost(z) + sum(terms) / (2 * penalty)
+
+    return _minimise(lagrangian, lambda z: worst_times(problem, limits, z), iterate.z)
+
+
+def worst_times(problem: Boxed, limits: Limits, z: Variables) -> PerCell:
+    """Where in each cell each limit is exceeded most, as fractions of the duration."""
+    path = problem.path(z)
+    return {name: cell_peaks(partial(squared, name=name), path, CELLS) for name in limits.given()}
+
+
+def excesses(problem: Boxed, limits: Limits, z: Variables, times: PerCell) -> PerCell:
+    """g = ½((value/limit)² − 1) at the given fractions: zero on the limit, smooth where the value vanishes."""
+    path = problem.path(z)
+
+    def excess(name: str, limit: Scalar) -> Float[Array, " cells"]:
+        values = jax.vmap(lambda u: squared(path, u * path.duration, name))(times[name])
+        return 0.5 * (values / limit**2 - 1.0)
+
+    return {name: excess(name, limit) for name, limit in limits.given().items()}
+
+
+def worst(g: PerCell) -> Scalar:
+    """The largest excess, or zero where nothing is exceeded."""
+    return jnp.max(jnp.stack([jnp.max(jnp.maximum(0.0, v)) for v in g.values()]))
+
+
+def _minimise(
+    f: Callable[[Variables, PerCell], Scalar], times_at: Callable[[Variables], PerCell], z: Variables
+) -> tuple[Variables, Scalar, Array]:
+    """L-BFGS with a zoom line search, until the gradient vanishes or no step helps: (z, gradient, steps).
+
+    The times of the peaks stand still during one line search: they move the value only to second order, and sought
+    once a step they cost little.
+    """
+    import optax  # here, so that importing qtraj does not wait for it
+
+    solver = optax.lbfgs(memory_size=MEMORY)
+
+    def proceed(carry: _Carry) -> _Carry:
+        z, state, _, _, count = carry
+        times = times_at(z)
+        value, gradient = jax.value_and_grad(f)(z, times)
+        updates, state = solver.update(gradient, state, z, value=value, grad=gradient, value_fn=lambda z: f(z, times))
+        moved = jnp.asarray(optax.apply_updates(z, updates))
+        return moved, state, jnp.max(jnp.abs(gradient)), jnp.all(moved == z), count + 1
+
+    def unfinished(carry: _Carry) -> Flag:
+        _, _, size, stuck, count = carry
+        return (size > GRADIENT_TOLERANCE) & ~stuck & (count < INNER_STEPS)
+
+    start = (z, solver.init(z), jnp.asarray(jnp.inf, z.dtype), jnp.asarray(False), jnp.asarray(0))
+    with jax.numpy_dtype_promotion("standard"):  # optax mixes widths of integers, which a strict session refuses
+        z, _, size, _, count = jax.lax.while_loop(unfinished, proceed, start)
+    return z, size, count

@@ -6,9 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.design.tuning.motions.motion import COMPONENTS, ENDS, VELOCITIES, AbstractMotion
-from qtraj.design.tuning.objectives.objective import AbstractObjective
-from qtraj.design.tuning.problem import DURATION, Problem, Variables, variable_names
+from qtraj.design.tuning.problem import COMPONENTS, DURATION, ENDS, VELOCITIES, Problem, Variables, variable_names
 from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.types import ArrayInput, Scalar
 
@@ -20,9 +18,9 @@ AT_WALL = 1e-6
 Bounds = Mapping[str, tuple[ArrayInput | None, ArrayInput | None]]
 
 
-def require_names(motion: AbstractMotion, objective: AbstractObjective, fixed: Sequence[str], bounds: Bounds) -> None:
+def require_names(motion: str, holds_duration: bool, fixed: Sequence[str], bounds: Bounds) -> None:
     """Raise a ValueError for names that are no variables, bounds that contradict, or nothing left to move."""
-    names = variable_names(motion, objective)
+    names = variable_names(motion, holds_duration)
     for name in (*fixed, *bounds):
         if name not in names:
             hint = " (uniform motion has V_phi = rho·turn/duration: bound the duration)" if name in VELOCITIES else ""
@@ -35,18 +33,14 @@ def require_names(motion: AbstractMotion, objective: AbstractObjective, fixed: S
         _require_order(name, low, high)
 
 
-def weights_of(
-    weights: Mapping[str, float], objective: AbstractObjective, motion: AbstractMotion
-) -> Float[Array, " 7"]:
+def weights_of(weights: Mapping[str, float], objective: object, motion: str) -> Float[Array, " 7"]:
     """The weights of the squared changes, in the order of `Problem.weights`; 1 where nothing is said.
 
     **Raises:** ValueError for a name that weighs nothing, or a weight that is not a finite number of 0 or more.
     """
-    names = VELOCITIES if motion.is_uniform else (*VELOCITIES, DURATION)
-    if weights and objective.name != "nearest":
-        raise ValueError(
-            f"weights belong to objective='nearest', but the objective is {objective.name!r}: leave them out"
-        )
+    names = (*VELOCITIES, DURATION) if motion == "hermite" else VELOCITIES
+    if weights and objective != "nearest":
+        raise ValueError(f"weights belong to objective='nearest', but the objective is {objective!r}: leave them out")
     for name, weight in weights.items():
         if name not in names:
             raise ValueError(f"{name!r} cannot be weighed: the changes that 'nearest' sums are {', '.join(names)}")

@@ -9,28 +9,18 @@ import jax
 import numpy as np
 
 from qtraj.design.limits import Limits
-from qtraj.design.tuning.motions.motion import AbstractMotion
-from qtraj.design.tuning.objectives.objective import AbstractObjective
-from qtraj.design.tuning.problem import Problem
+from qtraj.design.magnitudes import UNITS
+from qtraj.design.tuning.problem import BOUNDING, MOTIONS, OBJECTIVES, Objective, Problem
 from qtraj.foundation.arrays import concrete, require_positive
 from qtraj.foundation.types import Scalar
 from qtraj.path.boundary import BoundaryState
-from qtraj.path.quantity import QUANTITIES, quantity
-
-BOUNDING = tuple(name for name, entry in QUANTITIES.items() if entry.per_time > 0 and entry.bounds_speed)
-"""Limits of which a fastest path needs one, not to arrive at once."""
 
 TURN_TOLERANCE = 1e-6
 """[rad] A given turn may miss the azimuth of the end by this much."""
 
 
 def require_choices(
-    start: BoundaryState,
-    end: BoundaryState,
-    limits: Limits,
-    objective: AbstractObjective,
-    motion: AbstractMotion,
-    holds_a_duration: bool,
+    start: BoundaryState, end: BoundaryState, limits: Limits, objective: Objective, motion: str, holds_a_duration: bool
 ) -> None:
     """Raise a ValueError for arguments that do not fit together.
 
@@ -39,16 +29,23 @@ def require_choices(
     if not isinstance(limits, Limits):
         raise ValueError(f"limits must be a Limits, such as Limits(curvature=0.05), but {limits!r} was given")
     given = limits.given()
+    if motion not in MOTIONS:
+        raise ValueError(f"motion must be {' or '.join(map(repr, MOTIONS))}, but {motion!r} was given")
+    if isinstance(objective, str) and objective not in OBJECTIVES:
+        raise ValueError(
+            f"objective must be one of {', '.join(map(repr, OBJECTIVES))} or a callable of a path, "
+            f"but {objective!r} was given"
+        )
     if not given:
         raise ValueError("no limit was given, so there is nothing to tune for: set at least one field of Limits")
-    if objective.needs_time_limit and not any(name in BOUNDING for name in given):
+    if objective == "fastest" and not any(name in BOUNDING for name in given):
         raise ValueError(
             f"nothing bounds the fastest path: the given limits ({', '.join(given)}) allow any speed. "
             f"Give one of {', '.join(BOUNDING)}."
         )
     if start.acceleration is not None or end.acceleration is not None:
         raise ValueError("tuning moves the boundary velocities and cannot keep given accelerations: leave them out")
-    if holds_a_duration and motion.is_uniform and not objective.holds_duration:
+    if holds_a_duration and motion == "uniform" and objective != "smoothest":
         raise ValueError(
             "a duration was given, but uniform motion lasts as long as its rate says, and the rate is tuned. Leave it "
             "out, or take motion='hermite' or objective='smoothest', which hold or weigh a duration."
@@ -65,7 +62,7 @@ def require_sound(problem: Problem, turn: Scalar | None, limits: Limits) -> None
     ):
         return
     for name, limit in limits.given().items():
-        require_positive(limit, f"the limit {name}", quantity(name).label)
+        require_positive(limit, f"the limit {name}", UNITS[name] or "-")
     for fault in (_speeds, _radii, _sense, _azimuths, _durations, _objectives):
         fault(problem, turn is not None)
     if turn is not None:

@@ -10,41 +10,29 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.proof.certificate import Certificate
-from qtraj.design.tuning.verdict import verdict
+from qtraj.design.tuning import verdict
 from qtraj.foundation import document
-from qtraj.foundation.arrays import as_array, as_float, part, require_lane
-from qtraj.foundation.document import reads_older, storable
-from qtraj.foundation.outcome import AbstractOutcome, ResultCode, known_codes, names_of, renumbered
+from qtraj.foundation.arrays import as_array, as_float, concrete, require_lane
+from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import counted, extent, in_lanes
+from qtraj.foundation.result import AbstractResult, counted, extent, in_lanes
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.spiral_helix import SpiralHelix
 
-CONVERGED, INFEASIBLE, NOT_CONVERGED = ResultCode.successful, ResultCode.infeasible, ResultCode.not_converged
+STATUSES = ("converged", "infeasible", "not converged")
+"""By their codes."""
 
-STATUSES = {CONVERGED: "converged", INFEASIBLE: "infeasible", NOT_CONVERGED: "not converged"}
-"""By their codes; every other code is that of a problem that is ill-posed."""
-
-ILL_POSED_STATUS = "ill-posed"
-
-_OLDER_CODES = {1: INFEASIBLE, 2: NOT_CONVERGED}
-"""From the codes of older documents to those of `ResultCode`."""
+CONVERGED, INFEASIBLE, NOT_CONVERGED = range(len(STATUSES))
 
 
-def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
-    return fields | {"code": renumbered(fields["code"], _OLDER_CODES)} if "code" in fields else fields
-
-
-@reads_older(_from_older)
 @storable
-class Tuned(AbstractOutcome):
+class Tuned(AbstractResult):
     """The outcome of `tune`, of one problem or of many (`*lanes` in front of every array).
 
     `path`, with its boundary states `start` and `end` (world axes); `objective`, the attained value in its own units;
-    `certificate`, the findings on the given limits; `code`, a `ResultCode`, `status`, the same in a word, and `result`,
-    the same in words with what to do; `iterations`, the steps of the search that won. `advice` says what would help
-    where the limits cannot be met, of one problem. `outcome[k]` is one of many.
+    `certificate`, the findings on the given limits; `code` of `STATUSES`; `iterations`, the steps of the search that
+    won. `advice` says what would help where the limits cannot be met, of one problem. `outcome[k]` is one of many.
     """
 
     path: SpiralHelix
@@ -74,31 +62,31 @@ class Tuned(AbstractOutcome):
 
     @property
     def status(self) -> Any:
-        """ "converged", "infeasible", "not converged" or "ill-posed": a text, or an array of texts."""
-        texts = names_of(known_codes(self), STATUSES, ILL_POSED_STATUS)
+        """ "converged", "infeasible" or "not converged": a text, or an array of texts."""
+        texts = np.asarray(STATUSES)[self._known()]
         return texts.item() if texts.ndim == 0 else texts
 
     @property
     def converged(self) -> Any:
         """Whether the tuning ended at a path that meets every limit and whose objective is stationary."""
-        good = known_codes(self) == CONVERGED
+        good = self._known() == CONVERGED
         return good.item() if good.ndim == 0 else good
 
-    def explain(self, at: tuple[int, ...]) -> str:
-        """How the tuning of one problem ended, and what to do."""
-        code, steps, radius, duration = (
-            np.asarray(x)[at] for x in (self.code, self.iterations, self.path.radius, self.path.duration)
-        )
-        findings = self.certificate.findings(at)
-        return verdict(ResultCode(int(code)), findings, int(steps), self.advice, radius, float(duration))
+    @property
+    def result(self) -> Any:
+        """The outcome in words, with what to do: a text, or a list of them."""
+        if self.code.ndim > 0:
+            return [self[k].result for k in range(self.code.shape[0])]
+        say = {CONVERGED: verdict.converged, INFEASIBLE: verdict.infeasible, NOT_CONVERGED: verdict.not_converged}
+        parts = [say[int(self.code)](self.certificate, int(self.iterations)), self.advice, verdict.remark(self.path)]
+        return " ".join(part for part in parts if part)
 
     def record(self) -> Record:
         """Path, boundary states and findings, with the objective and how the search ended."""
         findings, status = self.certificate.record(), np.asarray(self.status)
         variables = {
             "objective": Quantity(self.objective, "", "attained value of the objective, in its own units"),
-            "outcome": Quantity(status, "", f"one of {', '.join([*STATUSES.values(), ILL_POSED_STATUS])}"),
-            "code": Quantity(self.code, "1", "how the tuning ended, as a number"),
+            "outcome": Quantity(status, "", f"one of {', '.join(STATUSES)}"),
             "iterations": Quantity(self.iterations, "1", "steps of the search that won"),
             **findings.variables,
             **self.path.record().variables,
@@ -116,8 +104,15 @@ class Tuned(AbstractOutcome):
         if self.code.ndim == 0:
             raise TypeError("this is the outcome of one problem: only that of many has lanes")
         require_lane(lane, len(self), "problems")
-        fields = (self.path, self.start, self.end, self.objective, self.certificate, self.code, self.iterations)
-        return Tuned(*jax.tree.map(lambda x: part(x, lane), fields))
+        return Tuned(
+            jax.tree.map(lambda x: x[lane], self.path),
+            jax.tree.map(lambda x: x[lane], self.start),
+            jax.tree.map(lambda x: x[lane], self.end),
+            self.objective[lane],
+            self.certificate[lane],
+            self.code[lane],
+            self.iterations[lane],
+        )
 
     def __bool__(self) -> bool:
         return True  # it is there, whatever it says; else Python would ask for its length
@@ -141,6 +136,12 @@ class Tuned(AbstractOutcome):
     def __str__(self) -> str:
         if self.code.ndim == 0:
             return f"{self.result}\n{self.certificate}"
-        texts, names = np.ravel(self.status), [*STATUSES.values(), ILL_POSED_STATUS]
-        found = ", ".join(f"{np.sum(texts == name)} {name}" for name in names if name in texts)
+        counts = np.bincount(self._known().ravel(), minlength=len(STATUSES))
+        found = ", ".join(f"{count} {text}" for count, text in zip(counts, STATUSES, strict=True) if count)
         return f"{self.code.size} tunings: {found}\n{self.certificate}"
+
+    def _known(self) -> np.ndarray:
+        known = concrete(self.code)
+        if known is None:
+            raise ValueError("inside a trace the status of a tuning is known as an array only: use its code")
+        return known

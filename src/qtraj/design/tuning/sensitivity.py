@@ -16,46 +16,37 @@ import jax.flatten_util
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from qtraj.design.tuning.problem import Problem, Variables
-from qtraj.design.tuning.search import Found
+from qtraj.design.tuning.campaign import Found
+from qtraj.design.tuning.problem import Variables
+from qtraj.design.tuning.rows import excess
 from qtraj.design.tuning.subproblem import ACTIVE, AT_BOUND
 from qtraj.design.tuning.task import Task
-from qtraj.foundation.types import Scalar
-from qtraj.path.values import squared
-
-
-def constraint(problem: Problem, z: Variables, u: Scalar, name: str, limit: Scalar) -> Scalar:
-    """g = ½((value/limit)² − 1) of one limit at the fraction `u` of the duration, by its definition."""
-    path = problem.path(z)
-    return 0.5 * (squared(path, u * path.duration, name) / limit**2 - 1.0)
 
 
 class _Unknowns(NamedTuple):
     z: Variables
-    multipliers: Float[Array, "slots k"]
-    times: Float[Array, "slots k"]
+    multipliers: Float[Array, "limits k"]
+    times: Float[Array, "limits k"]
 
 
 class _Active(NamedTuple):
     """What holds at the solution: active rows, those of them that are inner peaks, variables at a bound."""
 
-    rows: Bool[Array, "slots k"]
-    inner: Bool[Array, "slots k"]
+    rows: Bool[Array, "limits k"]
+    inner: Bool[Array, "limits k"]
     low: Bool[Array, " n"]
     high: Bool[Array, " n"]
 
 
 @eqx.filter_custom_jvp
-def solution(task: Task, found: Found, names: tuple[str, ...]) -> Variables:
-    """z* where a search ended, as a function of the task; `names` are those of the limits, slot after slot."""
+def solution(task: Task, found: Found) -> Variables:
+    """z* where a search ended, as a function of the task."""
     return found.z
 
 
 @solution.def_jvp
-def _differentiate(
-    primals: tuple[Task, Found, tuple[str, ...]], tangents: tuple[Task, Found, None]
-) -> tuple[Variables, Variables]:
-    task, found, names = primals
+def _differentiate(primals: tuple[Task, Found], tangents: tuple[Task, Found]) -> tuple[Variables, Variables]:
+    task, found = primals
     arrays, rest = eqx.partition(task, eqx.is_inexact_array)
     changes = jax.tree.map(_or_zeros, arrays, tangents[0], is_leaf=lambda x: x is None)
     active = _active(task, found)
@@ -63,7 +54,7 @@ def _differentiate(
     flat, unravel = jax.flatten_util.ravel_pytree(at)
 
     def residual(x: Float[Array, " m"], arrays: Task) -> Float[Array, " m"]:
-        return jax.flatten_util.ravel_pytree(_conditions(eqx.combine(arrays, rest), unravel(x), at, active, names))[0]
+        return jax.flatten_util.ravel_pytree(_conditions(eqx.combine(arrays, rest), unravel(x), at, active))[0]
 
     matrix = jax.jacfwd(residual)(flat, arrays)
     _, change = jax.jvp(lambda arrays: residual(flat, arrays), (arrays,), (changes,))
@@ -81,16 +72,17 @@ def _active(task: Task, found: Found) -> _Active:
     return _Active(rows, inner, found.z <= task.low + AT_BOUND, high)
 
 
-def _conditions(task: Task, x: _Unknowns, at: _Unknowns, active: _Active, names: tuple[str, ...]) -> _Unknowns:
+def _conditions(task: Task, x: _Unknowns, at: _Unknowns, active: _Active) -> _Unknowns:
     """What vanishes at the solution; an unknown without a condition keeps its value."""
-    empty = x.times.shape[0] - len(names)
 
-    def rows(z: Variables, times: Float[Array, "slots k"]) -> Float[Array, "slots k"]:
-        known = [
-            jax.vmap(lambda u, name=name, k=k: constraint(task.problem, z, u, name, task.limits[k]))(times[k])
-            for k, name in enumerate(names)
-        ]
-        return jnp.pad(jnp.stack(known), ((0, empty), (0, 0)))
+    def rows(z: Variables, times: Float[Array, "limits k"]) -> Float[Array, "limits k"]:
+        given = task.limits.given().items()
+        return jnp.stack(
+            [
+                jax.vmap(lambda u, name=name, limit=limit: excess(task.problem, z, u, name, limit))(times[k])
+                for k, (name, limit) in enumerate(given)
+            ]
+        )
 
     values, rates = jax.jvp(lambda u: rows(x.z, u), (x.times,), (jnp.ones_like(x.times),))
     balance = jax.grad(

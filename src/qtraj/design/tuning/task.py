@@ -1,63 +1,17 @@
 """What one search is about."""
 
-from typing import Any
-
 import equinox as eqx
-import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array
 
 from qtraj.design.limits import Limits
-from qtraj.design.tuning.problem import Problem
-from qtraj.foundation.arrays import concrete
-from qtraj.path.quantity import QUANTITIES
-
-SLOTS = len(QUANTITIES)
-"""Room for every limit there is: one compiled search serves every set of them."""
-
-AIM = 1 - 4e-9
-"""Tuning aims at this part of each limit, so that round-off at a peak does not violate the limit that was given."""
-
-LEAST_LIMIT = 1e-100
-"""A smaller limit counts as this: its square would vanish, and with it the way to go."""
-
-
-class Present(eqx.Module):
-    """Which limits there are: the first `count` slots hold places in the registry. Shared by a whole batch."""
-
-    index: Any  # Int[" slots"] of NumPy or JAX
-    count: Any  # Int[""]
+from qtraj.design.tuning.problem import Problem, Variables
+from qtraj.foundation.types import Scalar
 
 
 class Task(eqx.Module):
-    """A problem, limits by slots, the box of its variables, and the weight of its cost: one, or a batch of them.
-
-    With weight 0 the search minimises the largest violation alone.
-    """
+    """A problem, limits, the box of its variables, and the weight of its cost (0: least excess over the limits)."""
 
     problem: Problem
-    limits: Any  # Float["*batch slots"], of NumPy or JAX like all of these
-    low: Any  # Float["*batch n"]
-    high: Any  # Float["*batch n"]
-    weight: Any  # Float["*batch"]
-
-
-def present(limits: Limits) -> Present:
-    """Which limits are given."""
-    places = [place for place, name in enumerate(QUANTITIES) if getattr(limits, name) is not None]
-    index = np.zeros(SLOTS, np.int32)
-    index[: len(places)] = places
-    return Present(index, np.asarray(len(places), np.int32))
-
-
-def by_slots(limits: Limits, count: int) -> Array | np.ndarray:
-    """The limits that are given, as the search aims at them, for each of so many problems: (count, slots).
-
-    In NumPy arrays where they are known. A slot without a limit holds one.
-    """
-    given = limits.given()
-    known = all(concrete(x) is not None for x in given.values())
-    xp: Any = np if known else jnp
-    aims = [xp.maximum(AIM * (np.asarray(x) if known else x), LEAST_LIMIT) for x in given.values()]
-    rows = [xp.broadcast_to(xp.asarray(x, float), (count,)) for x in aims]
-    return xp.stack([*rows, *[xp.ones(count)] * (SLOTS - len(rows))], axis=1)
+    limits: Limits
+    low: Variables
+    high: Variables
+    weight: Scalar

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -9,34 +10,35 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import SAMPLED
 from qtraj.design.proof.certify import certify
-from qtraj.design.tuning import advice, multistart
+from qtraj.design.tuning import augmented, campaign, relief
 from qtraj.design.tuning.box import Bounds, at_the_wall, box, require_names, weights_of
+from qtraj.design.tuning.campaign import Found, Tell, take
 from qtraj.design.tuning.checks import require_choices, require_sound
-from qtraj.design.tuning.methods import Method, method_of
-from qtraj.design.tuning.motions.motion import AbstractMotion
-from qtraj.design.tuning.motions.registry import motion_of
-from qtraj.design.tuning.multistart import take
-from qtraj.design.tuning.objectives.registry import Objective, objective_of
 from qtraj.design.tuning.outcome import CONVERGED, INFEASIBLE, NOT_CONVERGED, Tuned
-from qtraj.design.tuning.problem import Problem, pose
-from qtraj.design.tuning.search import Found
+from qtraj.design.tuning.problem import Objective, Problem, pose
 from qtraj.design.tuning.sensitivity import solution
 from qtraj.design.tuning.sqp import FEASIBLE
-from qtraj.design.tuning.task import Task, by_slots, present
-from qtraj.foundation.arrays import as_array, as_float, part
+from qtraj.design.tuning.task import Task
+from qtraj.foundation.arrays import as_float
+from qtraj.foundation.exported.kept import kept
 from qtraj.foundation.types import ArrayInput
-from qtraj.path.boundary import BoundaryState
+from qtraj.path.boundary import BoundaryState, Cylindrical
 from qtraj.path.boundary_problem import whole_turns
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
 
-SMALLEST_BATCH = 8
-"""Batches are filled up to a power of two from here on, so that most sizes share what is compiled."""
+AIM = 1 - 4e-9
+"""Tuning aims at this part of each limit, so that round-off at a peak does not break the limit that was given."""
+
+LEAST_LIMIT = 1e-100
+"""Limits are taken for no less: the square of a smaller one vanishes, and tells no way to go."""
+
+METHODS = ("sqp", "lbfgs")
 
 
 def tune(
@@ -44,7 +46,7 @@ def tune(
     end: BoundaryState,
     limits: Limits,
     objective: Objective = "nearest",
-    motion: str | AbstractMotion = "uniform",
+    motion: str = "uniform",
     duration: ArrayInput | None = None,
     turns: int = 0,
     placement: Placement | None = None,
@@ -54,9 +56,8 @@ def tune(
     bounds: Bounds | None = None,
     weights: Mapping[str, float] | None = None,
     starts: int = 8,
-    method: Method | None = None,
+    method: str | None = None,
     max_steps: int = 300,
-    inner_steps: int = 200,
     progress: Callable[[str], None] | None = None,
 ) -> Tuned:
     """Tune the boundary velocities between two positions until `limits` hold on the whole path.
@@ -74,98 +75,80 @@ def tune(
     given value; `bounds` maps names to (lowest, highest), either of which may be None; `weights` multiplies the squared
     changes that "nearest" sums.
 
-    `starts` searches begin at the given states and about them, and the best is kept. Where no path meets the limits,
-    the one that breaks them least is given, with advice. What is being done is told to `progress`, in a few words.
-
-    `method` is "sqp", sequential quadratic programming on refined peaks with exact second derivatives: the default,
-    and by far the fastest. Or it is any `optax.GradientTransformation`, such as `optax.adam(1e-2)`, a chain, or
-    "lbfgs", which is `optax.lbfgs()`: an augmented Lagrangian in rounds of at most `inner_steps` steps of that
-    optimiser, which asks for first derivatives only. It is the default for a callable objective, which need not be
-    twice differentiable. `max_steps` counts steps of "sqp", and rounds of the others. Keep an optimiser to use it
-    again: what is compiled belongs to the object.
+    `starts` searches begin at the given states and about them, and the best is kept. `method` is "sqp" (sequential
+    quadratic programming on polished peaks, with exact second derivatives) or "lbfgs" (augmented Lagrangian, optax);
+    by default the first, and the second for a callable objective, which then need not be twice differentiable, from the
+    given states alone. Where no path meets the limits, the one that breaks them least is given, with advice. What is
+    being done is told to `progress`, in a few words.
 
     **Batches**: states with lanes in front (`jax.vmap(BoundaryState)(positions, velocities)`), and limits, duration,
     turn and placement with the same lanes or shared, give an outcome with lanes, one compiled search for all.
-    **Traces**: under `jit`, `vmap` and `grad` the same search runs on whole arrays, and the derivatives of its path in
-    the boundary data and the limits are those of the solution (implicit function theorem), by whatever method it was
-    found; infeasible problems are not looked into.
+    **Traces**: under `jit`, `vmap` and `grad` the same "sqp" runs on whole arrays, and the derivatives of its path in
+    the boundary data and the limits are exact (implicit function theorem); infeasible problems are not looked into. A
+    callable objective needs method="sqp" there.
 
     **Raises:** ValueError for input that makes no problem, or in float32. A problem without a solution is no error:
     its `status` is "infeasible" and its `result` says why and what would help.
     """
-    aim, motion = objective_of(objective), motion_of(motion)
-    require_choices(start, end, limits, aim, motion, duration is not None)
-    search = method_of(method, aim.is_smooth, max_steps, inner_steps)
+    require_choices(start, end, limits, objective, motion, duration is not None)
+    method = _method(method, objective)
     bounds = dict(bounds or {})
-    require_names(motion, aim, fixed, bounds)
-    if starts < 1:
-        raise ValueError(f"starts must be 1 or more, but {starts} was given")
-    weighed = weights_of(weights or {}, aim, motion)
+    require_names(motion, objective == "smoothest", fixed, bounds)
+    if starts < 1 or max_steps < 1:
+        raise ValueError(f"starts and max_steps must be 1 or more, but {starts} and {max_steps} were given")
+    weighed = weights_of(weights or {}, objective, motion)
     duration, turn = (None if x is None else as_float(x) for x in (duration, turn))
 
-    start, end, batch = _stacked(start, end)
-    known = (duration, turn, Placement() if placement is None else placement, _as_floats(bounds))
-    _require_batch((*known, limits), batch)
-    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((start, end, known, limits)))
-    count = start.position.shape[0]
-    size = count if traced or not batch else _bucket(count)
-    data, axes = _filled((start, end, *known), batch, size)
+    start, end, lanes = _stacked(start, end)
+    data = (start, end, limits, duration, turn, placement, _as_floats(bounds))
     # A callable objective may hold arrays, which are constants of the problem: it is not traced.
-    posed = _posed_once if aim.is_smooth else _posed
-    problem, low, high = posed(data, axes, aim, motion, whole_turns(turns), tuple(fixed), weighed)
-    xp: Any = jnp if traced else np
-    aims = by_slots(limits, count)
-    aims = xp.concatenate([aims, xp.repeat(aims[-1:], size - count, axis=0)])
-    tasks = Task(problem, aims, low, high, xp.ones(size))
-    which = present(limits)
-    require_sound(jax.tree.map(lambda x: x[:count], problem) if batch else take(problem, 0), turn, limits)
-    if traced:
-        found = multistart.best_of(search, jax.lax.stop_gradient(tasks), which, starts)
-        return _outcome(tasks, limits, found, start, end, batch, placement)
-    own = jax.tree.map(lambda x: np.asarray(x)[:count], tasks)
-    found = multistart.best_of_each(search, own, which, starts, max_steps, progress)
-    filled = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], size - count, axis=0)]), found)
-    outcome = _outcome(tasks, limits, filled, data[0], data[1], batch, placement)
-    if batch:
-        return outcome
-    words = at_the_wall(problem.names, np.asarray(found.z[0]), bounds)
+    posed = _posed_once if isinstance(objective, str) else _posed
+    tasks = posed(data, _axes(data, lanes), objective, motion, whole_turns(turns), tuple(fixed), weighed)
+    require_sound(tasks.problem, turn, limits)
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tasks)):
+        if method == "lbfgs":
+            raise ValueError("the search 'lbfgs' cannot be traced: pass method='sqp' under jit, vmap and grad")
+        return _outcome(tasks, limits, _traced(tasks, starts, max_steps, lanes), start, end)
+    stacked = tasks if lanes else take(tasks, None)
+    search = _by_lbfgs if method == "lbfgs" else partial(campaign.best_of_each, starts=starts)
+    found = search(stacked, most_steps=max_steps, tell=progress)
+    if lanes:
+        return _outcome(tasks, limits, found, start, end)
+    outcome = _outcome(tasks, limits, take(found, 0), start, end)
+    advice = at_the_wall(tasks.problem.names, np.asarray(found.z[0]), bounds)
     if int(outcome.code) == INFEASIBLE:
-        words = " ".join(filter(None, [advice.advice(own, which, limits, found, max_steps, progress), words]))
-    return dataclasses.replace(outcome, advice=words)
+        advice = " ".join(filter(None, [relief.advice(stacked, found, max_steps, progress), advice]))
+    return dataclasses.replace(outcome, advice=advice)
 
 
 def _posed(
     data: tuple[Any, ...],
     axes: tuple[Any, ...],
-    objective: Any,
-    motion: AbstractMotion,
+    objective: Objective,
+    motion: str,
     turns: int,
     fixed: tuple[str, ...],
     weights: Float[Array, " 7"],
-) -> tuple[Problem, Array, Array]:
-    """The problems and the boxes of their variables."""
+) -> Task:
+    """The task, or one of each lane."""
 
-    def one(
-        start: Any, end: Any, duration: Any, turn: Any, placement: Any, bounds: Any
-    ) -> tuple[Problem, Array, Array]:
+    def one(start: Any, end: Any, limits: Any, duration: Any, turn: Any, placement: Any, bounds: Any) -> Task:
         problem = pose(start, end, objective, motion, duration, turns, placement, turn, weights)
-        return problem, *box(problem, fixed, bounds)
+        aims = jax.tree.map(lambda x: jnp.maximum(AIM * x.astype(problem.speed.dtype), LEAST_LIMIT), limits)
+        low, high = box(problem, fixed, bounds)
+        return Task(problem, aims, low, high, jnp.ones_like(problem.speed))
 
-    return eqx.filter_vmap(one, in_axes=axes)(*data)
+    batched = any(axis is not None for axis in jax.tree.leaves(axes, is_leaf=lambda x: x is None))
+    return eqx.filter_vmap(one, in_axes=axes)(*data) if batched else one(*data)
 
 
-_posed_once = eqx.filter_jit(_posed)
-
-
-def _bucket(count: int) -> int:
-    """The size to which a batch is filled up."""
-    return max(SMALLEST_BATCH, 1 << (count - 1).bit_length())
+_posed_once = kept(Task, Problem, Cylindrical, Placement, Limits)(_posed)
 
 
 def _stacked(start: BoundaryState, end: BoundaryState) -> tuple[BoundaryState, BoundaryState, tuple[int, ...]]:
-    """Both states as a batch, and its shape: () for one problem.
+    """Both states with the lanes of either, and these lanes.
 
-    **Raises:** ValueError in lower precision than float64, and for batches that are empty or do not agree.
+    **Raises:** ValueError in lower precision than float64, and for lanes that are none or do not agree.
     """
     for state in (start, end):
         if state.position.dtype != jnp.float64:
@@ -176,97 +159,103 @@ def _stacked(start: BoundaryState, end: BoundaryState) -> tuple[BoundaryState, B
     shapes = {state.position.shape[:-1] for state in (start, end)} - {()}
     if len(shapes) > 1 or any(len(shape) != 1 or shape[0] == 0 for shape in shapes):
         raise ValueError(
-            f"the states must have one batch axis, the same for both or none: shapes {start.position.shape} and "
+            f"the states must have one axis of lanes, the same for both or none: shapes {start.position.shape} and "
             f"{end.position.shape} were given"
         )
-    batch: tuple[int, ...] = shapes.pop() if shapes else ()
-    count = batch[0] if batch else 1
-    both = jax.tree.map(lambda x: jnp.broadcast_to(x, (count, 3)), (start, end))
-    return *both, batch
+    lanes: tuple[int, ...] = shapes.pop() if shapes else ()
+    both = jax.tree.map(lambda x: jnp.broadcast_to(x, (*lanes, 3)), (start, end))
+    return *both, lanes
+
+
+def _method(method: str | None, objective: Objective) -> str:
+    if method is None:
+        return "sqp" if isinstance(objective, str) else "lbfgs"
+    if method not in METHODS:
+        raise ValueError(f"method must be {' or '.join(map(repr, METHODS))}, but {method!r} was given")
+    return method
 
 
 def _as_floats(bounds: Bounds) -> Any:
     return {name: tuple(None if x is None else as_float(x) for x in pair) for name, pair in bounds.items()}
 
 
-def _require_batch(shared: tuple[Any, ...], batch: tuple[int, ...]) -> None:
-    """Raise a ValueError for data whose batch is not that of the states."""
-    for each in shared:
-        plain = int(isinstance(each, Placement))
-        for x in jax.tree.leaves(each):
-            if x.ndim != plain and x.shape[: x.ndim - plain] != batch:
-                raise ValueError(
-                    f"the states have the batch {batch}, but other data have the shape {x.shape}: stack the states "
-                    "likewise"
-                )
+def _axes(data: tuple[Any, ...], lanes: tuple[int, ...]) -> tuple[Any, ...]:
+    """Where each array of the data has its lanes: in front, or nowhere if it is shared.
+
+    **Raises:** ValueError for lanes of another number.
+    """
+    vectors = (True, True, False, False, False, True, False)  # states and placements are vectors, the rest numbers
+
+    def axis(x: Any, plain: int) -> int | None:
+        if x.ndim == plain:
+            return None
+        if x.shape[: x.ndim - plain] != lanes:
+            raise ValueError(
+                f"the states have the lanes {lanes}, but other data have the shape {x.shape}: stack the states likewise"
+            )
+        return 0
+
+    return tuple(
+        jax.tree.map(lambda x, plain=int(vector): axis(x, plain), part)
+        for part, vector in zip(data, vectors, strict=True)
+    )
 
 
-def _filled(parts: tuple[Any, ...], batch: tuple[int, ...], size: int) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """The data of a batch filled up to a size by its last element, and the batch axis of every array (None: shared)."""
+def _traced(tasks: Task, starts: int, most_steps: int, lanes: tuple[int, ...]) -> Found:
+    """The search inside a trace, which only the solution's own derivatives pass."""
 
-    def filled(x: Any, plain: int) -> Any:
-        missing = size - x.shape[0] if x.ndim > plain else 0
-        if missing == 0:
-            return x
-        return as_array(np.concatenate([x, np.repeat(np.asarray(x)[-1:], missing, axis=0)]), x.dtype)
+    def search(task: Task) -> Found:
+        return campaign.best_of(task, starts, most_steps)
 
-    data, axes = [], []
-    for each in parts:
-        plain = int(isinstance(each, BoundaryState | Placement))
-        data.append(jax.tree.map(lambda x, plain=plain: filled(x, plain), each))
-        axes.append(jax.tree.map(lambda x, plain=plain: 0 if x.ndim > plain else None, each))
-    return tuple(data), tuple(axes)
+    fixed = jax.lax.stop_gradient(tasks)
+    return jax.vmap(search)(fixed) if lanes else search(fixed)
 
 
-def _outcome(
-    tasks: Task,
-    limits: Limits,
-    found: Found,
-    start: BoundaryState,
-    end: BoundaryState,
-    batch: tuple[int, ...],
-    placement: Placement | None,
-) -> Tuned:
-    """The outcome, from a batch that may be filled up."""
-    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tasks))
-    if traced:
-        names, at = tuple(limits.given()), jax.lax.stop_gradient(found)
-        z = jax.vmap(lambda task, at: solution(task, at, names))(tasks, at)
-    else:
-        z = found.z
-    # A callable objective may hold arrays, which are constants of the problem: it is not traced.
-    reached = (_reached if tasks.problem.objective.is_smooth else _paths)(tasks.problem, z, start, end)
-    own = lambda x: part(x, slice(0, batch[0]) if batch else 0)  # noqa: E731
-    path, objective, first, last = jax.tree.map(own, reached)
-    if placement is None:
-        path = eqx.tree_at(lambda path: path.placement, path, None)
+def _by_lbfgs(tasks: Task, most_steps: int, tell: Tell | None) -> Found:
+    """The searches of optax, lane after lane; the least excess where they end outside the limits."""
+    return jax.tree.map(
+        lambda *leaves: np.stack(leaves),
+        *(_one_by_lbfgs(take(tasks, slice(k, k + 1)), most_steps, tell) for k in range(tasks.low.shape[0])),
+    )
+
+
+def _one_by_lbfgs(tasks: Task, most_steps: int, tell: Tell | None) -> Found:
+    task = take(tasks, 0)
+    given = jnp.clip(jnp.zeros_like(task.low), task.low, task.high)
+    found = augmented.search(task, given, most_steps, tell)
+    if float(found.excess) <= FEASIBLE:
+        return found
+    least = take(campaign.least_excess(tasks, jax.tree.map(lambda x: x[None], found), most_steps, tell), 0)
+    if float(least.excess) > FEASIBLE:
+        return least
+    again = augmented.search(task, least.z, most_steps, tell)
+    return again if float(again.excess) <= FEASIBLE else least._replace(settled=jnp.asarray(False))
+
+
+def _outcome(tasks: Task, limits: Limits, found: Found, start: BoundaryState, end: BoundaryState) -> Tuned:
+    path, objective, states = _reached(tasks, found, start, end)
     certificate = certify(path, limits)
-    met = certificate.codes <= SAMPLED
-    code = _code(own(found.settled), own(found.violation), met)
-    return Tuned(path, first, last, objective, certificate, code, own(found.steps))
+    return Tuned(path, *states, objective, certificate, _code(found, certificate.codes), found.steps)
 
 
-def _code(settled: Any, violation: Any, met: Any) -> Any:
-    """How a tuning ended, whose path has findings that are met or not."""
-    xp: Any = jnp if any(isinstance(x, Tracer) for x in (settled, violation, met)) else np
-    every = xp.all(xp.asarray(met), axis=-1)
-    feasible = xp.asarray(violation) <= FEASIBLE
-    code = xp.where(xp.asarray(settled) & every & feasible, CONVERGED, NOT_CONVERGED)
-    return xp.where(~feasible & ~every, INFEASIBLE, code).astype(np.int32)
+@kept()
+def _code(found: Found, codes: Int[Array, "*lanes n"]) -> Int[Array, "*lanes"]:
+    """How a tuning ended, whose path has findings of these codes."""
+    met = jnp.all(codes <= SAMPLED, axis=-1)
+    code = jnp.where(found.settled & met & (found.excess <= FEASIBLE), CONVERGED, NOT_CONVERGED)
+    return jnp.where((found.excess > FEASIBLE) & ~met, INFEASIBLE, code).astype(jnp.int32)
 
 
-def _paths(
-    problems: Problem, z: Float[Array, "batch n"], start: BoundaryState, end: BoundaryState
-) -> tuple[SpiralHelix, Array, BoundaryState, BoundaryState]:
+@kept(SpiralHelix, Placement, BoundaryState)
+def _reached(
+    tasks: Task, found: Found, start: BoundaryState, end: BoundaryState
+) -> tuple[SpiralHelix, Array, tuple[BoundaryState, BoundaryState]]:
     """The paths of the solutions, the objectives there, and their boundary states."""
 
-    def one(problem: Problem, z: Array, start: BoundaryState, end: BoundaryState) -> tuple[Any, ...]:
-        path = problem.path(z)
+    def one(task: Task, found: Found, start: BoundaryState, end: BoundaryState) -> tuple[Any, ...]:
+        z = solution(task, jax.lax.stop_gradient(found))
+        path = task.problem.path(z)
         first = BoundaryState(start.position, path.velocity(0.0))
-        last = BoundaryState(end.position, path.velocity(path.duration))
-        return path, problem.objective.value(problem, z), first, last
+        return path, task.problem.attained(z), (first, BoundaryState(end.position, path.velocity(path.duration)))
 
-    return jax.vmap(one)(problems, z, start, end)
-
-
-_reached = eqx.filter_jit(_paths)
+    return (jax.vmap(one) if found.excess.ndim > 0 else one)(tasks, found, start, end)

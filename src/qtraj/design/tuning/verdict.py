@@ -1,68 +1,48 @@
 """The outcome of a tuning in words: what was met, what binds, and what to do."""
 
-from collections.abc import Sequence
-
 import numpy as np
-from jaxtyping import Float
-from numpy.polynomial import polynomial
+from numpy.polynomial import Polynomial
 
-from qtraj.design.proof.certificate import Finding
-from qtraj.foundation.outcome import ILL_POSED, ResultCode
+from qtraj.design.proof.certificate import Certificate
+from qtraj.path.spiral_helix import SpiralHelix
 
 RADII = 257
 """Instants at which the radius is looked at."""
 
-ALONE = "Tune this problem alone for advice on what would help."
 
-
-def verdict(
-    code: ResultCode,
-    findings: Sequence[Finding],
-    steps: int,
-    advice: str,
-    radius: Float[np.ndarray, " n"],
-    duration: float,
-) -> str:
-    """How one tuning ended, and what to do; `radius` and `duration` are those of its path."""
-    if code >= ILL_POSED:
-        return f"ill-posed: {code.text}"
-    say = {ResultCode.successful: converged, ResultCode.infeasible: infeasible}.get(code, not_converged)
-    if code == ResultCode.infeasible and not advice:
-        advice = ALONE
-    return " ".join(part for part in (say(findings, steps), advice, remark(radius, duration)) if part)
-
-
-def converged(findings: Sequence[Finding], steps: int) -> str:
+def converged(certificate: Certificate, steps: int) -> str:
     """What to say of a tuning that met every limit."""
-    holds = all(found.status == "proved" for found in findings)
-    known = "proved on the whole path" if holds else "met, some as far as refined sampling shows"
+    known = "proved on the whole path" if certificate.holds else "met, some as far as refined sampling shows"
     lines = [f"converged in {_counted(steps)}: every limit is {known}."]
-    active = [f"{found.name} binds: {found.text}." for found in findings if found.binding]
-    return " ".join([*lines, *(active or ["No limit binds: the path is the best one without them."])])
+    lines += [f"{name} binds: {certificate.describe(name)}." for name in certificate.binding]
+    if not certificate.binding:
+        lines.append("No limit binds: the path is the best one without them.")
+    return " ".join(lines)
 
 
-def not_converged(findings: Sequence[Finding], steps: int) -> str:
+def not_converged(certificate: Certificate, steps: int) -> str:
     """What to say of a search that stopped early, although the limits can be met or nearly so."""
-    unmet = "; ".join(f"{found.name} is {found.status}: {found.text}" for found in findings if not found.met)
-    state = unmet or "every limit is met, but the objective may not be at its least"
+    unmet = certificate.unmet
+    found = "; ".join(f"{name} is {certificate.status[name]}: {certificate.describe(name)}" for name in unmet)
+    state = found or "every limit is met, but the objective may not be at its least"
     return (
         f"not converged after {_counted(steps)}: {state}. Try a larger max_steps, more starts, other starting "
         "velocities, or wider limits."
     )
 
 
-def infeasible(findings: Sequence[Finding], steps: int) -> str:
+def infeasible(certificate: Certificate, steps: int) -> str:
     """What to say where no boundary velocities were found that meet the limits."""
-    unmet = "; ".join(f"{found.name} is {found.text}" for found in findings if not found.met)
-    return f"infeasible: no boundary velocities were found that meet the limits. The path breaks them least: {unmet}."
+    found = "; ".join(f"{name} is {certificate.describe(name)}" for name in certificate.unmet)
+    return f"infeasible: no boundary velocities were found that meet the limits. The path breaks them least: {found}."
 
 
-def remark(radius: Float[np.ndarray, " n"], duration: float) -> str:
+def remark(path: SpiralHelix) -> str:
     """What else should be known of a path: whether it runs through its own axis, where the radius is negative."""
-    times = np.linspace(0.0, duration, RADII)
-    radii = polynomial.polyval(times, radius)
+    times = np.linspace(0.0, float(path.duration), RADII)
+    radii = Polynomial(np.asarray(path.radius))(times)
     least = int(np.argmin(radii))
-    if not radii[least] <= 0:
+    if radii[least] > 0:
         return ""
     return (
         f"Mind: the path runs through its own axis (the radius is {radii[least]:.4g} m at t = "

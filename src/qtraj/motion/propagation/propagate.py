@@ -7,15 +7,18 @@ the choice is made at run time within a fixed number of slots, `max_steps`, each
 `steps` is cheaper there: so many equal steps in each interval.
 """
 
+import functools
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient
 from jaxtyping import Array, Float, Int
 
-from qtraj.foundation.outcome import AbstractOutcome, ResultCode
+from qtraj.foundation.arrays import concrete
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import extent, in_lanes, over
+from qtraj.foundation.result import AbstractResult, extent, in_lanes, over
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.motion.propagation import plan
 from qtraj.motion.propagation.increment import AbstractIncrement
@@ -23,34 +26,42 @@ from qtraj.motion.propagation.mesh import Errors
 from qtraj.motion.propagation.problem import Problem, Rate, checked, solve, step_errors
 
 
-class Propagation(AbstractOutcome):
+class PropagationResult(eqx.Enumeration):
+    """How a propagation ended; `PropagationResult[item]` is the text."""
+
+    successful = "the propagation reached its tolerance"
+    tolerance_not_reached = (
+        "propagation did not reach the tolerance: raise `max_steps` (or `steps`) or the tolerance, or use a method of "
+        "higher order"
+    )
+    not_finite = "propagation met a rate that is NaN or infinite"
+
+
+_ENDINGS = (
+    PropagationResult.successful,
+    PropagationResult.tolerance_not_reached,
+    PropagationResult.not_finite,
+)
+
+
+class Propagation(AbstractResult):
     """Attitudes at the output times, and how good they are.
 
     `quaternion` (n, 4) at `times` (n,) [s]; `estimate` [rad] of the error of the last attitude and of ln|λ|², with
-    round-off; `steps`, how many were taken; `code`, a `ResultCode`, by the error without round-off, and `result`, its
-    text.
+    round-off; `steps`, how many were taken; `result`, a `PropagationResult`, by the error without round-off.
     """
 
     times: Float[Array, " n"]
     quaternion: Float[Array, "n 4"]
     estimate: Scalar
     steps: Int[Array, ""]
-    code: Int[Array, ""]
-
-    def explain(self, at: tuple[int, ...]) -> str:
-        """How one propagation ended, with its error estimate where that is too large."""
-        code = ResultCode(int(np.asarray(self.code)[at]))
-        if code == ResultCode.successful:
-            return "the propagation reached its tolerance."
-        if code != ResultCode.tolerance_not_reached:
-            return code.text
-        estimate, steps = (np.asarray(x)[at] for x in (self.estimate, self.steps))
-        return f"{code.text} The error estimate is {estimate:.3g} rad in {steps} steps."
+    result: PropagationResult
 
     def record(self) -> Record:
         """The attitudes over `time`, or over `sample` in lanes that have times of their own, and how good they are."""
         along = "time" if self.times.ndim == 1 else "sample"
-        texts = np.asarray(self.result)
+        code = np.asarray(jax.tree.leaves(self.result)[0])
+        texts = _texts()[code]
         variables = {
             "quaternion": Quantity(
                 self.quaternion, "1", "attitude, scalar first, body to inertial", (along, "component")
@@ -58,12 +69,11 @@ class Propagation(AbstractOutcome):
             "estimate": Quantity(self.estimate, "rad", "estimated error of the last attitude and of ln|λ|²"),
             "steps": Quantity(self.steps, "1", "steps taken"),
             "result": Quantity(texts, "", "how it ended"),
-            "code": Quantity(self.code, "1", "how it ended, as a number"),
         }
-        reached = f"{np.sum(self.successful)} of {self.code.size} reached the tolerance"
-        ended = reached if self.code.ndim else str(texts)
+        reached = texts == PropagationResult[PropagationResult.successful]
+        ended = f"{np.sum(reached)} of {code.size} reached the tolerance" if code.ndim else str(texts)
         quality = f"estimated error {extent(self.estimate, 'rad')} in {extent(self.steps)} steps"
-        summary = f"{in_lanes(self.code.shape)}{over(self.times)}: {quality}; {ended}"
+        summary = f"{in_lanes(code.shape)}{over(self.times)}: {quality}; {ended}"
         return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": "body"})
 
 
@@ -77,7 +87,6 @@ def propagate(
     *,
     steps: int | None = None,
     max_steps: int | None = None,
-    throw: bool = False,
 ) -> Float[Array, "n 4"]:
     """The quaternions (n, 4) at `times` (n,) [s] of the motion 2λ̇ = λ∘ω(t) with λ(times[0]) = q0.
 
@@ -89,19 +98,23 @@ def propagate(
 
     `steps` fixes the number of steps in each interval instead, and nothing is estimated.
 
-    Where the tolerance is not reached in `max_steps` steps (2¹⁸; for a traced rate see `plan.traced_slots`), or the
-    rate is not finite, all quaternions are NaN; `propagate_with_estimate` says why, and has the best ones found.
-
     **Raises:** ValueError for times that are not finite and strictly increasing, a q0 that is zero or not finite, a
-    rate of another shape, other axes. RuntimeError with `throw` where the quaternions would be NaN.
+    rate of another shape, other axes. RuntimeError where the tolerance is not reached in `max_steps` steps (2¹⁸; for a
+    traced rate see `plan.traced_slots`) or the rate is not finite. `propagate_with_estimate` reports these instead.
     """
     problem = checked(omega, q0, times, method, axes, tolerance)
     if steps is not None and problem.intervals > 0:
         return solve(problem, plan.fixed(problem, steps))
-    solution = _solved(problem, None, max_steps)
-    if throw:
-        return solution.check().quaternion
-    return jnp.where(solution.successful, solution.quaternion, jnp.nan)
+    found = _solved(problem, None, max_steps)
+    failed = found.result != PropagationResult.successful
+    if concrete(failed) is None:
+        return found.result.error_if(found.quaternion, failed)
+    if failed:
+        raise RuntimeError(
+            f"{PropagationResult[found.result]} (the error estimate is {float(found.estimate):.3g} rad in "
+            f"{int(found.steps)} steps, the tolerance {float(stop_gradient(problem.tolerance)):.3g} rad)"
+        )
+    return found.quaternion
 
 
 def propagate_with_estimate(
@@ -114,20 +127,15 @@ def propagate_with_estimate(
     *,
     steps: int | None = None,
     max_steps: int | None = None,
-    throw: bool = False,
 ) -> Propagation:
-    """As `propagate`, with an error estimate, also for given `steps`; how it ended is in `code` and `result`.
-
-    **Raises:** ValueError as `propagate`; RuntimeError with `throw` where the tolerance is not reached.
-    """
-    solution = _solved(checked(omega, q0, times, method, axes, tolerance), steps, max_steps)
-    return solution.check() if throw else solution
+    """As `propagate`, with an error estimate, also for given `steps`; a failure is in the `result`, never raised."""
+    return _solved(checked(omega, q0, times, method, axes, tolerance), steps, max_steps)
 
 
 def _solved(problem: Problem, steps: int | None, max_steps: int | None) -> Propagation:
     if problem.intervals == 0:
         nothing, none = jnp.zeros_like(problem.tolerance), jnp.zeros((), jnp.int32)
-        return Propagation(problem.times, problem.q0[None], nothing, none, none)
+        return Propagation(problem.times, problem.q0[None], nothing, none, PropagationResult.successful)
     if steps is None:
         mesh, errors = plan.adaptive(problem, max_steps)
     else:
@@ -138,11 +146,20 @@ def _solved(problem: Problem, steps: int | None, max_steps: int | None) -> Propa
         quaternion=solve(problem, mesh),
         estimate=errors.bound,
         steps=mesh.count,
-        code=_judged(errors, stop_gradient(problem.tolerance)),
+        result=_judged(errors, stop_gradient(problem.tolerance)),
     )
 
 
+@functools.cache
+def _texts() -> np.ndarray:
+    """The texts of `PropagationResult` by their codes."""
+    codes = [int(jax.tree.leaves(item)[0]) for item in _ENDINGS]
+    return np.array([PropagationResult[item] for item in _ENDINGS])[np.argsort(codes)]
+
+
 @eqx.filter_jit
-def _judged(errors: Errors, tolerance: Scalar) -> Int[Array, ""]:
-    failure = jnp.where(jnp.isfinite(errors.truncation), ResultCode.tolerance_not_reached, ResultCode.not_finite)
-    return jnp.where(errors.truncation <= tolerance, ResultCode.successful, failure).astype(jnp.int32)
+def _judged(errors: Errors, tolerance: Scalar) -> PropagationResult:
+    failure = PropagationResult.where(
+        jnp.isfinite(errors.truncation), PropagationResult.tolerance_not_reached, PropagationResult.not_finite
+    )
+    return PropagationResult.where(errors.truncation <= tolerance, PropagationResult.successful, failure)

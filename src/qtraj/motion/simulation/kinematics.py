@@ -46,8 +46,7 @@ def integrate(
     `adjoint`: a diffrax adjoint; None differentiates forwards and backwards, and for reverse differentiation in large
     batches `diffrax.RecursiveCheckpointAdjoint()` may be faster. `max_steps`: between two instants.
 
-    A failure is a value: the solution's `code` and `result` say how it ended, for each element of a batch, and instants
-    that were not reached are NaN. `throw` raises instead.
+    A failed lane of a `vmap` is told by its `result`, and its unreached instants are NaN; `throw` raises instead.
 
     **Raises:** ValueError for times that do not increase strictly, or that lie so far from zero that their dtype does
     not resolve them; for λ = 0, numbers that are not finite, other shapes (also of ε) or axes. RuntimeError with
@@ -56,7 +55,9 @@ def integrate(
     require_axes(axes)
     method = Method(solver, adjoint, max_steps)
     solution = _integrate(acceleration, checked(quaternion, rate, times, jumps, rtol, atol, method), axes)
-    return solution.check() if throw else solution
+    if throw:
+        solution.check()
+    return solution
 
 
 @eqx.filter_jit

@@ -19,8 +19,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import Scalar
+
+FINISHED, OUT_OF_STEPS, STALLED = 0, 1, 2
+"""Outcomes: all instants reached; too many steps; a step as small as round-off (a pole, or numbers not finite)."""
 
 MAX_STEPS = 16**3  # a power of 16, the base of the loop that differentiates in reverse
 FIRST_STEP = 0.01
@@ -111,7 +113,7 @@ def _march(inputs: Any, *, method: Method) -> Any:
     def advance(carry: Any, instant: Any) -> Any:
         before, state, memory, step, code = carry
         index, now, renews = instant
-        running = code == ResultCode.successful
+        running = code == FINISHED
         interval = jnp.where(running, now - before, 0.0)
         state, ending, accepted = _solve(
             _Leg(field, memory, grid.start, before, interval, nudge), state, step, tolerances, method
@@ -119,12 +121,12 @@ def _march(inputs: Any, *, method: Method) -> Any:
         code = jnp.where(running, ending, code)
         step = jnp.where(interval > 0, GROWTH * interval / accepted, step)
         memory = jax.lax.cond(renews, lambda: renew(index, grid.start + now, state, memory), lambda: memory)
-        seen = jnp.where(code == ResultCode.successful, state, jnp.nan)
+        seen = jnp.where(code == FINISHED, state, jnp.nan)
         return (now, state, memory, jax.lax.stop_gradient(step), code), (seen, memory)
 
     # A lane that is not finite from the start must not keep the others waiting.
     finite = jnp.all(jnp.isfinite(state)) & jnp.all(jnp.isfinite(grid.times))
-    code = jnp.where(finite, ResultCode.successful, ResultCode.not_finite).astype(jnp.int32)
+    code = jnp.where(finite, jnp.asarray(FINISHED), STALLED)
     state = jnp.where(finite, state, 0.0)
     start = (grid.times[0], state, memory, jax.lax.stop_gradient(FIRST_STEP * span), code)
     instants = (jnp.arange(grid.times.shape[0]), grid.times, grid.renews)
@@ -181,8 +183,7 @@ def _solve(
     end = jnp.asarray(solution.ys)[0]
     succeeded = jnp.asarray(solution.result == diffrax.RESULTS.successful) & jnp.all(jnp.isfinite(end))
     exhausted = jnp.asarray(solution.result == diffrax.RESULTS.max_steps_reached)
-    failure = jnp.where(exhausted, ResultCode.max_steps_reached, ResultCode.step_too_small)
-    code = jnp.where(succeeded, ResultCode.successful, failure).astype(jnp.int32)
+    code = jnp.where(succeeded, FINISHED, jnp.where(exhausted, OUT_OF_STEPS, STALLED))
     accepted = jnp.maximum(solution.stats["num_accepted_steps"], 1).astype(dtype)
     return jnp.where(succeeded, end, state), code, accepted
 

@@ -9,17 +9,17 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.quaternion import norm_squared
-from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.control.errors import error_angle
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
+from qtraj.motion.simulation import ode
 from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.disturbance import AbstractDisturbance, DisturbanceAcceleration
 from qtraj.motion.simulation.loop import Loop, renewal_instants, run
 from qtraj.motion.simulation.ode import MAX_STEPS, Method
 from qtraj.motion.simulation.sensor import AbstractSensor
-from qtraj.motion.simulation.solution import Solution
+from qtraj.motion.simulation.solution import FAR_SHEET, NEAR_ZERO, Solution
 from qtraj.motion.simulation.task import Task, checked
 
 NEAR = 0.1
@@ -65,7 +65,9 @@ def simulate(
     task = checked(quaternion, rate, times, jumps, rtol, atol, Method(solver, adjoint, max_steps))
     loop = Loop(program, law, _disturbance(disturbance), sensor, Actuator() if actuator is None else actuator)
     solution = _simulate(loop, task, renewal_instants(loop, task.times))
-    return solution.check() if throw else solution
+    if throw:
+        solution.check()
+    return solution
 
 
 @eqx.filter_jit
@@ -88,10 +90,9 @@ def _judged(
     lengths = jnp.sqrt(jax.vmap(norm_squared)(quaternions))
     least = jnp.nanmin(lengths)
     far = jnp.sum(references.quaternion[0] * quaternions[0]) < 0
-    passed = (code == ResultCode.successful) & (least < NEAR * jnp.minimum(lengths[0], 1.0))
-    stuck = ((code == ResultCode.max_steps_reached) | (code == ResultCode.step_too_small)) & far
-    judged = jnp.where(passed, ResultCode.near_zero_error, jnp.where(stuck, ResultCode.wrong_sign, code))
-    return judged.astype(jnp.int32)
+    passed = (code == ode.FINISHED) & (least < NEAR * jnp.minimum(lengths[0], 1.0))
+    stuck = (code != ode.FINISHED) & far
+    return jnp.where(passed, NEAR_ZERO, jnp.where(stuck, FAR_SHEET, code))
 
 
 def _disturbance(

@@ -7,12 +7,22 @@ from typing import Any
 
 import numpy as np
 
-from qtraj.foundation import units
-
 MOST_INSTANTS = 2001
 """Instants of one body that are drawn; of more, equally spaced ones with both ends."""
 
-NAMES = re.compile(r"\b(lateral|longitudinal|angular|yaw|max)_(?=(acceleration|rate|jerk)\b)")
+UNITS = {
+    "1": "–",
+    "m-1": "1/m",
+    "s-1": "1/s",
+    "s-2": "1/s²",
+    "m s-1": "m/s",
+    "m s-2": "m/s²",
+    "m s-3": "m/s³",
+    "rad s-1": "rad/s",
+    "rad s-2": "rad/s²",
+}
+"""Units of datasets as people write them."""
+NAMES = re.compile(r"\b(lateral|longitudinal|angular|max)_(?=(acceleration|rate|jerk)\b)")
 """How the names of limits begin that consist of several words."""
 
 
@@ -97,7 +107,7 @@ class Report:
 
 def unit(text: str) -> str:
     """A unit as people write it: "m s-2" is "m/s²"."""
-    return units.symbol(text) or "–" if text else ""
+    return UNITS.get(text, text)
 
 
 def words(text: str) -> str:

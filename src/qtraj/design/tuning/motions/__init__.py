@@ -1,1 +1,0 @@
-"""Motions of a tuned path: what may move, and the path it makes."""

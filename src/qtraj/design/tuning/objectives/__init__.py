@@ -1,1 +1,0 @@
-"""Objectives of a tuning: what is least at the solution."""

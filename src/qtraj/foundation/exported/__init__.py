@@ -1,0 +1,1 @@
+"""Traced programs, kept in a folder from one process to the next."""
