@@ -22,7 +22,7 @@ from qtraj.design.tuning.peaks import Peaks, find_peaks, hand_over
 from qtraj.design.tuning.problem import Variables
 from qtraj.design.tuning.search import AbstractSearch, Found, whole
 from qtraj.design.tuning.subproblem import ELASTIC, Step, best_step
-from qtraj.design.tuning.task import Present, Task
+from qtraj.design.tuning.task import SLOTS, Present, Task
 from qtraj.foundation.types import Flag, Scalar
 
 FIRST_RADIUS, LARGEST_RADIUS, LEAST_RADIUS = 0.5, 2.0, 1e-11
@@ -130,7 +130,7 @@ def proceed(tasks: Task, which: Present, states: State, most_steps: Int[Array | 
     def onward(s: State) -> State:
         on = going(s)
         # All searches of a block begin at once: then there is no step to work out.
-        found, times = jax.lax.cond(jnp.all(s.steps < 0), lambda: _stay(s), lambda: jax.vmap(move)(tasks, s))
+        found, times = jax.lax.cond(jnp.all(s.steps < 0), lambda: _nowhere(s), lambda: jax.vmap(move)(tasks, s))
         after = jax.vmap(arrive)(tasks, s, found, times)
         return jax.tree.map(lambda new, old: jnp.where(jnp.expand_dims(on, range(1, new.ndim)), new, old), after, s)
 
@@ -145,10 +145,13 @@ def proceed(tasks: Task, which: Present, states: State, most_steps: Int[Array | 
         begun = there._replace(multipliers=s.multipliers, steps=s.steps + 1)
         return jax.tree.map(lambda a, b: jnp.where(s.steps < 0, a, b), begun, ended)
 
-    def _stay(s: State) -> tuple[Step, Array]:
-        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(jax.vmap(move), tasks, s))
-
     return jax.lax.while_loop(lambda s: jnp.any(going(s)), onward, states)
+
+
+def _nowhere(s: State) -> tuple[Step, Array]:
+    """No step, of many searches, and the times of its constraints."""
+    none, rows = jnp.zeros_like(s.cost), jnp.zeros((*s.cost.shape, SLOTS, models.ROWS), s.z.dtype)
+    return Step(jnp.zeros_like(s.z), rows, none, none, jnp.zeros_like(s.done), none, none, s.effort), rows
 
 
 def _next(task: Task, s: State, there: State, found: Step, verdict: _Verdict, times: Array) -> State:
