@@ -40,9 +40,10 @@ velocity = [-4.5, 0.0, 0.2]
 [placement]
 origin = [0.0, 0.0, 0.0]
 [limits]
-curvature = 0.001
+speed = 0.1
 lateral_acceleration = 1.8
 """
+"""No path is slow enough, and the slowest takes as long as a tuned one may."""
 
 
 def test_the_default_succeeds_and_writes_its_files(default_run):
@@ -213,9 +214,9 @@ def test_what_cannot_be_met_is_written_and_explained(qtraj, tmp_path):
     assert result.exit_code == 1
     assert content["tuning"]["status"] == "infeasible"
     assert "What would help" in content["tuning"]["result"]
-    assert content["limits"]["curvature"]["after"]["status"] == "broken"
+    assert content["limits"]["speed"]["after"]["status"] == "broken"
     assert content["fit"] is None
-    assert content["warning"].startswith("Mind: against the path before, the tuned one is ")
+    assert content["warning"].startswith("Mind: against the path before, the tuned one takes ")
     assert " ".join(content["warning"].split()) in " ".join(printed(content).split())
     assert qtraj("report", out).exit_code == 0
     assert f'<p class="note">{content["warning"]}</p>' in (out / "report.html").read_text(encoding="utf-8")
@@ -328,7 +329,9 @@ def test_a_path_keeps_its_turns_and_its_duration():
 
 
 def test_an_objective_that_the_limits_do_not_bound_is_bad_input(qtraj, tmp_path):
-    (tmp_path / "s.toml").write_text(INFEASIBLE.replace("lateral_acceleration = 1.8", ""))
+    (tmp_path / "s.toml").write_text(
+        INFEASIBLE.replace("lateral_acceleration = 1.8", "").replace("speed = 0.1", "curvature = 0.1")
+    )
     result = qtraj("tune", tmp_path / "s.toml", "--objective", "fastest", "--out", tmp_path / "out")
     assert result.exit_code == 2
     assert "nothing bounds the fastest path" in result.stderr
