@@ -11,8 +11,12 @@ import pytest
 from benchmarks.turns import exact_square, lane, random_turns
 
 import qtraj as qt
+from qtraj.algebra import polynomial
 from qtraj.design.proof.certify import TOGETHER
 from qtraj.foundation import document
+from qtraj.path.moving_basis import MovingPolynomials
+from qtraj.path.quantity import QUANTITIES
+from qtraj.path.values import invariants_at
 
 PATH = qt.SpiralHelix([20.0, 1.0, 0.3, -0.05], [0.2, 0.35, 0.02], [1.0, 0.4, 0.05, -0.01], 4.5)
 POLYNOMIAL = ("curvature", "torsion", "lateral_acceleration", "longitudinal_acceleration")
@@ -261,3 +265,38 @@ def test_it_is_stored_exactly(tmp_path):
     assert again.status == found.status
     assert again.worst == found.worst
     assert np.isfinite(again.margin("curvature"))
+
+
+class Cubic(qt.AbstractHodograph):
+    """A user's own path: three cubics in world axes."""
+
+    coefficients: jax.Array
+    duration: jax.Array = eqx.field(converter=jnp.asarray)
+
+    def derivatives(self, t, order):
+        factorials = jnp.asarray([float(math.factorial(k)) for k in range(order + 1)])
+        return jnp.stack([polynomial.taylor(c, t, order) * factorials for c in self.coefficients], axis=1)
+
+    def polynomials(self):
+        x, y, z = self.coefficients
+        return MovingPolynomials(x, y, z, jnp.zeros(1))
+
+
+def test_a_path_of_the_users_own_is_proved_by_one_method():
+    coefficients = jnp.asarray([[0.0, 5.0, 0.4, -0.1], [1.0, 0.3, 0.8, 0.0], [0.0, 0.2, 0.0, 0.05]])
+    path = Cubic(coefficients, 3.0)
+    curve = qt.Curve(lambda t: coefficients @ jnp.stack([jnp.ones_like(t), t, t * t, t * t * t]), 3.0)
+    names = ["curvature", "torsion", "slope", "angular_rate", "jerk", "yaw_rate"]
+    peaks = dict(zip(names, (float(qt.peak(curve, name)[1]) for name in names), strict=True))
+    above = qt.certify(path, qt.Limits(**{name: 1.0001 * value for name, value in peaks.items()}))
+    below = qt.certify(path, qt.Limits(**{name: 0.9999 * value for name, value in peaks.items()}))
+    assert set(above.status.values()) == {"proved"}, str(above)
+    assert set(below.status.values()) == {"broken"}, str(below)
+
+
+@pytest.mark.parametrize("name", QUANTITIES)
+def test_the_ratio_that_is_proved_is_the_square_that_is_evaluated(name):
+    entry, path = QUANTITIES[name], lane(random_turns(2, "hermite"), 0)
+    found = invariants_at(path, 0.3 * path.duration, entry.order)
+    ratio = entry.numerator(found) / (1.0 if entry.denominator is None else entry.denominator(found))
+    assert float(entry.squared(found)) == pytest.approx(float(ratio), rel=1e-12)
