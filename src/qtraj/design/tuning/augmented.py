@@ -16,24 +16,24 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.design.tuning import peaks as peaking
 from qtraj.design.tuning.lagrangian import (
+    PARTS,
     Held,
     OfParts,
     expand,
     inside,
     lagrangian,
     outside,
-    parts,
     worst_times,
 )
 from qtraj.design.tuning.peaks import Peaks
 from qtraj.design.tuning.problem import Variables
 from qtraj.design.tuning.search import AbstractSearch, Found, whole
 from qtraj.design.tuning.sqp import FEASIBLE
-from qtraj.design.tuning.task import Present, Task
+from qtraj.design.tuning.task import SLOTS, Present, Task
 from qtraj.foundation.types import Flag, Scalar
 
 FIRST_PENALTY, PENALTY_GROWTH, HIGHEST_PENALTY = 10.0, 4.0, 1e9
@@ -80,6 +80,7 @@ class State(NamedTuple):
     stuck: Flag  # the last step led nowhere
     best: Point
     held: Held
+    multipliers: Float[Array, "slots k"]  # of the peaks of the best point
     stride: Scalar
     tolerance: Scalar
     residual: Scalar
@@ -112,14 +113,15 @@ class AugmentedLagrangian(AbstractSearch):
         peaks = jax.tree.map(lambda x: xp.broadcast_to(xp.asarray(x), (*batch, *x.shape)), peaking.none(dtype))
         number, no, none = xp.zeros(batch, dtype), xp.zeros(batch, bool), xp.zeros(batch, np.int32)
         unknown = xp.full(batch, np.inf, dtype)
-        z = xp.clip(z, tasks.low, tasks.high)
+        z, parts = xp.clip(z, tasks.low, tasks.high), xp.zeros((*batch, SLOTS, PARTS), dtype)
         return State(
             y=z,
             memory=memory,
             fresh=~no,
             stuck=no,
-            best=Point(z, unknown, unknown, number, none, peaks.time, peaks.time, peaks),
-            held=Held(peaks.present, peaks.time, peaks.time, peaks.time, number + FIRST_PENALTY),
+            best=Point(z, unknown, unknown, number, none, parts, parts, peaks),
+            held=Held(parts, number + FIRST_PENALTY),
+            multipliers=peaks.time,
             stride=number + 1.0,
             tolerance=number + LOOSEST,
             residual=unknown,
@@ -149,13 +151,13 @@ class AugmentedLagrangian(AbstractSearch):
         violation = xp.maximum(xp.max(best.peaks.value, axis=(-2, -1)), 0.0)
         steps = xp.maximum(states.steps, 0)
         return Found(
-            z, states.held.multipliers, best.peaks.time, best.peaks.value, violation, states.settled, steps
+            z, states.multipliers, best.peaks.time, best.peaks.value, violation, states.settled, steps
         ), best.cost
 
     def _step(self, task: Task, which: Present, s: State, on: Flag) -> State:
         """One look at where a search stands; then the next step of the optimiser, or the next round."""
         y = jnp.where(s.steps < 0, outside(task, s.y), s.y)
-        times, peaks = worst_times(task, which, s.held, y)
+        times, peaks = worst_times(task, which, y)
         at = expand(task, which, s.held, times, y)
         size = jnp.max(jnp.abs(at.gradient))
         force = jnp.maximum(s.held.multipliers + s.held.penalty * at.g, 0.0)
@@ -213,6 +215,7 @@ def _next_round(s: State, best: Point, solved: Flag, rounds: Int[Array | np.ndar
     slow = exact & (residual > SUFFICIENT_DECREASE * s.residual)
     hopeless = jnp.where(exact, jnp.where(residual > HOPELESS_DECREASE * s.residual, s.hopeless + 1, 0), s.hopeless)
     leads = LAST_PART * best.step >= (LAST_PART - 1) * s.step
+    multipliers = jnp.where(exact | ~leads, best.force, held.multipliers)
     stride = jnp.where(exact | leads, 1.0, SHORTER) * s.stride
     finer = jnp.clip(OF_RESIDUAL * residual, FINEST, s.tolerance)
     lost = (hopeless >= HOPELESS_ROUNDS) | (held.penalty > HIGHEST_PENALTY) | (stride < SHORTEST)
@@ -221,14 +224,8 @@ def _next_round(s: State, best: Point, solved: Flag, rounds: Int[Array | np.ndar
         fresh=jnp.ones_like(s.fresh),
         stuck=jnp.zeros_like(s.stuck),
         best=best,
-        held=parts(
-            held._replace(
-                multipliers=jnp.where(exact, best.force, held.multipliers),
-                penalty=jnp.where(slow, PENALTY_GROWTH, 1.0) * held.penalty,
-            ),
-            best.times,
-            best.peaks,
-        ),
+        held=Held(multipliers, jnp.where(slow, PENALTY_GROWTH, 1.0) * held.penalty),
+        multipliers=peaking.hand_over(multipliers, best.times, best.peaks),
         stride=stride,
         tolerance=jnp.where(exact, finer, s.tolerance),
         residual=jnp.where(exact, residual, s.residual),

@@ -1,8 +1,8 @@
-"""The augmented Lagrangian of a tuning problem (Powell–Hestenes–Rockafellar), over parts of the time.
+"""The augmented Lagrangian of a tuning problem (Powell–Hestenes–Rockafellar), over equal parts of the time.
 
-Each limit divides the time into parts, one about each of its peaks at the beginning of a round, and its largest value
-in each part is a constraint with a multiplier of its own. That value is a continuous function of the variables while
-peaks move from part to part, come and go, and its gradient is that at the time where it stands (envelope theorem).
+The largest value of each limit in each part is a constraint with a multiplier of its own. It changes smoothly with the
+variables as long as a part holds one peak, also where a peak moves from part to part, comes or goes, and its gradient is
+that at the time where it stands (envelope theorem).
 
 The box of the variables is met by z = m + r sin((y − m)/r), whose y is not bounded. A variable reaches its bound at a
 finite y, where the curvature in y is the multiplier of the bound: there, too, a minimum is a regular one.
@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from qtraj.design.tuning.constraints import Setting, values
 from qtraj.design.tuning.curves import changes
 from qtraj.design.tuning.expansions import slopes
 from qtraj.design.tuning.model import setting
-from qtraj.design.tuning.peaks import ABSENT, PEAKS, TOO_MUCH, Peaks, find_peaks, hand_over
+from qtraj.design.tuning.peaks import ABSENT, PEAKS, TOO_MUCH, Peaks, find_peaks
 from qtraj.design.tuning.problem import Variables
 from qtraj.design.tuning.task import Present, Task
 from qtraj.foundation.least import least
@@ -28,15 +28,14 @@ from qtraj.foundation.types import Scalar
 NEAR = 1 - 1e-4
 """A start on a bound is moved to this part of the way there: on the bound itself the gradient in y vanishes."""
 
-OfParts = Float[Array, "slots k"]
+PARTS = 16
+
+OfParts = Float[Array, "slots parts"]
 
 
 class Held(NamedTuple):
-    """What stands still in one round: the parts of the time, [low, high], their multipliers, and the penalty."""
+    """What stands still in one round: the multipliers and the penalty."""
 
-    there: Bool[Array, "slots k"]  # or else there is no such part
-    low: OfParts
-    high: OfParts
     multipliers: OfParts
     penalty: Scalar
 
@@ -63,33 +62,25 @@ def outside(task: Task, z: Variables) -> Variables:
     return middle + safe * jnp.arcsin(jnp.clip((z - middle) / safe, -NEAR, NEAR))
 
 
-def parts(held: Held, times: OfParts, peaks: Peaks) -> Held:
-    """Parts about these peaks, with the multipliers that the parts before had at the given times."""
-    own, other = peaks.time[:, :, None], peaks.time[:, None]
-    there = peaks.present[:, None]
-    middle = (own + other) / 2
-    low = jnp.max(jnp.where(there & (other < own), middle, 0.0), axis=2)
-    high = jnp.min(jnp.where(there & (other > own), middle, 1.0), axis=2)
-    return Held(peaks.present, low, high, hand_over(held.multipliers, times, peaks), held.penalty)
-
-
-def worst_times(task: Task, which: Present, held: Held, y: Variables) -> tuple[OfParts, Peaks]:
+def worst_times(task: Task, which: Present, y: Variables) -> tuple[OfParts, Peaks]:
     """Where in each part of the time each limit is largest, as fractions of the duration, and the peaks there."""
     here = setting(task.problem, inside(task, y))
     peaks = find_peaks(here, which, task.limits)
+    borders = jnp.linspace(0.0, 1.0, PARTS + 1, dtype=y.dtype)
+    low, high = borders[None, :-1], borders[None, 1:]
 
     def of_slot(slot: Int[Array, ""], found: Array) -> Array:
-        low, high, own = held.low[slot], held.high[slot], peaks.time[slot]
-        g = values(here, jnp.asarray(which.index)[slot], task.limits[slot], jnp.concatenate([low, high]))
-        ends = jnp.where(jnp.isfinite(g), g, TOO_MUCH).reshape(2, PEAKS)
-        within = peaks.present[slot][:, None] & (own[:, None] >= low[None]) & (own[:, None] <= high[None])
-        heights = jnp.concatenate([jnp.where(within, peaks.value[slot][:, None], -jnp.inf), ends])
-        times = jnp.concatenate([jnp.broadcast_to(own[:, None], (PEAKS, PEAKS)), low[None], high[None]])
-        highest = least(-heights)[1]
-        chosen = jnp.arange(PEAKS + 2, dtype=jnp.int32)[:, None] == highest[None]
+        own, there = peaks.time[slot][:, None], peaks.present[slot][:, None]
+        g = values(here, jnp.asarray(which.index)[slot], task.limits[slot], borders)
+        ends = jnp.where(jnp.isfinite(g), g, TOO_MUCH)
+        within = there & (own >= low) & (own <= high)
+        heights = jnp.where(within, peaks.value[slot][:, None], -jnp.inf)
+        heights = jnp.concatenate([heights, ends[None, :-1], ends[None, 1:]])
+        times = jnp.concatenate([jnp.broadcast_to(own, (PEAKS, PARTS)), low, high])
+        chosen = jnp.arange(PEAKS + 2, dtype=jnp.int32)[:, None] == least(-heights)[1][None]
         return found.at[slot].set(jnp.sum(jnp.where(chosen, times, 0.0), axis=0))
 
-    return jax.lax.fori_loop(0, jnp.asarray(which.count), of_slot, jnp.zeros_like(held.low)), peaks
+    return jax.lax.fori_loop(0, jnp.asarray(which.count), of_slot, jnp.zeros_like(task.limits[:, None] * low)), peaks
 
 
 def expand(task: Task, which: Present, held: Held, times: OfParts, y: Variables) -> Expanded:
@@ -105,7 +96,7 @@ def expand(task: Task, which: Present, held: Held, times: OfParts, y: Variables)
         total, gradient, rows = found
         value, slope = slopes(here, changed, jnp.asarray(which.index)[slot], task.limits[slot], times[slot])
         known = jnp.isfinite(value) & jnp.all(jnp.isfinite(slope), axis=0)
-        g = jnp.where(held.there[slot], jnp.where(known, value, TOO_MUCH), ABSENT)
+        g = jnp.where(known, value, TOO_MUCH)
         force = jnp.maximum(m[slot] + penalty * g, 0.0)
         added = jnp.sum(force**2 - m[slot] ** 2) / (2 * penalty)
         pull = jnp.where(known[None], slope, 0.0) @ force
