@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 RACES = (
     "startup",
     "compilation",
+    "operations",
     "evaluation",
     "sizes",
     "memory",

@@ -1,0 +1,94 @@
+"""How much is compiled: the StableHLO operations of the programs that a call compiles, one after the other.
+
+Each row is a call in a process that has made the calls of the rows before it with the same "process"; none uses the
+persistent cache. The counts are exact, whatever else the machine does.
+"""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+
+import qtraj as qt
+
+from . import Found
+from .compilation import ENVIRONMENT
+
+OPERATION = re.compile(r"\b(?:stablehlo|chlo)\.[a-z_]+")
+START = ([20.0, 0.0, 0.0], [1.0, 7.0, 0.3])
+END = ([0.0, 28.0, 1.5], [-9.8, -1.0, 0.0])
+TWO = {"curvature": 0.048, "lateral_acceleration": 2.2}
+OTHERS = {"speed": 12.0, "jerk": 20.0, "yaw_rate": 1.0}
+TWELVE = (
+    TWO
+    | OTHERS
+    | {
+        "torsion": 1.0,
+        "acceleration": 20.0,
+        "longitudinal_acceleration": 10.0,
+        "slope": 1.0,
+        "angular_rate": 2.0,
+        "angular_acceleration": 5.0,
+        "yaw_acceleration": 5.0,
+    }
+)
+
+
+def tune(limits, motion="uniform", count=None):
+    start, end = qt.BoundaryState(*START), qt.BoundaryState(*END)
+    if count is not None:
+        start = jax.tree.map(lambda x: jnp.stack([x] * count), start)
+    return lambda: qt.tune(start, end, qt.Limits(**limits), motion=motion)
+
+
+def certify():
+    path = qt.SpiralHelix([20.0, 1.0, 0.3, -0.05], [0.2, 0.35], [1.0, 0.4, 0.05, -0.01], 4.5)
+    return lambda: qt.certify(path, qt.Limits(**TWELVE))
+
+
+PROCESSES = {
+    "uniform": {
+        "tune, uniform, two limits": lambda: tune(TWO),
+        "three others": lambda: tune(OTHERS),
+        "all twelve": lambda: tune(TWELVE),
+        "a batch of 10": lambda: tune(TWO, count=10),
+        "a batch of 12": lambda: tune(TWO, count=12),
+    },
+    "hermite": {"tune, hermite, two limits": lambda: tune(TWO, "hermite")},
+    "certify": {"certify, twelve limits": certify},
+}
+
+
+def measure(quick):
+    rows = []
+    for process in ("certify",) if quick else PROCESSES:
+        with tempfile.TemporaryDirectory() as folder:
+            command = [sys.executable, "-m", "benchmarks.races.operations", process]
+            environment = os.environ | ENVIRONMENT | {"JAX_DUMP_IR_TO": folder}
+            run = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+            for call, files in json.loads(run.stdout):
+                counts = [len(OPERATION.findall((Path(folder) / file).read_text(encoding="utf-8"))) for file in files]
+                rows.append({"process": process, "call": call, "operations": sum(counts), "programs": len(counts)})
+    return Found("StableHLO operations that a call compiles", rows, {})
+
+
+def compiled(process):
+    """The files of the programs that each call of a process compiles."""
+    folder, found = Path(os.environ["JAX_DUMP_IR_TO"]), []
+    for name, case in PROCESSES[process].items():
+        call = case()
+        before = {file.name for file in folder.glob("*.mlir")}
+        jax.block_until_ready(call())
+        found.append((name, sorted({file.name for file in folder.glob("*.mlir")} - before)))
+    return found
+
+
+if __name__ == "__main__":
+    jax.config.update("jax_enable_x64", True)
+    print(json.dumps(compiled(sys.argv[1])))
