@@ -1,7 +1,9 @@
 """Tuning: limits met, objectives at their least, infeasible problems explained, bad ones refused."""
 
+import itertools
 import math
 from functools import lru_cache
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +16,7 @@ from qtraj.design.tuning.motions.registry import MOTIONS
 from qtraj.design.tuning.objectives.registry import OBJECTIVES
 from qtraj.design.tuning.problem import pose
 from qtraj.path.boundary import cylindrical
+from qtraj.path.quantity import QUANTITIES
 from qtraj.path.values import value as magnitude
 
 RATE = 0.35
@@ -415,3 +418,21 @@ def test_one_step_is_no_steps(status, steps, said):
     found = qt.Tuned(path, *ends, 0.0, qt.certify(path, qt.Limits(speed=9.0)), code, steps)
     assert f"{status} {'after' if ' ' in status else 'in'} {said}: " in found.result
     assert f", {said};" in repr(found)
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="only Linux tells how much memory is mapped")
+@pytest.mark.parametrize("motion", ["uniform", pytest.param("hermite", marks=pytest.mark.slow)])
+def test_other_sets_of_limits_compile_nothing(motion):
+    """A dozen sets of one, two and three limits: each used to keep 1500 memory maps, until there were none left."""
+    loose = {"curvature": 0.06, "speed": 12.0, "acceleration": 9.0, "jerk": 20.0, "slope": 0.5, "yaw_rate": 1.0}
+    sets = [given for k in (1, 2, 3) for given in list(itertools.combinations(loose, k))[:4]]
+
+    def tuned(given):
+        limits = qt.Limits(**{name: loose[name] for name in given})
+        return qt.tune(START, END, limits, motion=motion, bounds=SOON, starts=1)
+
+    tuned(sets[0])
+    before = len(Path("/proc/self/maps").read_text().splitlines())
+    for given in sets[1:]:
+        assert tuned(given).certificate.names == tuple(name for name in QUANTITIES if name in given)
+    assert len(Path("/proc/self/maps").read_text().splitlines()) - before < 100
