@@ -1,6 +1,9 @@
 """Limited path quantities against their definitions, margins, peaks and their gradients."""
 
+import math
+import re
 from functools import partial
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +12,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 import qtraj as qt
+from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.values import value as value_of
 
@@ -150,3 +154,46 @@ def test_float32_keeps_its_dtype():
     path = jax.tree.map(lambda x: x.astype(jnp.float32), helix())
     values = qt.Limits(**{name: jnp.asarray(1.0, jnp.float32) for name in QUANTITIES}).values(path, 1.0)
     assert {v.dtype for v in values.values()} == {jnp.dtype(jnp.float32)}
+
+
+def test_a_path_that_is_no_number_somewhere_has_no_peak():
+    """t ** [0., 1., …] has no derivative at 0 by JAX's rules: the largest of the other values is no answer."""
+    coefficients = jnp.asarray([[0.0, 5.0, 0.4, -0.1], [1.0, 0.3, 0.8, 0.0], [0.0, 0.2, 0.0, 0.05]])
+    time, size = qt.peak(qt.Curve(lambda t: coefficients @ t ** jnp.arange(4.0), 3.0), "curvature")
+    assert float(time) == 0.0
+    assert math.isnan(float(size))
+
+
+class Degree(int):
+    """Degree of a polynomial, in the arithmetic of polynomials."""
+
+    def __add__(self, other):
+        return Degree(max(self, other))
+
+    def __mul__(self, other):
+        return Degree(int(self) + (other if isinstance(other, Degree) else 0))
+
+    def __neg__(self):
+        return self
+
+    __sub__, __rmul__ = __add__, __mul__
+
+
+def degree(entry, turning):
+    """Of an entry's inequality on cubic ρ and h, where φ̇ is a polynomial of the degree `turning`."""
+    row = (3, 3, 3)
+    derivatives = [row]
+    for _ in range(4):
+        x, y, z = row
+        row = (max(x - 1, y + turning), max(y - 1, x + turning), max(z - 1, 0))
+        derivatives.append(row)
+    invariants = Invariants([tuple(map(Degree, row)) for row in derivatives])
+    return max(entry.numerator(invariants), entry.denominator(invariants) if entry.denominator else 0)
+
+
+def test_the_page_states_the_degrees_of_the_inequalities():
+    page = (Path(__file__).parents[2] / "docs" / "tuning.md").read_text(encoding="utf-8")
+    stated = re.findall(r"^\|[^|]*\|(?:[^|]|\\\|)*\| (\d+) / (\d+) \|", page, flags=re.M)
+    assert sorted((int(a), int(b)) for a, b in stated) == sorted(
+        (degree(entry, 0), degree(entry, 2)) for entry in QUANTITIES.values()
+    )

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from qtraj.foundation.least import least, place_of_largest
+from qtraj.foundation.least import least
 
 
 def test_the_least_and_its_place():
@@ -12,12 +12,10 @@ def test_the_least_and_its_place():
     lowest, place = jax.vmap(least)(jnp.asarray(values))
     np.testing.assert_array_equal(place, np.argmin(values, axis=1))
     np.testing.assert_array_equal(lowest, np.min(values, axis=1))
-    np.testing.assert_array_equal(jax.vmap(place_of_largest)(jnp.asarray(values)), np.argmax(values, axis=1))
 
 
 def test_nan_counts_as_infinite():
     assert least(jnp.asarray([jnp.nan, 2.0, 1.0, jnp.nan]))[1] == 2
-    assert place_of_largest(jnp.asarray([jnp.nan, 2.0, 1.0])) == 1
     for number in (1, 2, 40):
         lowest, place = least(jnp.full(number, jnp.nan))
         assert lowest == jnp.inf

@@ -12,18 +12,14 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from qtraj.foundation.least import place_of_largest
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
 from qtraj.path.values import value
 
 NEWTON_STEPS = 4
-NODES, POLISHED = 257, 3
-"""Of `summit`: where it looks, and how many of the highest places it polishes."""
-
 CELLS = 1025
 """Cells of time in which `peak` searches."""
 
@@ -65,35 +61,6 @@ def largest(f: OfPath, path: AbstractHodograph, cells: int) -> tuple[Scalar, Sca
     values = jax.vmap(lambda t: f(path, t))(times)
     worst = jnp.argmax(values)
     return times[worst], values[worst]
-
-
-def summit(f: OfPath, path: AbstractHodograph, hints: Float[Array, " n"]) -> tuple[Scalar, Scalar]:
-    """As `largest`, from fewer nodes and `hints`, fractions of the duration at which a high value is suspected."""
-    frozen = _frozen(path)
-
-    def g(u: Scalar) -> Scalar:
-        return f(frozen, u * frozen.duration)
-
-    nodes = jnp.concatenate([jnp.linspace(0.0, 1.0, NODES, dtype=path.duration.dtype), hints])
-    seeds = nodes[highest(jax.vmap(g)(nodes), POLISHED)]
-    reach = 1 / (NODES - 1)
-    tops = climb(g, seeds, jnp.maximum(seeds - reach, 0.0), jnp.minimum(seeds + reach, 1.0))
-    places = jnp.concatenate([tops, seeds])
-    time = places[jnp.argmax(jax.vmap(g)(places))] * path.duration
-    return time, f(path, time)
-
-
-def highest(values: Float[Array, " n"], number: int) -> Int[Array, " {number}"]:
-    """The places of the highest values, the highest first: a few passes are cheaper than sorting.
-
-    NaN counts as highest, so that it is seen in what is found there.
-    """
-    places, values = [], jnp.where(jnp.isnan(values), jnp.inf, values)
-    for _ in range(number):
-        k = place_of_largest(values)
-        places.append(k)
-        values = jnp.where(jnp.arange(values.shape[0], dtype=k.dtype) == k, -jnp.inf, values)
-    return jnp.stack(places)
 
 
 def _frozen(path: AbstractHodograph) -> AbstractHodograph:

@@ -21,8 +21,3 @@ def least(values: Float[Array, "n *rest"]) -> tuple[Float[Array, "*rest"], Int[A
 
     nothing = jnp.full((), jnp.inf, values.dtype), jnp.zeros((), places.dtype)
     return jax.lax.reduce((known, places), nothing, lesser, (0,))
-
-
-def place_of_largest(values: Float[Array, " n"]) -> Int[Array, ""]:
-    """A place of the largest of n ≥ 1 values, as `least` finds it."""
-    return least(-values)[1]

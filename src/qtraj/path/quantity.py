@@ -82,15 +82,15 @@ class PathQuantity:
 
 
 def ratio(part: Any, whole: Any, by: Division = PLAIN) -> Any:
-    """part/whole of numbers; 0/0 is 0, and anything else over 0 is infinite, with zero gradient there."""
+    """part/whole of numbers; 0/0 is 0 and anything else over 0 infinite, with zero gradient. NaN stays NaN."""
     return _ratio(jnp.asarray(part), jnp.asarray(whole), by)
 
 
 @partial(jax.jit, static_argnames="by")
 def _ratio(part: Any, whole: Any, by: Division) -> Any:
-    positive = whole > 0
-    found = by.quotient(part, jnp.where(positive, whole, 1.0))
-    return jnp.where(positive, found, jnp.where(part > 0, jnp.inf, 0.0))
+    vanishes = whole <= 0
+    found = by.quotient(part, jnp.where(vanishes, 1.0, whole))
+    return jnp.where(vanishes, jnp.where(part > 0, jnp.inf, 0.0 * part), found)
 
 
 def _square(x: Any) -> Any:
@@ -118,8 +118,8 @@ def _yaw_acceleration_square(i: Any, by: Division) -> Any:
 
 @partial(jax.jit, static_argnames="by")
 def _inverse_root(x: Any, by: Division) -> Any:
-    positive = x > 0
-    return jnp.where(positive, by.inverse_root(jnp.where(positive, x, 1.0)), 0.0)
+    vanishes = x <= 0
+    return jnp.where(vanishes, 0.0, by.inverse_root(jnp.where(vanishes, 1.0, x)))
 
 
 def _acceleration_numerator(i: Any) -> Any:

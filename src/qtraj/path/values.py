@@ -34,8 +34,8 @@ def value(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
 
 def root(square: Array) -> Array:
     """√square, with a derivative of zero where it vanishes."""
-    positive = square > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+    vanishes = square <= 0
+    return jnp.where(vanishes, 0.0, jnp.sqrt(jnp.where(vanishes, 1.0, square)))
 
 
 def up(placement: Placement | None, angle: Array) -> Triple | None:

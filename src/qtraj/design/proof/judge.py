@@ -22,6 +22,7 @@ from qtraj.design.proof.search import highest
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.regularity import Regularity, regularity
+from qtraj.path.values import root
 
 GAP = 1e-9
 """A relative speed or bend that is not proved positive, and below this at its least, cannot be told from zero."""
@@ -125,7 +126,7 @@ def judge(
         hints = jnp.stack([answer.at, jnp.clip(below.times / scale.time - 1, -1.0, 1.0), answer.at])
         square, at = highest(lambda s: _squares(along, which, s), hints, chunks)
         proved = answer.code == POSITIVE
-        value = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0 * square) / unit
+        value = root(square) / unit
         sampled = jnp.where(value <= bound, SAMPLED, jnp.where(value > bound, BROKEN, UNDECIDED))
         known = jnp.where(proved, PROVED, jnp.where(answer.code == NEGATIVE, BROKEN, UNDECIDED))
         code = jnp.where(provable, known, sampled)
