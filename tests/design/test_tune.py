@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 from functools import lru_cache
 from pathlib import Path
 
@@ -155,7 +156,8 @@ def test_a_placement_changes_nothing_but_the_place():
 def test_progress_is_told():
     told = []
     qt.tune(START, END, LIMITS, progress=told.append)
-    assert told[-1] == "8 of 8 searches"
+    assert str(told[0]).endswith(" of 8 searches")
+    assert 0 < told[0].fraction <= 1
 
 
 def test_an_impossible_limit_is_explained():
@@ -361,11 +363,43 @@ def test_a_batch_is_what_its_lanes_are(many):
         qt.tune(starts, ends, jax.vmap(lambda k: qt.Limits(curvature=k, lateral_acceleration=k))(jnp.ones(3)))
 
 
-def test_a_fault_in_a_batch_is_named_by_its_place():
-    starts, ends, limits = stacked(3)
-    bad = jax.vmap(qt.BoundaryState)(starts.position.at[1].set(0.0), starts.velocity)
-    with pytest.raises(ValueError, match="problem 1 of the batch: a boundary position lies on the axis"):
-        qt.tune(bad, ends, limits)
+def test_advice_on_one_of_many_is_worked_out_when_it_is_asked_for():
+    starts, ends, limits = stacked(2)
+    limits = jax.tree.map(lambda x: x.at[1].set(0.4 * x[1]), limits)
+    many = qt.tune(starts, ends, limits, starts=2)
+    one = qt.tune(*(jax.tree.map(lambda x: x[1], each) for each in (starts, ends, limits)), starts=2)
+    assert list(many.status) == ["converged", "infeasible"]
+    assert "What would help: raise" in many.result[1]
+    assert many[1].result == many.result[1]
+    assert re.sub(r"[\d.]+", "", many.result[1]) == re.sub(r"[\d.]+", "", one.result)
+    assert jax.tree.map(lambda x: x[::-1], many).result[0] == many.result[1]
+
+
+def test_what_is_ill_posed_in_a_batch_is_a_result_of_its_element():
+    starts, ends, limits = stacked(6)
+    positions = starts.position.at[1].set(0.0).at[2, 1].set(jnp.nan)
+    velocities = starts.velocity.at[3].set(0.0).at[4].set(jnp.asarray([1.0, 0.0, 0.0]))
+    bad = jax.vmap(qt.BoundaryState)(positions, velocities)
+    limits = jax.tree.map(lambda x: x.at[5].set(-x[5]), limits)
+    codes = [
+        qt.ResultCode.successful,
+        qt.ResultCode.position_on_axis,
+        qt.ResultCode.state_not_finite,
+        qt.ResultCode.sense_unknown,
+        qt.ResultCode.sense_unknown,
+        qt.ResultCode.limit_not_positive,
+    ]
+    many = qt.tune(bad, ends, limits)
+    assert many.code.tolist() == codes
+    assert list(many.status) == ["converged", *["ill-posed"] * 5]
+    assert many.result[1] == f"ill-posed: {qt.ResultCode.position_on_axis.text}"
+    assert np.all(np.isnan(many.path.radius[1:]))
+    assert not np.any(many.certificate.code[1:] < qt.ResultCode.not_converged)
+    assert float(many.objective[0]) == pytest.approx(float(qt.tune(*stacked(1)).objective[0]), rel=1e-9)
+    traced = jax.jit(jax.vmap(lambda a, b, limits: qt.tune(a, b, limits, starts=1).code))(bad, ends, limits)
+    assert traced.tolist() == codes
+    with pytest.raises(RuntimeError, match="element 1 of the batch: ill-posed: a boundary position lies on the axis"):
+        qt.tune(bad, ends, limits, throw=True)
 
 
 @pytest.mark.slow

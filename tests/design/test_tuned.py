@@ -47,6 +47,15 @@ def test_an_element_that_failed_is_a_result_and_an_error_only_on_request(many):
     assert many[0].check().status == "converged"
 
 
+def test_what_is_not_met_is_an_error_on_request(many):
+    assert qt.certify(many[3].path, LIMITS, throw=True).met
+    with pytest.raises(RuntimeError, match="curvature is broken"):
+        qt.certify(many[0].path, LIMITS, throw=True)
+    start, end = qt.BoundaryState([12.0, 0.0, 0.0], [0.0, 5.0, 0.0]), qt.BoundaryState([0.0, 12.0, 1.5], [-4.5, 0, 0.2])
+    with pytest.raises(RuntimeError, match=r"infeasible: .* What would help"):
+        qt.tune(start, end, qt.Limits(curvature=0.02, lateral_acceleration=0.1), starts=1, throw=True)
+
+
 def test_a_certificate_says_what_its_findings_come_to(many):
     codes = many.certificate.code
     assert codes.tolist() == [qt.ResultCode.limits_broken] * 3 + [qt.ResultCode.successful]

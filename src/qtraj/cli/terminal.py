@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress as Bars, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from qtraj.foundation.progress import Progress, throttled
+from qtraj.foundation.progress import Progress
 
 BAD_INPUT = 2
 INTERRUPTED = 130
@@ -53,18 +53,14 @@ class Watch:
     def __init__(self, shown: Bars | None):
         self._shown = shown
         self._task: Any = None if shown is None else shown.add_task("", total=None)
-        self._tuning = throttled(None if shown is None else self._show)
 
     def say(self, text: str) -> None:
         """What is being done now."""
         if self._shown is not None:
             self._shown.update(self._task, description=text, completed=0, total=None)
 
-    def tuning(self, progress: Progress | str) -> None:
-        """How far a tuning is; shown a few times a second."""
-        self._tuning(Progress(progress) if isinstance(progress, str) else progress)
-
-    def _show(self, progress: Progress) -> None:
+    def tuning(self, progress: Progress) -> None:
+        """How far a tuning is."""
         if self._shown is not None:
             known = {"completed": progress.done, "total": progress.total}
             self._shown.update(self._task, description=f"tuning: {progress}", **known)

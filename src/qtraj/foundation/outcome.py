@@ -138,6 +138,7 @@ class ResultCode(enum.IntEnum):
         "turns.",
     )
     limit_not_positive = ILL_POSED + 9, "every limit must be positive and finite."
+    state_not_finite = ILL_POSED + 10, "a boundary position, a velocity or the placement is NaN or infinite."
 
 
 MESSAGES = tuple(code.text for code in ResultCode)

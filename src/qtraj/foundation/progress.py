@@ -24,11 +24,11 @@ class Progress(NamedTuple):
         return self.text if self.total is None else f"{self.done} of {self.total} {self.text}"
 
 
-def throttled(
-    report: Callable[[Progress], None] | None,
-    interval: float = INTERVAL,
-    clock: Callable[[], float] = time.monotonic,
-) -> Callable[[Progress], None]:
+Report = Callable[[Progress], None]
+"""What is told of progress."""
+
+
+def throttled(report: Report | None, interval: float = INTERVAL, clock: Callable[[], float] = time.monotonic) -> Report:
     """`report`, called at once and then no more often than every `interval` [s]; what comes too soon is left out.
 
     Where nobody wants reports (None) nothing happens.

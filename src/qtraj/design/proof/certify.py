@@ -36,7 +36,7 @@ class Known(eqx.Module):
     orientation: Float[Array, "paths 4"]
 
 
-def certify(path: AbstractHodograph, limits: Limits) -> Certificate:
+def certify(path: AbstractHodograph, limits: Limits, *, throw: bool = False) -> Certificate:
     """What is known of `path` against `limits`, on the whole of it.
 
     Of a path with polynomials every limit is a polynomial inequality in t (paper S; see `inequalities`), whose sign is
@@ -52,8 +52,13 @@ def certify(path: AbstractHodograph, limits: Limits) -> Certificate:
     needle between the samples may be missed, its proof is not.
 
     **Raises:** ValueError in float32, whose rounding exceeds the margins that matter here, and for a batch in which not
-    every array has the batch in front.
+    every array has the batch in front. RuntimeError with `throw` where a limit is broken, undecided or undefined.
     """
+    found = _certified(path, limits)
+    return found.check() if throw else found
+
+
+def _certified(path: AbstractHodograph, limits: Limits) -> Certificate:
     require_float64(path)
     names, batch = tuple(limits.given()), path.duration.shape
     dtype = path.duration.dtype

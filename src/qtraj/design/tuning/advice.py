@@ -6,6 +6,7 @@ multipliers (envelope theorem). A move is taken along it, and named only once th
 
 import dataclasses
 import math
+from collections.abc import Collection
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -15,15 +16,17 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.limits import Limits
+from qtraj.design.tuning.box import at_the_wall
 from qtraj.design.tuning.constraints import values
 from qtraj.design.tuning.model import setting
-from qtraj.design.tuning.multistart import Tell, least_violation, take, without_objective
+from qtraj.design.tuning.multistart import least_violation, take, without_objective
 from qtraj.design.tuning.peaks import ABSENT
 from qtraj.design.tuning.problem import Problem
 from qtraj.design.tuning.search import Found
 from qtraj.design.tuning.sqp import FEASIBLE
 from qtraj.design.tuning.task import AIM, Present, Task
 from qtraj.foundation.arrays import as_float
+from qtraj.foundation.progress import Report
 from qtraj.foundation.types import Scalar
 from qtraj.foundation.units import with_unit
 from qtraj.path.quantity import quantity
@@ -59,7 +62,28 @@ NUMBERS = (
 )
 
 
-def advice(tasks: Task, which: Present, limits: Limits, found: Found, most_steps: int, tell: Tell | None) -> str:
+class Advisor:
+    """Advice on the problems of a batch, worked out once for each that is asked about."""
+
+    def __init__(
+        self, tasks: Task, which: Present, limits: Limits, found: Found, most_steps: int, bounded: Collection[str]
+    ):
+        self._given = tasks, which, limits, found, most_steps
+        self._bounded = bounded
+        self._known: dict[int, str] = {}
+
+    def __call__(self, place: int, infeasible: bool, tell: Report | None = None) -> str:
+        """What to do about one problem: what would help where it is `infeasible`, and which variable went too far."""
+        if place not in self._known:
+            tasks, which, limits, found, most_steps = self._given
+            one, at = take(tasks, slice(place, place + 1)), take(found, slice(place, place + 1))
+            words = [advice(one, which, limits, at, most_steps, tell)] if infeasible else []
+            words.append(at_the_wall(tasks.problem.names, np.asarray(at.z[0]), self._bounded))
+            self._known[place] = " ".join(filter(None, words))
+        return self._known[place]
+
+
+def advice(tasks: Task, which: Present, limits: Limits, found: Found, most_steps: int, tell: Report | None) -> str:
     """What to do about the limits of one problem (a batch of one), from where it violates them least."""
     tasks = without_objective(tasks)
     # As the search sees them: a limit that is next to nothing counts as more.
@@ -85,7 +109,7 @@ class _Search(NamedTuple):
 
     which: Present
     most_steps: int
-    tell: Tell | None
+    tell: Report | None
 
     def least(self, tasks: Task, found: Found) -> Found:
         """The least violation from where another search ended."""

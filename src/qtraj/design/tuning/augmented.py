@@ -216,6 +216,7 @@ def _next_round(s: State, best: Point, solved: Flag, rounds: Int[Array | np.ndar
     stride = jnp.where(exact | leads, 1.0, SHORTER) * s.stride
     finer = jnp.clip(OF_RESIDUAL * residual, FINEST, s.tolerance)
     lost = (hopeless >= HOPELESS_ROUNDS) | (held.penalty > HIGHEST_PENALTY) | (stride < SHORTEST)
+    lost = lost | ~jnp.isfinite(best.value)
     return s._replace(
         y=best.y,
         fresh=jnp.ones_like(s.fresh),

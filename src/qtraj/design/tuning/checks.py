@@ -1,18 +1,22 @@
-"""What makes no tuning problem is refused here, before anything is computed, with what was given and what to do.
+"""What makes no tuning problem: choices that contradict are refused, data are refused or, in a batch, given a code.
 
-Of a batch the first problem that is wrong is named by its place.
+One problem that is ill-posed raises, with what was given and what to do. In a batch it is a result of its element.
 """
 
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Int
 
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.objectives.objective import AbstractObjective
 from qtraj.design.tuning.problem import Problem
-from qtraj.foundation.arrays import concrete, require_positive
+from qtraj.foundation.arrays import concrete
+from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import Scalar
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.quantity import QUANTITIES, quantity
@@ -55,106 +59,156 @@ def require_choices(
         )
 
 
+class _Data(NamedTuple):
+    """What is looked at: a problem or many, the given turn and limits, in arrays of one kind, `xp`."""
+
+    problem: Problem
+    turn: Any
+    limits: dict[str, Any]
+    xp: Any
+
+
+def ill_posed(problem: Problem, turn: Scalar | None, limits: Limits) -> Int[Array | np.ndarray, "*batch"]:
+    """The code of what is wrong with each problem, or `successful`; it can be traced. `turn` is the given one."""
+    data = _data(problem, turn, limits)
+    code = data.xp.full(data.problem.speed.shape, ResultCode.successful, np.int32)
+    for fault in reversed(FAULTS):
+        code = data.xp.where(fault.found(data), fault.code, code)
+    return code
+
+
 def require_sound(problem: Problem, turn: Scalar | None, limits: Limits) -> None:
-    """Raise a ValueError for data that make no problem, where they are known; `turn` is the given one.
-
-    One problem, or many with the lanes in front.
-    """
-    if any(
-        concrete(leaf) is None for leaf in jax.tree.leaves((problem.start, problem.end, problem.duration, turn, limits))
-    ):
-        return
-    for name, limit in limits.given().items():
-        require_positive(limit, f"the limit {name}", quantity(name).label)
-    for fault in (_speeds, _radii, _sense, _azimuths, _durations, _objectives):
-        fault(problem, turn is not None)
-    if turn is not None:
-        _turns(problem, np.asarray(turn))
+    """Raise a ValueError where the data of one problem, which must be known, make none; `turn` is the given one."""
+    data = _data(problem, turn, limits)
+    for fault in FAULTS:
+        if np.any(fault.found(data)):
+            raise ValueError(fault.message(data))
 
 
-def _refuse(bad: np.ndarray | np.bool_, message: Callable[[tuple[int, ...]], str]) -> None:
-    """Raise for the first place where `bad` is true."""
-    if not np.any(bad):
-        return
-    place = tuple(int(i) for i in np.argwhere(bad)[0])
-    raise ValueError((f"problem {place[0]} of the batch: " if place else "") + message(place))
+def _data(problem: Problem, turn: Scalar | None, limits: Limits) -> _Data:
+    parts = (problem.start, problem.end, problem.duration, problem.speed, problem.scale, problem.turn)
+    given = limits.given()
+    if any(concrete(leaf) is None for leaf in jax.tree.leaves((parts, turn, given))):
+        return _Data(problem, turn, given, jnp)
+    problem, turn, given = jax.tree.map(
+        lambda x: np.asarray(x) if isinstance(x, jax.Array) else x, (problem, turn, given)
+    )
+    return _Data(problem, turn, given, np)
 
 
-def _speeds(problem: Problem, _: bool) -> None:
-    speed = np.asarray(problem.speed)
-    _refuse(
-        ~((speed > 0) & np.isfinite(speed)),
-        lambda k: f"the given velocities must be finite and not all zero: their mean is {speed[k]} m/s",
+def _positive(x: Any, xp: Any) -> Any:
+    return (x > 0) & xp.isfinite(x)
+
+
+def _rates(data: _Data) -> tuple[Any, Any]:
+    """V_phi/rho at both ends [rad/s], zero on the axis."""
+    rates = []
+    for state in (data.problem.start, data.problem.end):
+        apart = state.radius > 0
+        rates.append(data.xp.where(apart, state.velocity[..., 1] / data.xp.where(apart, state.radius, 1.0), 0.0))
+    return rates[0], rates[1]
+
+
+def _bad_limit(data: _Data) -> Any:
+    bad = data.xp.zeros(data.problem.speed.shape, bool)
+    for limit in data.limits.values():
+        bad = bad | ~_positive(limit, data.xp)
+    return bad
+
+
+def _not_finite(data: _Data) -> Any:
+    good = data.xp.isfinite(data.problem.speed)
+    for state in (data.problem.start, data.problem.end):
+        good = good & data.xp.isfinite(state.radius) & data.xp.isfinite(state.height)
+    return ~good
+
+
+def _senses_oppose(data: _Data) -> Any:
+    first, last = _rates(data)
+    xp = data.xp
+    return ~(data.problem.duration > 0) & (xp.sign(first) * xp.sign(last) <= 0)
+
+
+def _turn_missed(data: _Data) -> Any:
+    if data.turn is None:
+        return data.xp.zeros_like(data.problem.turn, bool)
+    return ~(data.xp.abs(data.problem.turn - data.turn) <= TURN_TOLERANCE)
+
+
+def _say_limit(data: _Data) -> str:
+    name, limit = next((name, x) for name, x in data.limits.items() if not np.all(_positive(x, np)))
+    return f"the limit {name} must be positive and finite [{quantity(name).label}], but {limit.tolist()} was given"
+
+
+def _say_senses(data: _Data) -> str:
+    first, last = _rates(data)
+    return (
+        f"the given states turn in opposite senses (V_phi/rho is {first:.6g} rad/s at the start and {last:.6g} at the "
+        "end), so they have no common duration: give the end a velocity in the sense of the start's, or take "
+        "motion='hermite' with a duration."
     )
 
 
-def _radii(problem: Problem, _: bool) -> None:
-    bad = (np.asarray(problem.start.radius) == 0) | (np.asarray(problem.end.radius) == 0)
-    _refuse(
-        bad,
+class _Fault(NamedTuple):
+    """One way to be ill-posed: its code, where it is found, and what to say of one problem."""
+
+    code: ResultCode
+    found: Callable[[_Data], Any]
+    message: Callable[[_Data], str]
+
+
+FAULTS = (
+    _Fault(ResultCode.limit_not_positive, _bad_limit, _say_limit),
+    _Fault(ResultCode.state_not_finite, _not_finite, lambda _: ResultCode.state_not_finite.text),
+    _Fault(
+        ResultCode.velocity_vanishes,
+        lambda d: ~_positive(d.problem.speed, d.xp),
+        lambda d: f"the given velocities must be finite and not all zero: their mean is {d.problem.speed} m/s",
+    ),
+    _Fault(
+        ResultCode.position_on_axis,
+        lambda d: (d.problem.start.radius == 0) | (d.problem.end.radius == 0),
         lambda _: "a boundary position lies on the axis (radius 0): give a placement whose axis lies elsewhere",
-    )
-
-
-def _sense(problem: Problem, known: bool) -> None:
-    if known:
-        return
-    _refuse(
-        np.asarray(problem.start.velocity)[..., 1] == 0,
+    ),
+    _Fault(
+        ResultCode.sense_unknown,
+        lambda d: (d.problem.start.velocity[..., 1] == 0) & (d.turn is None),
         lambda _: (
-            "V_phi at the start is 0, so the sense of rotation is unknown. Give the start a velocity about the "
-            "axis, or a placement whose axis lies elsewhere."
+            "V_phi at the start is 0, so the sense of rotation is unknown. Give the start a velocity about the axis, "
+            "or a placement whose axis lies elsewhere."
         ),
-    )
-
-
-def _azimuths(problem: Problem, _: bool) -> None:
-    _refuse(
-        np.asarray(problem.turn) == 0,
+    ),
+    _Fault(
+        ResultCode.azimuths_equal,
+        lambda d: d.problem.turn == 0,
         lambda _: "the start and the end have the same azimuth: pass turns=1 for one whole turn",
-    )
-
-
-def _durations(problem: Problem, known: bool) -> None:
-    duration = np.asarray(problem.duration)
-    a, b = (np.asarray(state.velocity)[..., 1] / np.asarray(state.radius) for state in (problem.start, problem.end))
-    opposite = ~(duration > 0) & (np.sign(a) * np.sign(b) <= 0)
-    _refuse(
-        opposite,
-        lambda k: (
-            f"the given states turn in opposite senses (V_phi/rho is {a[k]:.6g} rad/s at the start and "
-            f"{b[k]:.6g} at the end), so they have no common duration: give the end a velocity in the sense of the "
-            "start's, or take motion='hermite' with a duration."
-        ),
-    )
-    _refuse(
-        known & (duration < 0),
+    ),
+    _Fault(ResultCode.senses_opposite, _senses_oppose, _say_senses),
+    _Fault(
+        ResultCode.turn_against_sense,
+        lambda d: (d.problem.duration < 0) & (d.turn is not None),
         lambda _: (
             "the given turn is against the sense of V_phi, so the states have no duration of their own: give one, "
             "with motion='hermite', or a turn in the sense of the states"
         ),
-    )
-    _refuse(
-        ~((duration > 0) & np.isfinite(duration)),
-        lambda k: f"the duration must be positive and finite [s], but {duration[k]} was given",
-    )
-
-
-def _objectives(problem: Problem, _: bool) -> None:
-    scale = np.asarray(problem.scale)
-    _refuse(
-        ~np.isfinite(scale),
-        lambda k: f"the objective is {scale[k]} at the given boundary states: it must be finite there",
-    )
-
-
-def _turns(problem: Problem, given: np.ndarray) -> None:
-    exact = np.asarray(problem.turn)
-    given = np.broadcast_to(given, exact.shape)
-    _refuse(
-        np.abs(exact - given) > TURN_TOLERANCE,
-        lambda k: (
-            f"a turn of {given[k]:.9g} rad does not lead from the start's azimuth to the end's: "
-            f"the nearest that does is {exact[k]:.9g} rad"
+    ),
+    _Fault(
+        ResultCode.duration_not_positive,
+        lambda d: ~_positive(d.problem.duration, d.xp),
+        lambda d: f"the duration must be positive and finite [s], but {d.problem.duration} was given",
+    ),
+    _Fault(
+        ResultCode.objective_not_finite,
+        lambda d: ~d.xp.isfinite(d.problem.scale),
+        lambda d: f"the objective is {d.problem.scale} at the given boundary states: it must be finite there",
+    ),
+    _Fault(
+        ResultCode.turn_mismatch,
+        _turn_missed,
+        lambda d: (
+            f"a turn of {d.turn:.9g} rad does not lead from the start's azimuth to the end's: the nearest that does "
+            f"is {d.problem.turn:.9g} rad"
         ),
-    )
+    ),
+)
+"""In this order: the first that is found is told."""

@@ -1,7 +1,7 @@
 """Tuning from several starts: the best of the searches, or the path that violates the limits least."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -17,6 +17,7 @@ from qtraj.design.tuning.search import AbstractSearch, Found
 from qtraj.design.tuning.sqp import FEASIBLE, SequentialQuadratic
 from qtraj.design.tuning.task import Present, Task
 from qtraj.foundation.arrays import part
+from qtraj.foundation.progress import Progress, Report
 
 MOVED: tuple[str, ...] = (f"start.{COMPONENTS[0]}", f"end.{COMPONENTS[0]}", DURATION)
 PLANNED = (
@@ -45,8 +46,6 @@ LOWERINGS, LOWERED = 6, 0.5
 UNMET = 1e100
 """What not meeting the limits counts for, against any cost."""
 
-Tell = Callable[[str], None]
-
 
 def starting_points(names: Sequence[str], starts: int) -> np.ndarray:
     """The given states, planned changes of them, then random ones, always the same: (starts, variables) numbers."""
@@ -71,7 +70,7 @@ def best_of(method: AbstractSearch, tasks: Task, which: Present, starts: int) ->
 
 
 def best_of_each(
-    method: AbstractSearch, tasks: Task, which: Present, starts: int, most_steps: int, tell: Tell | None = None
+    method: AbstractSearch, tasks: Task, which: Present, starts: int, most_steps: int, tell: Report | None = None
 ) -> Found:
     """The best of the searches of each of many problems (a batch in front).
 
@@ -92,7 +91,7 @@ def best_of_each(
     return _replaced(found, lost, rescued)
 
 
-def least_violation(tasks: Task, which: Present, found: Found, most_steps: int, tell: Tell | None = None) -> Found:
+def least_violation(tasks: Task, which: Present, found: Found, most_steps: int, tell: Report | None = None) -> Found:
     """From where other searches ended, the least of the largest violation of the limits of each of many problems."""
     method = SequentialQuadratic(most_steps)
     tasks, found = without_objective(tasks), jax.tree.map(np.asarray, found)
@@ -146,7 +145,7 @@ def without_objective(tasks: Task) -> Task:
 
 
 def _rescue(
-    method: AbstractSearch, tasks: Task, which: Present, found: Found, most_steps: int, tell: Tell | None
+    method: AbstractSearch, tasks: Task, which: Present, found: Found, most_steps: int, tell: Report | None
 ) -> Found:
     least = least_violation(tasks, which, found, most_steps, tell)
     can = np.flatnonzero(least.violation <= FEASIBLE)
@@ -177,5 +176,5 @@ def _repeat(tasks: Task, times: int) -> Task:
     return tasks if times == 1 else take(tasks, np.repeat(np.arange(tasks.low.shape[0]), times))
 
 
-def _counted(tell: Tell | None, what: str) -> batch.Told | None:
-    return None if tell is None else lambda done, of: tell(f"{done} of {of} {what}")
+def _counted(tell: Report | None, what: str) -> batch.Told | None:
+    return None if tell is None else lambda done, of: tell(Progress(what, done, of))

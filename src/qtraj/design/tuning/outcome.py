@@ -1,5 +1,6 @@
 """The outcome of a tuning, of one problem or of many."""
 
+import dataclasses
 import os
 from typing import Any
 
@@ -10,11 +11,12 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.proof.certificate import Certificate
+from qtraj.design.tuning.advice import Advisor
 from qtraj.design.tuning.verdict import verdict
 from qtraj.foundation import document
-from qtraj.foundation.arrays import as_array, as_float, part, require_lane
+from qtraj.foundation.arrays import as_array, as_float, concrete, part, require_lane
 from qtraj.foundation.document import reads_older, storable
-from qtraj.foundation.outcome import AbstractOutcome, ResultCode, known_codes, names_of, renumbered
+from qtraj.foundation.outcome import ILL_POSED, AbstractOutcome, ResultCode, known_codes, names_of, renumbered
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import counted, extent, in_lanes
 from qtraj.foundation.types import ArrayInput
@@ -44,7 +46,8 @@ class Tuned(AbstractOutcome):
     `path`, with its boundary states `start` and `end` (world axes); `objective`, the attained value in its own units;
     `certificate`, the findings on the given limits; `code`, a `ResultCode`, `status`, the same in a word, and `result`,
     the same in words with what to do; `iterations`, the steps of the search that won. `advice` says what would help
-    where the limits cannot be met, of one problem. `outcome[k]` is one of many.
+    where the limits cannot be met; of many problems `advisor` works it out for the one at `place` when its `result` is
+    asked for. `outcome[k]` is one of many.
     """
 
     path: SpiralHelix
@@ -55,6 +58,8 @@ class Tuned(AbstractOutcome):
     code: Int[Array, "*lanes"]
     iterations: Int[Array, "*lanes"]
     advice: str = eqx.field(static=True)
+    advisor: Advisor | None = eqx.field(static=True)
+    place: Int[Array, "*lanes"] | None
 
     def __init__(
         self,
@@ -66,11 +71,14 @@ class Tuned(AbstractOutcome):
         code: ArrayInput,
         iterations: ArrayInput,
         advice: str = "",
+        advisor: Advisor | None = None,
+        place: ArrayInput | None = None,
     ):
         self.path, self.start, self.end = path, start, end
         self.objective, self.certificate = as_float(objective), certificate
         self.code, self.iterations = as_array(code, jnp.int32), as_array(iterations, jnp.int32)
-        self.advice = advice
+        self.advice, self.advisor = advice, advisor
+        self.place = None if place is None else as_array(place, jnp.int32)
 
     @property
     def status(self) -> Any:
@@ -90,7 +98,13 @@ class Tuned(AbstractOutcome):
             np.asarray(x)[at] for x in (self.code, self.iterations, self.path.radius, self.path.duration)
         )
         findings = self.certificate.findings(at)
-        return verdict(ResultCode(int(code)), findings, int(steps), self.advice, radius, float(duration))
+        return verdict(ResultCode(int(code)), findings, int(steps), self._advice(at), radius, float(duration))
+
+    def _advice(self, at: tuple[int, ...]) -> str:
+        code, place = known_codes(self)[at], concrete(self.place)
+        if self.advisor is None or place is None or code >= ILL_POSED:
+            return self.advice
+        return self.advisor(int(place[at]), code == INFEASIBLE)
 
     def record(self) -> Record:
         """Path, boundary states and findings, with the objective and how the search ended."""
@@ -116,8 +130,7 @@ class Tuned(AbstractOutcome):
         if self.code.ndim == 0:
             raise TypeError("this is the outcome of one problem: only that of many has lanes")
         require_lane(lane, len(self), "problems")
-        fields = (self.path, self.start, self.end, self.objective, self.certificate, self.code, self.iterations)
-        return Tuned(*jax.tree.map(lambda x: part(x, lane), fields))
+        return jax.tree.map(lambda x: part(x, lane), self)
 
     def __bool__(self) -> bool:
         return True  # it is there, whatever it says; else Python would ask for its length
@@ -136,7 +149,7 @@ class Tuned(AbstractOutcome):
             raise ValueError(
                 f"the outcome of {len(self)} problems does not go into one document: save outcome[k].save(...)"
             )
-        document.save(self, file)
+        document.save(dataclasses.replace(self, advice=self._advice(()), advisor=None, place=None), file)
 
     def __str__(self) -> str:
         if self.code.ndim == 0:

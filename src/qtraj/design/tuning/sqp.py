@@ -167,7 +167,7 @@ def _next(task: Task, s: State, there: State, found: Step, verdict: _Verdict, ti
     hopeless = (task.weight == 0) | (s.penalty >= HIGHEST_PENALTY)
     settled = still & ((ended.violation <= FEASIBLE) | hopeless)
     radius = _radius(s, found, verdict)
-    done = settled | (radius < LEAST_RADIUS)
+    done = settled | ~(radius >= LEAST_RADIUS)  # or NaN: nothing leads on from there
     return ended._replace(radius=radius, steps=s.steps + 1, done=done, settled=settled, effort=found.effort)
 
 

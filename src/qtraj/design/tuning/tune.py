@@ -1,7 +1,7 @@
 """Boundary velocities that meet limits: the path nearest to the given states, the fastest or the smoothest."""
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -14,9 +14,10 @@ from jaxtyping import Array, Float
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import SAMPLED
 from qtraj.design.proof.certify import certify
-from qtraj.design.tuning import advice, multistart
-from qtraj.design.tuning.box import Bounds, at_the_wall, box, require_names, weights_of
-from qtraj.design.tuning.checks import require_choices, require_sound
+from qtraj.design.tuning import multistart
+from qtraj.design.tuning.advice import Advisor
+from qtraj.design.tuning.box import Bounds, box, require_names, weights_of
+from qtraj.design.tuning.checks import ill_posed, require_choices, require_sound
 from qtraj.design.tuning.methods import Method, method_of
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.motions.registry import motion_of
@@ -29,6 +30,8 @@ from qtraj.design.tuning.sensitivity import solution
 from qtraj.design.tuning.sqp import FEASIBLE
 from qtraj.design.tuning.task import Task, by_slots, present
 from qtraj.foundation.arrays import as_array, as_float, part
+from qtraj.foundation.outcome import ResultCode
+from qtraj.foundation.progress import Report, throttled
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.boundary_problem import whole_turns
@@ -57,7 +60,8 @@ def tune(
     method: Method | None = None,
     max_steps: int = 300,
     inner_steps: int = 200,
-    progress: Callable[[str], None] | None = None,
+    progress: Report | None = None,
+    throw: bool = False,
 ) -> Tuned:
     """Tune the boundary velocities between two positions until `limits` hold on the whole path.
 
@@ -75,7 +79,7 @@ def tune(
     changes that "nearest" sums.
 
     `starts` searches begin at the given states and about them, and the best is kept. Where no path meets the limits,
-    the one that breaks them least is given, with advice. What is being done is told to `progress`, in a few words.
+    the one that breaks them least is given, with advice. `progress` is called with a `Progress` a few times a second.
 
     `method` is "sqp", sequential quadratic programming on refined peaks with exact second derivatives: the default,
     and by far the fastest. Or it is any `optax.GradientTransformation`, such as `optax.adam(1e-2)`, a chain, or
@@ -85,13 +89,15 @@ def tune(
     again: what is compiled belongs to the object.
 
     **Batches**: states with lanes in front (`jax.vmap(BoundaryState)(positions, velocities)`), and limits, duration,
-    turn and placement with the same lanes or shared, give an outcome with lanes, one compiled search for all.
+    turn and placement with the same lanes or shared, give an outcome with lanes, one compiled search for all. An
+    element whose data make no problem has the status "ill-posed", a path of NaN, and its reason in `result`.
     **Traces**: under `jit`, `vmap` and `grad` the same search runs on whole arrays, and the derivatives of its path in
     the boundary data and the limits are those of the solution (implicit function theorem), by whatever method it was
     found; infeasible problems are not looked into.
 
     **Raises:** ValueError for input that makes no problem, or in float32. A problem without a solution is no error:
-    its `status` is "infeasible" and its `result` says why and what would help.
+    its `status` is "infeasible" and its `result` says why and what would help. RuntimeError with `throw` where the
+    status of a problem is not "converged".
     """
     aim, motion = objective_of(objective), motion_of(motion)
     require_choices(start, end, limits, aim, motion, duration is not None)
@@ -118,20 +124,25 @@ def tune(
     aims = xp.concatenate([aims, xp.repeat(aims[-1:], size - count, axis=0)])
     tasks = Task(problem, aims, low, high, xp.ones(size))
     which = present(limits)
-    require_sound(jax.tree.map(lambda x: x[:count], problem) if batch else take(problem, 0), turn, limits)
+    given = take(problem, slice(0, count) if batch else 0)
+    if not (traced or batch):
+        require_sound(given, turn, limits)
+    faults = ill_posed(given, turn, limits)
     if traced:
         found = multistart.best_of(search, jax.lax.stop_gradient(tasks), which, starts)
-        return _outcome(tasks, limits, found, start, end, batch, placement)
+        outcome = _outcome(tasks, limits, found, start, end, batch, placement, faults)
+        return outcome.check() if throw else outcome
     own = jax.tree.map(lambda x: np.asarray(x)[:count], tasks)
-    found = multistart.best_of_each(search, own, which, starts, max_steps, progress)
+    tell = None if progress is None else throttled(progress)
+    found = multistart.best_of_each(search, own, which, starts, max_steps, tell)
     filled = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], size - count, axis=0)]), found)
-    outcome = _outcome(tasks, limits, filled, data[0], data[1], batch, placement)
+    outcome = _outcome(tasks, limits, filled, data[0], data[1], batch, placement, faults)
+    advisor = Advisor(own, which, limits, found, max_steps, bounds)
     if batch:
-        return outcome
-    words = at_the_wall(problem.names, np.asarray(found.z[0]), bounds)
-    if int(outcome.code) == INFEASIBLE:
-        words = " ".join(filter(None, [advice.advice(own, which, limits, found, max_steps, progress), words]))
-    return dataclasses.replace(outcome, advice=words)
+        outcome = dataclasses.replace(outcome, advisor=advisor, place=np.arange(count))
+    else:
+        outcome = dataclasses.replace(outcome, advice=advisor(0, int(outcome.code) == INFEASIBLE, tell))
+    return outcome.check() if throw else outcome
 
 
 def _posed(
@@ -226,8 +237,9 @@ def _outcome(
     end: BoundaryState,
     batch: tuple[int, ...],
     placement: Placement | None,
+    faults: Any,
 ) -> Tuned:
-    """The outcome, from a batch that may be filled up."""
+    """The outcome, from a batch that may be filled up; `faults` are the codes of what is ill-posed."""
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tasks))
     if traced:
         names, at = tuple(limits.given()), jax.lax.stop_gradient(found)
@@ -240,10 +252,19 @@ def _outcome(
     path, objective, first, last = jax.tree.map(own, reached)
     if placement is None:
         path = eqx.tree_at(lambda path: path.placement, path, None)
+    bad = faults != ResultCode.successful
+    if traced or np.any(bad):
+        path, objective, first, last = _without((path, objective, first, last), bad)
     certificate = certify(path, limits)
-    met = certificate.codes <= SAMPLED
-    code = _code(own(found.settled), own(found.violation), met)
+    code = _code(own(found.settled), own(found.violation), certificate.codes <= SAMPLED)
+    xp: Any = jnp if traced else np
+    code = xp.where(bad, faults, code).astype(np.int32)
     return Tuned(path, first, last, objective, certificate, code, own(found.steps))
+
+
+def _without(data: Any, bad: Any) -> Any:
+    """`data` with NaN in the elements that are bad."""
+    return jax.tree.map(lambda x: jnp.where(jnp.expand_dims(bad, range(bad.ndim, x.ndim)), jnp.nan, x), data)
 
 
 def _code(settled: Any, violation: Any, met: Any) -> Any:
