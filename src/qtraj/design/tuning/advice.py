@@ -1,12 +1,13 @@
 """What would help where limits cannot be met: which to relax, or which boundary number to move, and how far.
 
 The least excess is a smooth function of the boundary data, whose gradient is that of the rows weighed by their
-multipliers (envelope theorem). A move is taken along it, and named only once the limits are seen to be met there.
+multipliers (envelope theorem). A move is taken along it. Whatever is named as a help was solved, as `tune` does it, and
+its limits were met on the whole path.
 """
 
 import dataclasses
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -16,14 +17,15 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.limits import Limits
+from qtraj.design.proof.certify import certify
 from qtraj.design.tuning.box import at_the_wall
 from qtraj.design.tuning.constraints import values
 from qtraj.design.tuning.model import setting
-from qtraj.design.tuning.multistart import least_violation, take, without_objective
+from qtraj.design.tuning.multistart import best_of_each, least_violation, take, without_objective
 from qtraj.design.tuning.peaks import ABSENT
 from qtraj.design.tuning.problem import Problem
 from qtraj.design.tuning.search import Found
-from qtraj.design.tuning.sqp import FEASIBLE
+from qtraj.design.tuning.sqp import FEASIBLE, SequentialQuadratic
 from qtraj.design.tuning.task import AIM, Present, Task
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.progress import Report
@@ -34,10 +36,10 @@ from qtraj.path.quantity import quantity
 RELAXED = 1e6
 """A limit times this limits nothing."""
 
-MARGIN = 1.0001
-"""A limit raised to the least peak is raised so much more, that it can be met."""
+MARGINS = (1.0001, 1.01, 1.1)
+"""A limit raised to the least peak is raised so much more, until it is seen to be met."""
 
-MOVES, TRIED, OVERSHOT = 10, 2, 1.3
+MOVES, TRIED, OVERSHOT = 5, 2, 1.3
 """Steps of one number, numbers tried, and how much farther than the tangent says a step goes."""
 
 FARTHEST = 3.0
@@ -66,48 +68,36 @@ class Advisor:
     """Advice on the problems of a batch, worked out once for each that is asked about."""
 
     def __init__(
-        self, tasks: Task, which: Present, limits: Limits, found: Found, most_steps: int, bounded: Collection[str]
+        self,
+        tasks: Task,
+        which: Present,
+        limits: Limits,
+        found: Found,
+        starts: int,
+        most_steps: int,
+        bounded: Collection[str],
     ):
-        self._given = tasks, which, limits, found, most_steps
+        self._given = tasks, limits, found
+        self._search = which, starts, most_steps
         self._bounded = bounded
         self._known: dict[int, str] = {}
 
     def __call__(self, place: int, infeasible: bool, tell: Report | None = None) -> str:
         """What to do about one problem: what would help where it is `infeasible`, and which variable went too far."""
         if place not in self._known:
-            tasks, which, limits, found, most_steps = self._given
+            tasks, limits, found = self._given
             one, at = take(tasks, slice(place, place + 1)), take(found, slice(place, place + 1))
-            words = [advice(one, which, limits, at, most_steps, tell)] if infeasible else []
+            words = [advice(one, limits, at, _Search(*self._search, tell))] if infeasible else []
             words.append(at_the_wall(tasks.problem.names, np.asarray(at.z[0]), self._bounded))
             self._known[place] = " ".join(filter(None, words))
         return self._known[place]
-
-
-def advice(tasks: Task, which: Present, limits: Limits, found: Found, most_steps: int, tell: Report | None) -> str:
-    """What to do about the limits of one problem (a batch of one), from where it violates them least."""
-    tasks = without_objective(tasks)
-    # As the search sees them: a limit that is next to nothing counts as more.
-    given = dict(zip(limits.given(), np.asarray(tasks.limits, float)[0] / AIM, strict=False))
-    search = _Search(which, most_steps, tell)
-    worst = dict(zip(given, _ratios(found)[0], strict=False))
-    violated = [name for name, ratio in worst.items() if ratio > 1 + FEASIBLE]
-    alone = worst
-    if len(given) > 1:
-        alone = {name: _least_alone(tasks, found, [*given].index(name), search) for name in violated}
-    lines = [_verdict(name, alone[name], given[name]) for name in violated]
-    raised = [f"{name} to {with_unit(MARGIN * worst[name] * given[name], quantity(name).unit)}" for name in violated]
-    remedies = ["raise " + " and ".join(raised), *_move(tasks, found, search)]
-    if tasks.problem.motion.is_uniform:
-        remedies.append("take motion 'hermite', whose angle need not turn uniformly")
-    if tasks.problem.objective.holds_duration:
-        remedies.append("give a longer duration, which this objective holds fixed")
-    return " ".join([*lines, "What would help: " + "; or ".join(remedies) + "."])
 
 
 class _Search(NamedTuple):
     """What all searches of one piece of advice share."""
 
     which: Present
+    starts: int
     most_steps: int
     tell: Report | None
 
@@ -115,13 +105,67 @@ class _Search(NamedTuple):
         """The least violation from where another search ended."""
         return least_violation(tasks, self.which, found, self.most_steps, self.tell)
 
+    def solved(self, tasks: Task) -> Found:
+        """The best of searches from all starts, as `tune` does it."""
+        method = SequentialQuadratic(self.most_steps)
+        return best_of_each(method, tasks, self.which, self.starts, self.most_steps, self.tell)
+
+    def can_be_met(self, tasks: Task, names: Sequence[str]) -> bool:
+        """Whether `tune` meets the limits of one problem (a batch of one), on the whole path."""
+        found = self.solved(tasks)
+        if float(found.violation[0]) > FEASIBLE:
+            return False
+        path = _path(take(tasks.problem, 0), jnp.asarray(found.z[0]))
+        limits = dict(zip(names, np.asarray(tasks.limits, float)[0] / AIM, strict=False))
+        return certify(path, Limits(**limits)).met
+
+
+_path = eqx.filter_jit(lambda problem, z: problem.path(z))
+
+
+def advice(tasks: Task, limits: Limits, found: Found, search: _Search) -> str:
+    """What to do about the limits of one problem (a batch of one), from where it violates them least."""
+    tasks = without_objective(tasks)
+    # As the search sees them: a limit that is next to nothing counts as more.
+    given = dict(zip(limits.given(), np.asarray(tasks.limits, float)[0] / AIM, strict=False))
+    worst = dict(zip(given, _ratios(found)[0], strict=False))
+    violated = [name for name, ratio in worst.items() if ratio > 1 + FEASIBLE]
+    alone = worst
+    if len(given) > 1:
+        alone = {name: _least_alone(tasks, [*given].index(name), search) for name in violated}
+    lines = [_verdict(name, alone[name], given[name]) for name in violated]
+    remedies = [*_raise(tasks, given, worst, violated, search), *_move(tasks, given, found, search)]
+    untried = []
+    if tasks.problem.motion.is_uniform:
+        untried.append("motion 'hermite', whose angle need not turn uniformly")
+    if tasks.problem.objective.holds_duration:
+        untried.append("a longer duration, which this objective holds fixed")
+    if remedies:
+        lines.append("What would help: " + "; or ".join(remedies) + " (there the limits can be met).")
+    if untried:
+        lines.append("What may help: " + "; or ".join(untried) + ".")
+    return " ".join(lines)
+
 
 def _verdict(name: str, alone: float, limit: float) -> str:
     if alone > 1 + FEASIBLE:
-        return f"{name} cannot be met between these positions: even alone the least peak found is " + (
-            f"{with_unit(alone * limit, quantity(name).unit)}."
+        return (
+            f"{name} was not met even alone: the least peak found is {with_unit(alone * limit, quantity(name).unit)}."
         )
     return f"{name} can be met alone, but not with the others."
+
+
+def _raise(
+    tasks: Task, given: dict[str, float], worst: dict[str, float], violated: list[str], search: _Search
+) -> list[str]:
+    """To what the violated limits may be raised, in words; nothing where no such limits were seen to be met."""
+    for margin in MARGINS:
+        raised = {name: margin * worst[name] * given[name] for name in violated}
+        new = np.array(tasks.limits, float)
+        new[0, : len(given)] = [AIM * raised.get(name, limit) for name, limit in given.items()]
+        if search.can_be_met(dataclasses.replace(tasks, limits=new), [*given]):
+            return ["raise " + " and ".join(f"{k} to {with_unit(x, quantity(k).unit)}" for k, x in raised.items())]
+    return []
 
 
 def _ratios(found: Found) -> Float[np.ndarray, "batch slots"]:
@@ -129,39 +173,40 @@ def _ratios(found: Found) -> Float[np.ndarray, "batch slots"]:
     return np.sqrt(np.maximum(1 + 2 * np.max(np.asarray(found.values), axis=2), 0.0))
 
 
-def _least_alone(tasks: Task, found: Found, slot: int, search: _Search) -> float:
+def _least_alone(tasks: Task, slot: int, search: _Search) -> float:
     """The least peak of one quantity over its limit, found with every other limit relaxed."""
     others = np.arange(tasks.limits.shape[1]) != slot
     relaxed = np.where(others, RELAXED * np.asarray(tasks.limits), tasks.limits)
-    ended = search.least(dataclasses.replace(tasks, limits=relaxed), found)
+    ended = search.solved(dataclasses.replace(tasks, limits=relaxed))
     return math.sqrt(1 + 2 * float(ended.violation[0]))
 
 
-def _move(tasks: Task, found: Found, search: _Search) -> list[str]:
+def _move(tasks: Task, given: dict[str, float], found: Found, search: _Search) -> list[str]:
     """The move of one boundary number that helps, in words; the one that is moved least, of those that do."""
     steps = _tangents(tasks, found, search.which)
     for k in sorted(range(len(NUMBERS)), key=lambda k: abs(steps[k][1]))[:TRIED]:
-        moved = _moved_until_met(tasks, found, k, search)
+        moved = _moved_until_met(tasks, given, found, k, search)
         if moved is not None:
             number = NUMBERS[k]
             before = float(_value(take(tasks.problem, 0), number))
-            return [f"move {number.text} from {before:.4g} to {moved:.4g} {number.unit} (there the limits can be met)"]
+            return [f"move {number.text} from {before:.4g} to {moved:.4g} {number.unit}"]
     return []
 
 
-def _moved_until_met(tasks: Task, found: Found, k: int, search: _Search) -> float | None:
+def _moved_until_met(tasks: Task, given: dict[str, float], found: Found, k: int, search: _Search) -> float | None:
     number, problem = NUMBERS[k], take(tasks.problem, 0)
     first, size = float(_value(problem, number)), _size(problem, number)
     for _ in range(MOVES):
         step, relative = _tangents(tasks, found, search.which)[k]
-        value = float(_value(take(tasks.problem, 0), number)) + OVERSHOT * step
+        # As many digits as are told.
+        value = float(f"{float(_value(take(tasks.problem, 0), number)) + OVERSHOT * step:.4g}")
         through_zero = number.field != "height" and value * first <= 0
         if not math.isfinite(relative) or abs(value - first) > FARTHEST * size or through_zero:
             return None
         tasks = eqx.tree_at(lambda t: t.problem, tasks, _with(tasks.problem, number, as_float([value])))
         there = _values_there(take(tasks, 0), search.which, take(found, 0))
         found = search.least(tasks, found._replace(violation=np.maximum(np.max(there), 0.0)[None]))
-        if float(found.violation[0]) <= FEASIBLE:
+        if float(found.violation[0]) <= FEASIBLE and search.can_be_met(tasks, [*given]):
             return value
     return None
 

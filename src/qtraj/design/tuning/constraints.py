@@ -59,15 +59,16 @@ LEVEL = ("H", "G")
 """Invariants of the horizontal parts."""
 
 
-def _slowness(i: Any) -> Any:
-    return -1 * i.S
+HINTS = ("S", "N")
+"""Where these invariants are least, quantities that divide by them may rise to a needle between the nodes."""
 
 
-def _group(order: int, products: dict[str, tuple[str, str]], entries: Sequence[PathQuantity], *more: Any) -> Group:
+def _group(order: int, products: dict[str, tuple[str, str]], entries: Sequence[PathQuantity], *more: str) -> Group:
     tables = [monomials.table(entry, tuple(products)) for entry in entries]
-    slowest = Table(-np.ones(1), np.eye(len(products))[:1])
-    table = monomials.stacked([*tables, *([slowest] if more else [])])
-    members = (*(entry.squared for entry in entries), *more)
+    table = monomials.stacked(
+        [*tables, *(Table(-np.ones(1), np.eye(len(products))[[tuple(products).index(x)]]) for x in more)]
+    )
+    members = (*(entry.squared for entry in entries), *(lambda i, x=x: -1 * getattr(i, x) for x in more))
     return Group(order, members, products, table, any(entry.upright for entry in entries))
 
 
@@ -89,18 +90,22 @@ _FURTHER = {
     "P1": ("c1", "up"),
 }
 GROUPS = (
-    _group(2, {**_BOTH, "A": ("r2", "r2")}, _ENTRIES[0], _slowness),
+    _group(2, {**_BOTH, "A": ("r2", "r2")}, _ENTRIES[0], *HINTS),
     _group(4, {**_BOTH, **_FURTHER}, _ENTRIES[1]),
 )
 """What most roads are limited by, and everything else."""
 
-SLOWEST = len(QUANTITIES)
-"""The place after the last limit: minus the square of the speed, whose peak is where a path is slowest."""
+FIRST_HINT = len(QUANTITIES)
+"""The places after the last limit: minus the invariants of `HINTS`, whose peaks are where these are least."""
+
+HINT = np.asarray([int(entry.divisor == "cross_norm") for entry in QUANTITIES.values()], np.int32)
+"""Of each quantity the hint that concerns it."""
 
 _PLACES = [_place(entry) for entry in QUANTITIES.values()]
-GROUP = np.asarray([*_PLACES, 0], np.int32)
-MEMBER = np.asarray([*(_PLACES[:k].count(g) for k, g in enumerate(_PLACES)), len(_ENTRIES[0])], np.int32)
-PER_TIME = np.asarray([*(entry.per_time for entry in QUANTITIES.values()), 0], np.int32)
+_BEHIND = range(len(_ENTRIES[0]), len(_ENTRIES[0]) + len(HINTS))
+GROUP = np.asarray([*_PLACES, *[0] * len(HINTS)], np.int32)
+MEMBER = np.asarray([*(_PLACES[:k].count(g) for k, g in enumerate(_PLACES)), *_BEHIND], np.int32)
+PER_TIME = np.asarray([*(entry.per_time for entry in QUANTITIES.values()), *[0] * len(HINTS)], np.int32)
 
 
 def values(setting: Setting, index: Int[Array, ""], limit: Scalar, u: Places) -> Places:

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from qtraj.design.tuning.constraints import SLOWEST, Setting, values
+from qtraj.design.tuning.constraints import FIRST_HINT, HINT, HINTS, Setting, values
 from qtraj.design.tuning.task import SLOTS, Present
 from qtraj.foundation.least import least
-from qtraj.foundation.types import Scalar
+from qtraj.foundation.types import Flag, Scalar
 
 NODES = 65
 """Times at which peaks are sought."""
@@ -19,7 +19,7 @@ PICKED = 4
 """Of the highest inner local maxima so many are refined."""
 
 ALWAYS = 3
-"""Peaks that are always sought: where the path is slowest, and next to both ends."""
+"""Peaks that are always sought: where the path is slowest or straightest, and next to both ends."""
 
 PEAKS = PICKED + ALWAYS
 
@@ -29,8 +29,11 @@ REACH = 1 / (NODES - 1)
 OFFSETS = 9
 """Places about a peak at which one round of refinement looks: for all peaks together nearly as many as nodes."""
 
-ROUNDS = (1.0, 1 / 16)
+ROUNDS = (1.0, 1 / 16, 1 / 256)
 """The halves of the intervals of the rounds, in reaches; a parabola through the three highest places ends each."""
+
+OF_LIMITS, OF_HINTS = 2, 3
+"""Rounds for the peaks of a limit, and for hints: a needle of a quantity is as narrow as its divisor is small."""
 
 SAME = 1e-5
 """Peaks nearer to each other are one; a fraction of the duration."""
@@ -62,17 +65,26 @@ def none(dtype: Any) -> Peaks:
 def find_peaks(setting: Setting, which: Present, limits: Float[Array, " slots"]) -> Peaks:
     """The peaks and ends of all constraints that are present."""
 
-    def of_slot(slot: Int[Array, ""], found: tuple[Peaks, Scalar]) -> tuple[Peaks, Scalar]:
-        peaks, slowest = found
-        place = jnp.maximum(slot, 0)
-        # First of all where the path is slowest: there a curvature may rise to a needle between the nodes.
-        index = jnp.where(slot < 0, SLOWEST, jnp.asarray(which.index)[place])
-        own = _peaks(setting, index, limits[place], slowest)
-        whole = jax.tree.map(lambda x, one: x.at[place].set(one), peaks, own)
-        return whole, jnp.where(slot < 0, own.time[0], slowest)
+    given, hints = jnp.asarray(which.index), jnp.asarray(HINT)
+    here = jnp.arange(len(HINTS), dtype=jnp.int32)
 
-    start = jax.tree.map(jnp.asarray, none(limits.dtype)), jnp.full((), 0.5, limits.dtype)
-    peaks, _ = jax.lax.fori_loop(-1, jnp.asarray(which.count), of_slot, start)
+    def of_slot(slot: Int[Array, ""], found: tuple[Peaks, Array]) -> tuple[Peaks, Array]:
+        peaks, least_at = found
+        # First of all, at slots below zero, where the path is slowest and where it is straightest.
+        place, hint = jnp.maximum(slot, 0), -1 - slot
+        index = jnp.where(slot < 0, FIRST_HINT + hint, given[place])
+        at = jnp.sum(jnp.where(here == hints[given[place]], least_at, 0.0))
+        rounds = jnp.where(slot < 0, OF_HINTS, OF_LIMITS)
+        own = _peaks(setting, index, limits[place], at, rounds)
+        whole = jax.tree.map(lambda x, one: x.at[place].set(one), peaks, own)
+        highest = least(jnp.where(own.present, -own.value, jnp.inf))[1]
+        return whole, jnp.where(here == hint, own.time[highest], least_at)
+
+    # Where it is straightest matters to few quantities.
+    slots = jnp.arange(given.shape[0], dtype=jnp.int32)
+    first = -1 - jnp.max(jnp.where(slots < which.count, hints[given], 0))
+    start = jax.tree.map(jnp.asarray, none(limits.dtype)), jnp.full(len(HINTS), 0.5, limits.dtype)
+    peaks, _ = jax.lax.fori_loop(first, jnp.asarray(which.count), of_slot, start)
     return peaks
 
 
@@ -94,12 +106,13 @@ class _Round(NamedTuple):
     value: Float[Array, " k"]
 
 
-def _peaks(setting: Setting, index: Int[Array, ""], limit: Scalar, slowest: Scalar) -> Peaks:
+def _peaks(setting: Setting, index: Int[Array, ""], limit: Scalar, hint: Scalar, rounds: Int[Array, ""]) -> Peaks:
     dtype = limit.dtype
     nodes = jnp.linspace(0.0, 1.0, NODES, dtype=dtype)
     offsets = jnp.linspace(-1.0, 1.0, OFFSETS, dtype=dtype)[:, None]
-    ends = jnp.stack([slowest, jnp.zeros((), dtype), jnp.ones((), dtype)])
-    halves = REACH * jnp.asarray([*ROUNDS, 0.0, 0.0], dtype)
+    is_hint = rounds > OF_LIMITS
+    ends = jnp.stack([hint, jnp.zeros((), dtype), jnp.ones((), dtype)])
+    halves = REACH * jnp.asarray([*ROUNDS, 0.0], dtype)
 
     def look(k: Int[Array, ""], now: _Round) -> _Round:
         g = values(setting, index, limit, now.places)
@@ -110,22 +123,25 @@ def _peaks(setting: Setting, index: Int[Array, ""], limit: Scalar, slowest: Scal
 
         def refine() -> tuple[Array, Array]:
             at, seen = (x[: OFFSETS * PEAKS].reshape(OFFSETS, PEAKS) for x in (now.places, g))
-            return jnp.where(k > len(ROUNDS), now.time, _top_of_parabola(at, seen)), now.present
+            return jnp.where(k > rounds, now.time, _top_of_parabola(at, seen, is_hint)), now.present
 
         time, present = jax.lax.cond(k == 0, choose, refine)
-        around = jnp.clip(time[None] + halves[k] * offsets, 0.0, 1.0).reshape(-1)
-        middle = OFFSETS // 2 * PEAKS
+        half = jnp.where(k < rounds, halves[k], 0.0)
+        # About the time itself, where a needle may stand; the least of a divisor may lie close to an end.
+        middle = jnp.where(is_hint, jnp.clip(time, half, 1 - half), time)
+        around = jnp.clip(middle[None] + half * offsets, 0.0, 1.0).reshape(-1)
+        centre = OFFSETS // 2 * PEAKS
         return _Round(
             jnp.concatenate([around, nodes[OFFSETS * PEAKS :]]),
             jnp.where(k == 0, time, now.start),
             time,
             present,
-            g[middle : middle + PEAKS],
+            g[centre : centre + PEAKS],
         )
 
     nothing = jnp.zeros(PEAKS, dtype)
     begun = _Round(nodes, nothing, nothing, jnp.zeros(PEAKS, bool), nothing)
-    end = jax.lax.fori_loop(0, len(ROUNDS) + 2, look, begun)
+    end = jax.lax.fori_loop(0, rounds + 2, look, begun)
     low, high = jnp.maximum(end.start - REACH, 0.0), jnp.minimum(end.start + REACH, 1.0)
     moving = (end.time > low) & (end.time < high)
     present = end.present & ~_repeated(end.time, end.present)
@@ -148,8 +164,11 @@ def _highest_nodes(g: Float[Array, " nodes"]) -> tuple[Float[Array, " picked"], 
     return jax.lax.scan(pick, heights, None, length=PICKED)[1]
 
 
-def _top_of_parabola(at: Float[Array, "offsets k"], seen: Float[Array, "offsets k"]) -> Float[Array, " k"]:
-    """The top of the parabola about the highest place, or the place next to that where it is the first or the last."""
+def _top_of_parabola(at: Float[Array, "offsets k"], seen: Float[Array, "offsets k"], hint: Flag) -> Float[Array, " k"]:
+    """The top of the parabola about the highest place; where that is the first or the last, the place itself.
+
+    Of a hint, which is smooth, the parabola tells even there.
+    """
     known = jnp.where(seen < TOO_MUCH, seen, TOO_MUCH)  # NaN too
     best = jnp.argmax(known, axis=0)
     inner = jnp.clip(best, 1, OFFSETS - 2)
@@ -163,7 +182,7 @@ def _top_of_parabola(at: Float[Array, "offsets k"], seen: Float[Array, "offsets 
     fall = 2 * middle - low - high
     top = centre + jnp.where(fall > 0, 0.25 * (right - left) * (high - low) / jnp.where(fall > 0, fall, 1.0), 0.0)
     edge = jnp.where(best == 0, left, right)
-    return jnp.where(best == inner, jnp.clip(top, left, right), edge)
+    return jnp.where((best == inner) | (hint & (fall > 0)), jnp.clip(top, left, right), edge)
 
 
 def _repeated(times: Array, present: Array) -> Array:

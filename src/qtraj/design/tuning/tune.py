@@ -137,7 +137,7 @@ def tune(
     found = multistart.best_of_each(search, own, which, starts, max_steps, tell)
     filled = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], size - count, axis=0)]), found)
     outcome = _outcome(tasks, limits, filled, data[0], data[1], batch, placement, faults)
-    advisor = Advisor(own, which, limits, found, max_steps, bounds)
+    advisor = Advisor(own, which, limits, found, starts, max_steps, bounds)
     if batch:
         outcome = dataclasses.replace(outcome, advisor=advisor, place=np.arange(count))
     else:

@@ -54,7 +54,10 @@ def not_converged(findings: Sequence[Finding], steps: int) -> str:
 def infeasible(findings: Sequence[Finding], steps: int) -> str:
     """What to say where no boundary velocities were found that meet the limits."""
     unmet = "; ".join(f"{found.name} is {found.text}" for found in findings if not found.met)
-    return f"infeasible: no boundary velocities were found that meet the limits. The path breaks them least: {unmet}."
+    return (
+        "infeasible: no boundary velocities were found that meet the limits. Of the paths found this one breaks them "
+        f"least: {unmet}."
+    )
 
 
 def remark(radius: Float[np.ndarray, " n"], duration: float) -> str:
