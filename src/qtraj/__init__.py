@@ -63,6 +63,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to 
     from qtraj.motion.simulation.simulate import simulate as simulate
     from qtraj.motion.simulation.solution import Solution as Solution
     from qtraj.path.boundary import BoundaryState as BoundaryState
+    from qtraj.path.boundary_problem import axis_between as axis_between
     from qtraj.path.hodograph import AbstractHodograph as AbstractHodograph, Curve as Curve
     from qtraj.path.placement import Placement as Placement
     from qtraj.path.residual import Residual as Residual
@@ -115,6 +116,7 @@ _HOMES = {
     "qtraj.motion.simulation.simulate": ("simulate",),
     "qtraj.motion.simulation.solution": ("Solution",),
     "qtraj.path.boundary": ("BoundaryState",),
+    "qtraj.path.boundary_problem": ("axis_between",),
     "qtraj.path.hodograph": ("AbstractHodograph", "Curve"),
     "qtraj.path.placement": ("Placement",),
     "qtraj.path.residual": ("Residual",),

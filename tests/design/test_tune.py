@@ -153,6 +153,23 @@ def test_a_placement_changes_nothing_but_the_place():
     assert best.objective == pytest.approx(float(qt.tune(START, END, LIMITS).objective), rel=1e-6)
 
 
+FAR = jnp.asarray([414_000.0, 4_874_000.0, 0.0])
+
+
+def test_an_axis_far_away_is_not_taken_by_itself():
+    """States in UTM coordinates: the world's z axis is 4900 km away."""
+    start, end = (qt.BoundaryState(state.position + FAR, state.velocity) for state in (START, END))
+    with pytest.raises(
+        ValueError, match=r"m away from the world's z axis.* origin = \[414002\.604, 4874002\.485, 0\.0\]"
+    ):
+        qt.tune(start, end, LIMITS)
+    best = qt.tune(start, end, LIMITS, placement=qt.axis_between(start, end))
+    near = qt.tune(START, END, LIMITS, placement=qt.axis_between(START, END))
+    assert best.objective == pytest.approx(float(near.objective), rel=1e-6)
+    both = jax.tree.map(lambda *x: jnp.stack(x), START, start), jax.tree.map(lambda *x: jnp.stack(x), END, end)
+    assert qt.tune(*both, LIMITS).code.tolist() == [qt.ResultCode.successful, qt.ResultCode.axis_far_away]
+
+
 def test_progress_is_told():
     told = []
     qt.tune(START, END, LIMITS, progress=told.append)

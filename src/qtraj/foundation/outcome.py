@@ -138,6 +138,11 @@ class ResultCode(enum.IntEnum):
         "turns.",
     )
     limit_not_positive = ILL_POSED + 9, "every limit must be positive and finite."
+    axis_far_away = (
+        ILL_POSED + 11,
+        "no placement was given, and the world's z axis is over a hundred times as far away as the states are apart. "
+        "Give a placement, such as axis_between(start, end).",
+    )
     state_not_finite = ILL_POSED + 10, "a boundary position, a velocity or the placement is NaN or infinite."
 
 

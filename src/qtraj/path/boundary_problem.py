@@ -99,7 +99,12 @@ def _rows(state: Cylindrical) -> tuple[Coefficients, Coefficients, Coefficients]
 
 
 def axis_between(start: BoundaryState, end: BoundaryState) -> Placement:
-    """The vertical axis through the point where the horizontal normals of the two velocities meet."""
+    """The vertical axis through the point where the horizontal normals of the two velocities meet, as a placement.
+
+    About it, V_ρ is zero at both ends.
+
+    **Raises:** ValueError where the horizontal velocities are parallel or zero, so that no such axis exists.
+    """
     middle = (start.position + end.position)[:2] / 2
     va, vb = start.velocity[:2], end.velocity[:2]
     # (p − p_A)·v_A = 0 and (p − p_B)·v_B = 0, about the middle so that large coordinates keep their digits.

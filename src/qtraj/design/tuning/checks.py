@@ -18,11 +18,15 @@ from qtraj.design.tuning.problem import Problem
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import Scalar
-from qtraj.path.boundary import BoundaryState
+from qtraj.path.boundary import BoundaryState, Cylindrical
+from qtraj.path.boundary_problem import axis_between
 from qtraj.path.quantity import QUANTITIES, quantity
 
 BOUNDING = tuple(name for name, entry in QUANTITIES.items() if entry.per_time > 0 and entry.bounds_speed)
 """Limits of which a fastest path needs one, not to arrive at once."""
+
+FAR = 100.0
+"""Without a placement, an axis that is so many distances of the states away was hardly meant."""
 
 TURN_TOLERANCE = 1e-6
 """[rad] A given turn may miss the azimuth of the end by this much."""
@@ -65,35 +69,39 @@ class _Data(NamedTuple):
     problem: Problem
     turn: Any
     limits: dict[str, Any]
+    placed: bool
     xp: Any
 
 
-def ill_posed(problem: Problem, turn: Scalar | None, limits: Limits) -> Int[Array | np.ndarray, "*batch"]:
-    """The code of what is wrong with each problem, or `successful`; it can be traced. `turn` is the given one."""
-    data = _data(problem, turn, limits)
+def ill_posed(problem: Problem, turn: Scalar | None, limits: Limits, placed: bool) -> Int[Array | np.ndarray, "*batch"]:
+    """The code of what is wrong with each problem, or `successful`; it can be traced.
+
+    `turn` is the given one, and `placed` tells whether a placement was given.
+    """
+    data = _data(problem, turn, limits, placed)
     code = data.xp.full(data.problem.speed.shape, ResultCode.successful, np.int32)
     for fault in reversed(FAULTS):
         code = data.xp.where(fault.found(data), fault.code, code)
     return code
 
 
-def require_sound(problem: Problem, turn: Scalar | None, limits: Limits) -> None:
-    """Raise a ValueError where the data of one problem, which must be known, make none; `turn` is the given one."""
-    data = _data(problem, turn, limits)
+def require_sound(problem: Problem, turn: Scalar | None, limits: Limits, placed: bool) -> None:
+    """Raise a ValueError where the data of one problem, which must be known, make none; see `ill_posed`."""
+    data = _data(problem, turn, limits, placed)
     for fault in FAULTS:
         if np.any(fault.found(data)):
             raise ValueError(fault.message(data))
 
 
-def _data(problem: Problem, turn: Scalar | None, limits: Limits) -> _Data:
+def _data(problem: Problem, turn: Scalar | None, limits: Limits, placed: bool) -> _Data:
     parts = (problem.start, problem.end, problem.duration, problem.speed, problem.scale, problem.turn)
     given = limits.given()
     if any(concrete(leaf) is None for leaf in jax.tree.leaves((parts, turn, given))):
-        return _Data(problem, turn, given, jnp)
+        return _Data(problem, turn, given, placed, jnp)
     problem, turn, given = jax.tree.map(
         lambda x: np.asarray(x) if isinstance(x, jax.Array) else x, (problem, turn, given)
     )
-    return _Data(problem, turn, given, np)
+    return _Data(problem, turn, given, placed, np)
 
 
 def _positive(x: Any, xp: Any) -> Any:
@@ -123,6 +131,12 @@ def _not_finite(data: _Data) -> Any:
     return ~good
 
 
+def _far(data: _Data) -> Any:
+    a, b = data.problem.start, data.problem.end
+    apart = data.xp.sqrt(data.xp.sum((b.planar - a.planar) ** 2, axis=-1))
+    return (data.xp.minimum(a.radius, b.radius) > FAR * apart) & (not data.placed) & (apart > 0)
+
+
 def _senses_oppose(data: _Data) -> Any:
     first, last = _rates(data)
     xp = data.xp
@@ -138,6 +152,30 @@ def _turn_missed(data: _Data) -> Any:
 def _say_limit(data: _Data) -> str:
     name, limit = next((name, x) for name, x in data.limits.items() if not np.all(_positive(x, np)))
     return f"the limit {name} must be positive and finite [{quantity(name).label}], but {limit.tolist()} was given"
+
+
+def _say_far(data: _Data) -> str:
+    states = [_in_world(state) for state in (data.problem.start, data.problem.end)]
+    apart = np.linalg.norm(np.asarray(states[1].position - states[0].position)[:2])
+    message = (
+        f"the states are {apart:.4g} m apart, but {data.problem.start.radius:.6g} m away from the world's z axis, "
+        "about which the path turns unless a placement is given (Placement() where that is meant)"
+    )
+    try:
+        x, y, _ = np.asarray(axis_between(*states).origin)
+    except ValueError:
+        return f"{message}: give one (in a scenario a table [placement])"
+    return (
+        f"{message}: give one, such as axis_between(start, end), where the normals of the velocities meet, or in a "
+        f"scenario a table [placement] with origin = [{x:.3f}, {y:.3f}, 0.0]"
+    )
+
+
+def _in_world(state: Cylindrical) -> BoundaryState:
+    """A state about the world's z axis in world axes."""
+    (cos, sin), (along, across, up) = state.planar[:2] / state.radius, state.velocity
+    velocity = [along * cos - across * sin, along * sin + across * cos, up]
+    return BoundaryState([*state.planar[:2], state.height], velocity)
 
 
 def _say_senses(data: _Data) -> str:
@@ -170,6 +208,7 @@ FAULTS = (
         lambda d: (d.problem.start.radius == 0) | (d.problem.end.radius == 0),
         lambda _: "a boundary position lies on the axis (radius 0): give a placement whose axis lies elsewhere",
     ),
+    _Fault(ResultCode.axis_far_away, _far, _say_far),
     _Fault(
         ResultCode.sense_unknown,
         lambda d: (d.problem.start.velocity[..., 1] == 0) & (d.turn is None),

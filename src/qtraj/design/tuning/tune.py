@@ -71,7 +71,8 @@ def tune(
     components and, unless the objective is "smoothest", the duration. `duration` [s]: T₀ of "hermite", and the held
     duration of "smoothest"; by default the turn over the rate of the given states, whose V_φ/ρ need not agree. The
     turn has the sense of V_φ at the start, a magnitude in (0, 2π), and `turns` whole turns besides; where it is known,
-    `turn` [rad, signed] gives it instead.
+    `turn` [rad, signed] gives it instead. The axis is the z axis of `placement`, by default the world's: give one where
+    the states are far from that, such as `axis_between(start, end)`.
 
     The variables have names: "start.V_rho", "start.V_phi", "start.V_h", the same of "end" [m/s, about the axis], and
     "duration" [s]; uniform motion has no V_phi, which follows from the duration. `fixed` names those that keep their
@@ -126,8 +127,8 @@ def tune(
     which = present(limits)
     given = take(problem, slice(0, count) if batch else 0)
     if not (traced or batch):
-        require_sound(given, turn, limits)
-    faults = ill_posed(given, turn, limits)
+        require_sound(given, turn, limits, placement is not None)
+    faults = ill_posed(given, turn, limits, placement is not None)
     if traced:
         found = multistart.best_of(search, jax.lax.stop_gradient(tasks), which, starts)
         outcome = _outcome(tasks, limits, found, start, end, batch, placement, faults)
