@@ -66,6 +66,26 @@ def test_a_certificate_says_what_its_findings_come_to(many):
         many.certificate.check()
 
 
+def test_a_limit_missed_by_a_hair_says_by_how_much():
+    path = tuned().path
+    _, peak, _ = qt.certify(path, LIMITS).worst["curvature"]
+    hair = qt.certify(path, qt.Limits(curvature=peak * (1 - 2e-9)))
+    assert hair.status == {"curvature": "broken"}
+    assert "(larger by 2.0e-09 of it)" in hair.result
+    assert "larger by" not in qt.certify(path, qt.Limits(curvature=0.9 * peak)).result
+
+
+def test_a_stop_is_named_where_a_limit_divides_by_the_speed():
+    start, end = (
+        qt.BoundaryState([12.0, 0.0, 0.0], [0.0, 5.0, 0.0]),
+        qt.BoundaryState([0.0, 12.0, 1.5], [0.0, 0.0, 0.0]),
+    )
+    best = qt.tune(start, end, qt.Limits(curvature=0.1), motion="hermite", duration=4.0, starts=1)
+    assert not best.converged
+    assert "The given end stands still, where curvature may grow without bound" in best.result
+    assert "max_steps" not in best.result
+
+
 @pytest.mark.parametrize(("old", "code"), [(0, "successful"), (1, "infeasible"), (2, "not_converged")])
 def test_older_files_keep_their_meaning(tmp_path, old, code):
     file = tmp_path / "tuned.toml"

@@ -62,8 +62,11 @@ class Finding(NamedTuple):
     def text(self) -> str:
         """The largest value against the limit."""
         if math.isnan(self.value):
-            return f"it does not exist at t = {self.time:.4g} s, where the path stops or straightens"
-        return f"{self.value:.6g} of {with_unit(self.limit, quantity(self.name).unit)} at t = {self.time:.4g} s"
+            return f"without a value at t = {self.time:.4g} s, where the path stops or straightens"
+        texts = f"{self.value:.6g}", with_unit(self.limit, quantity(self.name).unit)
+        told = not self.met and self.value > self.limit and f"{self.limit:.6g}" == texts[0]
+        beyond = f" (larger by {self.value / self.limit - 1:.1e} of it)" if told else ""
+        return f"{texts[0]} of {texts[1]}{beyond} at t = {self.time:.4g} s"
 
 
 @storable

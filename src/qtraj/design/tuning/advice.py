@@ -28,6 +28,7 @@ from qtraj.design.tuning.search import Found
 from qtraj.design.tuning.sqp import FEASIBLE, SequentialQuadratic
 from qtraj.design.tuning.task import AIM, Present, Task
 from qtraj.foundation.arrays import as_float
+from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress import Report
 from qtraj.foundation.types import Scalar
 from qtraj.foundation.units import with_unit
@@ -82,15 +83,37 @@ class Advisor:
         self._bounded = bounded
         self._known: dict[int, str] = {}
 
-    def __call__(self, place: int, infeasible: bool, tell: Report | None = None) -> str:
-        """What to do about one problem: what would help where it is `infeasible`, and which variable went too far."""
+    def __call__(self, place: int, code: ResultCode, tell: Report | None = None) -> str:
+        """What to do about one problem that ended so: what would help, and which variable went too far."""
         if place not in self._known:
-            tasks, limits, found = self._given
-            one, at = take(tasks, slice(place, place + 1)), take(found, slice(place, place + 1))
-            words = [advice(one, limits, at, _Search(*self._search, tell))] if infeasible else []
-            words.append(at_the_wall(tasks.problem.names, np.asarray(at.z[0]), self._bounded))
-            self._known[place] = " ".join(filter(None, words))
+            self._known[place] = " ".join(filter(None, self._words(place, code, tell)))
         return self._known[place]
+
+    def _words(self, place: int, code: ResultCode, tell: Report | None) -> list[str]:
+        tasks, limits, found = self._given
+        one, at = take(tasks, slice(place, place + 1)), take(found, slice(place, place + 1))
+        search = _Search(*self._search, tell)
+        words = [at_the_wall(tasks.problem.names, np.asarray(at.z[0]), self._bounded)]
+        if code != ResultCode.successful:
+            words = [at_a_stop(take(one.problem, 0), limits), *words]
+        if code == ResultCode.infeasible:
+            return [advice(one, limits, at, search), *words]
+        if code == ResultCode.not_converged and not words[0]:
+            more = "a larger max_steps, " if int(at.steps[0]) >= search.most_steps else ""
+            words.append(f"Try {more}more starts, other starting velocities, or wider limits.")
+        return words
+
+
+def at_a_stop(problem: Problem, limits: Limits) -> str:
+    """What to say where a given state stands still, of limits that divide by the speed."""
+    divided = [name for name in limits.given() if quantity(name).divisor not in (None, "level")]
+    ends = [x for x in ("start", "end") if not np.any(np.asarray(getattr(problem, x).velocity))]
+    if not (divided and ends):
+        return ""
+    return (
+        f"The given {' and '.join(ends)} stands still, where {', '.join(divided)} may grow without bound. Give a small "
+        "velocity there, or limit speed, acceleration or jerk instead."
+    )
 
 
 class _Search(NamedTuple):

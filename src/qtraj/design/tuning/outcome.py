@@ -104,7 +104,7 @@ class Tuned(AbstractOutcome):
         code, place = known_codes(self)[at], concrete(self.place)
         if self.advisor is None or place is None or code >= ILL_POSED:
             return self.advice
-        return self.advisor(int(place[at]), code == INFEASIBLE)
+        return self.advisor(int(place[at]), ResultCode(int(code)))
 
     def record(self) -> Record:
         """Path, boundary states and findings, with the objective and how the search ended."""

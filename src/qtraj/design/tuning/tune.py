@@ -142,7 +142,7 @@ def tune(
     if batch:
         outcome = dataclasses.replace(outcome, advisor=advisor, place=np.arange(count))
     else:
-        outcome = dataclasses.replace(outcome, advice=advisor(0, int(outcome.code) == INFEASIBLE, tell))
+        outcome = dataclasses.replace(outcome, advice=advisor(0, ResultCode(int(outcome.code)), tell))
     return outcome.check() if throw else outcome
 
 

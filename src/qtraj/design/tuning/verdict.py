@@ -13,6 +13,7 @@ RADII = 257
 """Instants at which the radius is looked at."""
 
 ALONE = "Tune this problem alone for advice on what would help."
+GO_ON = "Try a larger max_steps, more starts, other starting velocities, or wider limits."
 
 
 def verdict(
@@ -27,8 +28,8 @@ def verdict(
     if code >= ILL_POSED:
         return f"ill-posed: {code.text}"
     say = {ResultCode.successful: converged, ResultCode.infeasible: infeasible}.get(code, not_converged)
-    if code == ResultCode.infeasible and not advice:
-        advice = ALONE
+    if code != ResultCode.successful and not advice:
+        advice = ALONE if code == ResultCode.infeasible else GO_ON
     return " ".join(part for part in (say(findings, steps), advice, remark(radius, duration)) if part)
 
 
@@ -45,10 +46,7 @@ def not_converged(findings: Sequence[Finding], steps: int) -> str:
     """What to say of a search that stopped early, although the limits can be met or nearly so."""
     unmet = "; ".join(f"{found.name} is {found.status}: {found.text}" for found in findings if not found.met)
     state = unmet or "every limit is met, but the objective may not be at its least"
-    return (
-        f"not converged after {_counted(steps)}: {state}. Try a larger max_steps, more starts, other starting "
-        "velocities, or wider limits."
-    )
+    return f"not converged after {_counted(steps)}: {state}."
 
 
 def infeasible(findings: Sequence[Finding], steps: int) -> str:
