@@ -170,6 +170,37 @@ def test_an_axis_far_away_is_not_taken_by_itself():
     assert qt.tune(*both, LIMITS).code.tolist() == [qt.ResultCode.successful, qt.ResultCode.axis_far_away]
 
 
+@pytest.mark.parametrize("motion", ["uniform", "hermite"])
+def test_a_fixed_heading_stays_while_the_speed_moves(motion):
+    slow = qt.Limits(curvature=0.06, lateral_acceleration=1.2)
+    best = qt.tune(START, END, slow, motion=motion, fixed=("start.heading", "end.heading"))
+    assert best.converged, best.result
+    for given, tuned in ((START, best.start), (END, best.end)):
+        before, after = (np.arctan2(*np.asarray(x.velocity)[1::-1]) for x in (given, tuned))
+        assert after == pytest.approx(before, abs=1e-12)
+        assert np.hypot(*tuned.velocity[:2]) < 0.95 * np.hypot(*given.velocity[:2])
+    free = qt.tune(START, END, slow, motion=motion)
+    assert best.objective > free.objective
+
+    def objective(limit):
+        limits = qt.Limits(curvature=0.06, lateral_acceleration=limit)
+        return qt.tune(START, END, limits, motion=motion, fixed=("start.heading", "end.heading")).path.duration
+
+    slope = jax.jit(jax.grad(lambda x: objective(x)))(1.2)
+    h = 1e-4
+    assert slope == pytest.approx(float(objective(1.2 + h) - objective(1.2 - h)) / (2 * h), rel=1e-5)
+
+
+def test_a_fixed_heading_needs_a_velocity_about_the_axis():
+    with pytest.raises(ValueError, match=r"leaves no choice of start\.V_rho"):
+        qt.tune(START, END, LIMITS, fixed=("start.heading", "start.V_rho"))
+    with pytest.raises(ValueError, match=r"'start\.heading' is no variable"):
+        qt.tune(START, END, LIMITS, bounds={"start.heading": (0.0, 1.0)})
+    outwards = qt.BoundaryState(END.position, [0.0, 5.0, 0.0])
+    with pytest.raises(ValueError, match="a fixed heading needs a velocity about the axis"):
+        qt.tune(START, outwards, LIMITS, motion="hermite", duration=4.0, fixed=("end.heading",))
+
+
 def test_progress_is_told():
     told = []
     qt.tune(START, END, LIMITS, progress=told.append)

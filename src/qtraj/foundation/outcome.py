@@ -143,6 +143,11 @@ class ResultCode(enum.IntEnum):
         "no placement was given, and the world's z axis is over a hundred times as far away as the states are apart. "
         "Give a placement, such as axis_between(start, end).",
     )
+    heading_unknown = (
+        ILL_POSED + 12,
+        "a fixed heading needs a velocity about the axis (V_phi not zero) at that end. Leave it out of fixed, or give "
+        "a placement whose axis lies elsewhere.",
+    )
     state_not_finite = ILL_POSED + 10, "a boundary position, a velocity or the placement is NaN or infinite."
 
 

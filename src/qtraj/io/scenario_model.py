@@ -152,7 +152,7 @@ class TunePart(Part):
     )
     fixed: list[Text] = Field(
         default_factory=list,
-        title=f"variables that keep their given value: {VARIABLES}",
+        title=f"variables that keep their given value: {VARIABLES}; and 'start.heading', 'end.heading'",
         description='a list of names, as in fixed = ["end.V_h"]',
     )
     bounds: RangeMap = Field(

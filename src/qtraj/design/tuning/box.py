@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.design.tuning.motions.motion import COMPONENTS, ENDS, VELOCITIES, AbstractMotion
+from qtraj.design.tuning.motions.motion import COMPONENTS, ENDS, HEADINGS, VELOCITIES, AbstractMotion
 from qtraj.design.tuning.objectives.objective import AbstractObjective
 from qtraj.design.tuning.problem import DURATION, Problem, Variables, variable_names
 from qtraj.foundation.arrays import as_float, concrete
@@ -24,15 +24,25 @@ def require_names(motion: AbstractMotion, objective: AbstractObjective, fixed: S
     """Raise a ValueError for names that are no variables, bounds that contradict, or nothing left to move."""
     names = variable_names(motion, objective)
     for name in (*fixed, *bounds):
+        if name in HEADINGS and name not in bounds:
+            continue
         if name not in names:
             hint = " (uniform motion has V_phi = rho·turn/duration: bound the duration)" if name in VELOCITIES else ""
             raise ValueError(f"{name!r} is no variable of this problem{hint}: its variables are {', '.join(names)}")
         if name in fixed and name in bounds:
             raise ValueError(f"{name} is both fixed and bounded: leave one out")
-    if set(names) <= set(fixed):
+    for name in (held_by(x) for x in fixed if x in HEADINGS):
+        if name in fixed or name in bounds:
+            raise ValueError(f"a fixed heading leaves no choice of {name}: leave one out")
+    if set(names) <= {held_by(x) if x in HEADINGS else x for x in fixed}:
         raise ValueError("every variable is fixed, so there is nothing to tune: leave one out of fixed")
     for name, (low, high) in bounds.items():
         _require_order(name, low, high)
+
+
+def held_by(heading: str) -> str:
+    """The variable that follows from the others where this heading is fixed."""
+    return heading.replace("heading", "V_rho")
 
 
 def weights_of(
@@ -57,11 +67,12 @@ def weights_of(
 
 def box(problem: Problem, fixed: Sequence[str], bounds: Bounds) -> tuple[Variables, Variables]:
     """Lowest and highest values of the variables z of one problem."""
+    held = {held_by(x) if x in HEADINGS else x for x in fixed}
     low: list[Scalar] = []
     high: list[Scalar] = []
     for name in problem.names:
         farthest = LARGEST_LOGARITHM if name == DURATION else LARGEST_CHANGE
-        if name in fixed:
+        if name in held:
             farthest = 0.0
         below, above = (None if x is None else _variable(problem, name, x) for x in bounds.get(name, (None, None)))
         # What is not bounded reaches far, and from a bound that is itself far as far again.

@@ -117,6 +117,12 @@ def _rates(data: _Data) -> tuple[Any, Any]:
     return rates[0], rates[1]
 
 
+def _across(data: _Data) -> Any:
+    """V_phi at both ends."""
+    a, b = data.problem.start, data.problem.end
+    return data.xp.stack([a.velocity[..., 1], b.velocity[..., 1]], axis=-1)
+
+
 def _bad_limit(data: _Data) -> Any:
     bad = data.xp.zeros(data.problem.speed.shape, bool)
     for limit in data.limits.values():
@@ -216,6 +222,11 @@ FAULTS = (
             "V_phi at the start is 0, so the sense of rotation is unknown. Give the start a velocity about the axis, "
             "or a placement whose axis lies elsewhere."
         ),
+    ),
+    _Fault(
+        ResultCode.heading_unknown,
+        lambda d: d.xp.any((d.problem.headed > 0) & (_across(d) == 0), axis=-1),
+        lambda _: ResultCode.heading_unknown.text,
     ),
     _Fault(
         ResultCode.azimuths_equal,

@@ -1,13 +1,14 @@
 """The tuning problem: which numbers may move, the path they make, and what is asked of it."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.algebra import rotation
-from qtraj.design.tuning.motions.motion import AbstractMotion
+from qtraj.design.tuning.motions.motion import HEADINGS, AbstractMotion
 from qtraj.design.tuning.objectives.nearest import Nearest
 from qtraj.design.tuning.objectives.objective import AbstractObjective
 from qtraj.design.tuning.objectives.smoothest import Smoothest
@@ -39,6 +40,7 @@ class Problem(eqx.Module):
     placement: Placement
     axes: Float[Array, "3 3"]  # from the axes of the placement to the world's
     weights: Float[Array, " 7"]  # of the squared changes in "nearest": of VELOCITIES, and of the duration
+    headed: Float[Array, " 2"]  # 1 where the heading is fixed, at the start and at the end, and 0 where not
     motion: AbstractMotion
     objective: AbstractObjective
 
@@ -80,7 +82,8 @@ class Problem(eqx.Module):
     def velocities(self, z: Variables, duration: Scalar) -> tuple[Vec3, Vec3]:
         """The cylindrical velocities [m/s] at both ends."""
         changes = self.speed * (z if self.objective.holds_duration else z[:-1])
-        return self.motion.boundary_velocities(self.start, self.end, changes, self.turn, duration)
+        va, vb = self.motion.boundary_velocities(self.start, self.end, changes, self.turn, duration)
+        return self._headed(va, self.start, self.headed[0]), self._headed(vb, self.end, self.headed[1])
 
     def without_objective(self) -> "Problem":
         """The same variables and path, with an objective that is cheap and smooth."""
@@ -89,6 +92,13 @@ class Problem(eqx.Module):
     def cost(self, z: Variables) -> Scalar:
         """The objective over its scale."""
         return self.objective.value(self, z) / self.scale
+
+    @staticmethod
+    def _headed(velocity: Vec3, given: Cylindrical, headed: Scalar) -> Vec3:
+        """A velocity whose V_ρ keeps the given heading, where that is fixed."""
+        outwards, across = given.velocity[0], given.velocity[1]
+        kept = outwards / jnp.where(across == 0, 1.0, across) * velocity[1]
+        return jnp.where(jnp.asarray([True, False, False]) & (headed > 0), kept, velocity)
 
     def _between(self, va: Vec3, vb: Vec3, duration: Scalar) -> tuple[Array, Array, Array]:
         a = dataclasses.replace(self.start, velocity=va)
@@ -111,6 +121,7 @@ def pose(
     placement: Placement | None,
     turn: ScalarLike | None = None,
     weights: Float[Array, " 7"] | None = None,
+    fixed: Sequence[str] = (),
 ) -> Problem:
     """The tuning problem between two states, of choices that `checks` has accepted; it can be traced."""
     placement = Placement() if placement is None else placement
@@ -127,6 +138,7 @@ def pose(
         placement=placement,
         axes=rotation.to_dcm(placement.orientation).T,
         weights=jnp.ones(7, speed.dtype) if weights is None else weights,
+        headed=jnp.asarray([float(name in fixed) for name in HEADINGS], speed.dtype),
         motion=motion,
         objective=objective,
     )

@@ -76,8 +76,9 @@ def tune(
 
     The variables have names: "start.V_rho", "start.V_phi", "start.V_h", the same of "end" [m/s, about the axis], and
     "duration" [s]; uniform motion has no V_phi, which follows from the duration. `fixed` names those that keep their
-    given value; `bounds` maps names to (lowest, highest), either of which may be None; `weights` multiplies the squared
-    changes that "nearest" sums.
+    given value, and also takes "start.heading" and "end.heading": there the direction of the horizontal velocity stays
+    and its magnitude is free, so that a turn can be driven slower on the same street. `bounds` maps names to (lowest,
+    highest), either of which may be None; `weights` multiplies the squared changes that "nearest" sums.
 
     `starts` searches begin at the given states and about them, and the best is kept. Where no path meets the limits,
     the one that breaks them least is given, with advice. `progress` is called with a `Progress` a few times a second.
@@ -160,7 +161,7 @@ def _posed(
     def one(
         start: Any, end: Any, duration: Any, turn: Any, placement: Any, bounds: Any
     ) -> tuple[Problem, Array, Array]:
-        problem = pose(start, end, objective, motion, duration, turns, placement, turn, weights)
+        problem = pose(start, end, objective, motion, duration, turns, placement, turn, weights, fixed)
         return problem, *box(problem, fixed, bounds)
 
     return eqx.filter_vmap(one, in_axes=axes)(*data)

@@ -14,6 +14,10 @@ ENDS = ("start", "end")
 VELOCITIES = tuple(f"{end}.{component}" for end in ENDS for component in COMPONENTS)
 
 
+HEADINGS = tuple(f"{end}.heading" for end in ENDS)
+"""What may be fixed besides the variables: the direction of the horizontal velocity."""
+
+
 class AbstractMotion(eqx.Module):
     """A family of paths between two boundary states.
 
