@@ -9,7 +9,6 @@ import inspect
 import json
 import math
 import os
-import tomllib
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +19,7 @@ import numpy as np
 import tomli_w
 
 from qtraj.foundation.files import write_atomically
+from qtraj.foundation.untrusted import parse_json, parse_toml, read_text
 
 FORMAT = "qtraj/1"
 
@@ -68,9 +68,9 @@ def load(file: str | os.PathLike[str]) -> Any:
     **Raises:** OSError where the file cannot be read; ValueError, naming the file, where it is no such document.
     """
     path = Path(file)
-    read = _by_suffix(path, {".toml": tomllib.loads, ".json": json.loads})
+    read = _by_suffix(path, {".toml": parse_toml, ".json": parse_json})
     try:
-        data = read(path.read_text(encoding="utf-8"))
+        data = read(read_text(path))
     except ValueError as error:
         raise ValueError(f"{path}: not valid {path.suffix[1:].upper()}: {error}") from error
     if not isinstance(data, dict) or data.pop("format", None) != FORMAT:

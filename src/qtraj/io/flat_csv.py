@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.foundation.untrusted import parse_json, read_text
 from qtraj.io.flat import FORMAT, TEXT, Flat
 
 MARK = "# "
@@ -31,10 +32,10 @@ def read_csv(file: Path) -> Flat:
 
     **Raises:** ValueError, naming the file, where there is no header, or a row that does not fit.
     """
+    lines = read_text(file).split("\n")
+    count = next((k for k, line in enumerate(lines) if not line.startswith(MARK)), len(lines))
     try:
-        lines = file.read_bytes().decode().split("\n")
-        count = next((k for k, line in enumerate(lines) if not line.startswith(MARK)), len(lines))
-        header = json.loads("".join(line.removeprefix(MARK) for line in lines[:count]) or "{}")
+        header = parse_json("".join(line.removeprefix(MARK) for line in lines[:count]) or "{}")
     except ValueError as error:
         raise ValueError(f"{file}: the header cannot be read ({error})") from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
@@ -43,7 +44,10 @@ def read_csv(file: Path) -> Flat:
             f'with file = "{file.name}" under [track], and with [limits], and run `qtraj tune`; in Python, '
             "qtraj.read_track reads recordings, pandas any table"
         )
-    names, *rows = list(csv.reader(io.StringIO("\n".join(lines[count:]), newline=""))) or [[]]
+    try:
+        names, *rows = list(csv.reader(io.StringIO("\n".join(lines[count:]), newline=""))) or [[]]
+    except csv.Error as error:
+        raise ValueError(f"{file}: the table cannot be read ({error})") from error
     if wrong := next((k for k, row in enumerate(rows, 1) if len(row) != len(names)), None):
         raise ValueError(f"{file}: row {wrong} has {len(rows[wrong - 1])} columns, but expected {len(names)}")
     kinds = {column: about["dtype"] for about in header["variables"].values() for column in about.get("columns", [])}

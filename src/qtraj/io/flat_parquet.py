@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from qtraj.foundation.untrusted import parse_json
 from qtraj.io.flat import FORMAT, Flat
 
 KEY = b"qtraj"
@@ -34,8 +35,11 @@ def read_parquet(file: Path) -> Flat:
         table = pq.read_table(file)
     except pa.ArrowInvalid as error:
         raise ValueError(f"{file}: no Parquet file ({error})") from error
-    header = json.loads((table.schema.metadata or {}).get(KEY, b"{}"))
-    if header.get("format") != FORMAT:
+    try:
+        header = parse_json((table.schema.metadata or {}).get(KEY, b"{}"))
+    except ValueError as error:
+        raise ValueError(f"{file}: the header cannot be read ({error})") from error
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise ValueError(f"{file}: this Parquet file holds no dataset of qtraj; pandas.read_parquet reads its columns")
     return Flat({name: _values(table.column(name)) for name in table.column_names}, header)
 

@@ -8,6 +8,7 @@ from typing import Generic, TypeVar
 
 from pydantic import ValidationError
 
+from qtraj.foundation.untrusted import decoded, parse_toml, read_bytes
 from qtraj.io.scenario_fault import explain
 from qtraj.io.scenario_kind import is_recording, misplaced, recorded
 from qtraj.io.scenario_part import Part
@@ -46,7 +47,7 @@ def read_scenario(file: Path | str, model: type[S]) -> ScenarioFile[S]:
     syntax, line and column, else the key, what it holds and what was expected, or for which command the file is.
     """
     path = Path(file)
-    content = path.read_bytes()
+    content = read_bytes(path)
     if is_recording(path):
         raise ValueError(f"{path}: {recorded(path, model)}")
     data = _parse(path, content, model)
@@ -64,15 +65,12 @@ def content_hash(content: bytes) -> str:
 
 
 def _parse(path: Path, content: bytes, model: type[Part]) -> dict[str, object]:
+    text = decoded(path, content)
     try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not a text file in UTF-8 (byte {error.start})") from None
-    try:
-        return tomllib.loads(text)
-    except RecursionError:
-        raise ValueError(f"{path}: not a scenario: its tables or arrays are nested too deep") from None
+        return parse_toml(text)
     except tomllib.TOMLDecodeError as error:
         if is_recording(path, text):
             raise ValueError(f"{path}: {recorded(path, model)}") from None
         raise ValueError(f"{path}: not valid TOML: {syntax_fault(text, error)}") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: not a scenario: {error}") from None

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from qtraj.foundation.untrusted import read_text
 from qtraj.io.track_columns import choose
 from qtraj.path.track import FEWEST_SAMPLES, Track
 
@@ -36,17 +37,18 @@ def read_track(file: str | os.PathLike[str], columns: Mapping[str, str | Sequenc
         if columns is not None:
             raise ValueError(f"{path}: columns= names those of a CSV file, but a TUM trajectory has no header row")
         return _read_tum(path, lines)
-    return _read_csv(path, lines, columns)
+    try:
+        return _read_csv(path, lines, columns)
+    except csv.Error as error:
+        raise ValueError(f"{path}: the table cannot be read ({error})") from error
 
 
 def _content(path: Path) -> Lines:
     """Numbered lines without comments and blanks."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path)
     except FileNotFoundError:
         raise FileNotFoundError(f"{path}: there is no such file to read a track from") from None
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not a text file in UTF-8 ({error})") from None
     lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and line.lstrip()[0] != "#"]
     if not lines:
         raise ValueError(f"{path}: the file is empty: a track needs rows of times and positions")

@@ -4,11 +4,12 @@ Format 2 of Zarr: format 3 has no settled form yet of texts of fixed length and 
 reader opens format 2 without a word.
 """
 
-import json
 from pathlib import Path
 from typing import Any
 
 import xarray
+
+from qtraj.foundation.untrusted import parse_json, read_text
 
 METADATA = (".zarray", ".zmetadata", "zarr.json")
 
@@ -36,9 +37,9 @@ def _metadata(folder: Path) -> list[Any]:
     found = []
     for file in sorted(file for name in METADATA for file in folder.rglob(name)):
         try:
-            found.append(json.loads(file.read_text(encoding="utf-8")))
+            found.append(parse_json(read_text(file)))
         except ValueError as error:
-            raise ValueError(f"{file}: not valid JSON: {error}") from error
+            raise ValueError(f"{file}: cannot be read: {error}") from error
     return found
 
 
