@@ -1,6 +1,8 @@
 """The fit of a spiral-helix: a real turn, known turns found again, and windows that are refused."""
 
 import importlib.resources
+import re
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -15,6 +17,8 @@ from qtraj.io.track_file import read_track
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track
+
+DATA = Path(__file__).parents[1] / "data"
 
 SAMPLES = 58
 """As many as the real window holds, so that all fits share their compilations."""
@@ -214,8 +218,42 @@ def test_a_nearly_straight_window_is_refused_with_its_turn(bend, words):
 
 
 def test_a_standing_vehicle_is_refused():
-    with pytest.raises(ValueError, match="nearly straight"):
+    with pytest.raises(ValueError, match=r"stands still in this window: all .* within 0\.1 m.*in which it dr"):
         fit(Track(np.arange(10.0), np.ones((10, 3)), np.zeros((10, 3))))
+
+
+def test_a_parked_car_is_refused():
+    """The noise of its velocities turns by thousands of degrees."""
+    with pytest.raises(ValueError, match=r"stands still.* no direction of travel.*track\.window"):
+        fit(read_track(DATA / "boreas_standing.csv"))
+
+
+def test_a_window_with_hardly_any_travel_is_refused():
+    path = SpiralHelix([0.5], [0.0, 0.3], [0.0], 4.0)
+    with pytest.raises(ValueError, match=r"too short: the vehicle travels 0\.6 m .* at least 1 m, 200 times .*Widen"):
+        fit(recorded(path))
+    assert fit(recorded(path), position_sigma=1e-4, velocity_sigma=1e-3).successful
+
+
+@pytest.mark.parametrize("velocities", [True, False], ids=["velocities", "positions"])
+def test_bends_that_cancel_are_refused_as_such(velocities):
+    """An S-bend of 50° to the left and back: no straight road, though it ends in the direction in which it began."""
+    times = np.linspace(0.0, 8.0, 200)
+    heading = np.radians(50.0) * np.sin(np.pi * times / 8.0) ** 2
+    speed = 8.0 * np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
+    positions = np.cumsum(speed, axis=0) * (times[1] - times[0])
+    track = Track(20.0 + times, positions + np.array([EAST, NORTH, 0.0]), speed if velocities else None)
+    words = r"holds 2 bends that turn against each other: over 6\d.* one bend only.*the largest, from about 2\d"
+    with pytest.raises(ValueError, match=words):
+        fit(track)
+
+
+def test_a_real_drive_through_two_bends_is_refused_with_the_larger():
+    drive = read_track(DATA / "boreas_bends.csv")
+    with pytest.raises(ValueError, match=r"holds 2 bends.*the largest, from about .* s, turns by -10") as caught:
+        fit(drive)
+    start, end = map(float, re.findall(r"about (\S+) to (\S+) s", str(caught.value))[0])
+    assert fit(drive.window(start, end)).residual.horizontal_rms < 1.0
 
 
 @pytest.mark.parametrize(

@@ -17,24 +17,16 @@ from numpy.polynomial import Legendre, Polynomial
 from qtraj.design.fitting.axis_search import STARTS, starts
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.fitting.turn_problem import TERMS, UNKNOWNS, basis_at, minimise, problem
+from qtraj.design.fitting.window import POSITION_SIGMA, VELOCITY_SIGMA, turn_of
 from qtraj.foundation.arrays import as_array
 from qtraj.foundation.outcome import ResultCode
 from qtraj.path.placement import Placement
 from qtraj.path.residual import compare
 from qtraj.path.spiral_helix import SpiralHelix
-from qtraj.path.track import Track, known, known_elapsed, travel_length, travel_turn
+from qtraj.path.track import Track, known, known_elapsed
 
 ANGLE_TERMS = {"uniform": 2, "hermite": 4}
 """Coefficients of φ in each motion: linear, or cubic as between two boundary states."""
-
-POSITION_SIGMA, VELOCITY_SIGMA = 0.005, 0.08
-"""[m], [m/s] What cubics over 1 s leave of a car's smoothed recording (Boreas): the default noise."""
-
-LEAST_TURN = float(np.radians(10.0))
-"""A window that turns by less than this does not tell where its axis is [rad]."""
-
-FEWEST_SAMPLES = 8
-"""Up to ten unknowns in the plane, from two coordinates of each sample, and as many again for a residual."""
 
 BOUNDS = (0.25, 2.0)
 """Default bounds of ρ in mean turning radii."""
@@ -57,20 +49,21 @@ def fit(
 
     `motion`: "uniform" (constant φ̇, as in paper S) or "hermite" (cubic φ); ρ and h are cubics. Minimised is the sum
     of squared position errors over `position_sigma` [m] and, where velocities are recorded, of squared velocity errors
-    over `velocity_sigma` [m/s]; only the ratio of the two matters. `radius_bounds` [m] hold ρ: by default a quarter
-    and twice the mean turning radius.
+    over `velocity_sigma` [m/s]: their ratio weighs the two, and windows shorter than 200 `position_sigma` are refused.
+    `radius_bounds` [m] hold ρ: by default a quarter and twice the mean turning radius.
 
     The result's `path` is the fitted one, its `residual` says how well that follows the track, and its `result` how the
     search ended and what to do, also where a bound holds the radius. Use float64. The data must be known numbers:
     gradients do not pass through the fit, but the fitted path has them like any other.
 
     **Raises:** ValueError for an unknown motion, sigmas or bounds that are not positive, too few samples, or a window
-    that is nearly straight. RuntimeError with `throw` where the search did not converge or the radius vanishes.
+    in which the vehicle stands, hardly moves, or drives nearly straight on or through bends that cancel. RuntimeError with `throw` where the
+    search did not converge or the radius vanishes.
     """
     if motion not in ANGLE_TERMS:
         raise ValueError(f"motion={motion!r} is unknown: choose one of {', '.join(map(repr, ANGLE_TERMS))}")
     _require_positive(position_sigma=position_sigma, velocity_sigma=velocity_sigma, max_steps=max_steps)
-    scale = _turning_radius(track)
+    scale = turn_of(track, position_sigma).radius
     bounds = (BOUNDS[0] * scale, BOUNDS[1] * scale) if radius_bounds is None else _ordered(radius_bounds)
     centre = known(track.positions).mean(axis=0)
     ratio = position_sigma / velocity_sigma
@@ -134,26 +127,6 @@ def _ascending(coefficients: np.ndarray, duration: float) -> np.ndarray:
     """Ascending coefficients in t [s] of a Legendre series over [0, duration]."""
     series = Legendre(coefficients, domain=(0.0, duration)).convert(kind=Polynomial, domain=(-1, 1), window=(-1, 1))
     return np.pad(series.coef, (0, len(coefficients) - len(series.coef)))
-
-
-def _turning_radius(track: Track) -> float:
-    """Path length over turn [m].
-
-    **Raises:** ValueError for too few samples or a window that is nearly straight.
-    """
-    if not isinstance(track, Track):
-        raise ValueError(f"fit needs a Track, as read_track gives, but a {type(track).__name__} was given")
-    count = track.times.shape[0]
-    if count < FEWEST_SAMPLES:
-        raise ValueError(f"a fit needs at least {FEWEST_SAMPLES} samples, but the window holds {count}: widen it")
-    turn, length = travel_turn(track), travel_length(track)
-    if abs(turn) < LEAST_TURN or length == 0:
-        raise ValueError(
-            f"the window is nearly straight: over {length:.4g} m the direction of travel turns by "
-            f"{np.degrees(turn):.2f}° from start to end, but at least {np.degrees(LEAST_TURN):.0f}° are needed to tell "
-            "where the axis of a spiral-helix is. Choose a window around one bend, with track.window(t0, t1)."
-        )
-    return length / abs(turn)
 
 
 def _code(radius: np.ndarray, duration: float, bounds: tuple[float, float], ended: bool) -> ResultCode:
