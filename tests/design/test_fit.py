@@ -292,8 +292,58 @@ def test_a_radius_held_by_its_bounds_says_so(turn):
     assert found.code == ResultCode.held_by_bounds
     assert found.successful
     assert "held by its bounds, 18 to 22 m" in found.result
-    assert float(found.residual.radius_min) > 17.5
-    assert float(found.residual.radius_max) < 22.5
+    least, largest = whole_radius(found.path)
+    assert (least, largest) == (pytest.approx(18.0, abs=1e-4), pytest.approx(20.378, abs=1e-3))
+
+
+def whole_radius(path):
+    """The least and the largest radius of a path [m], by sampling it densely."""
+    times = np.linspace(0.0, float(path.duration), 20001)
+    radius = np.polynomial.Polynomial(np.asarray(path.radius))(times)
+    return radius.min(), radius.max()
+
+
+@pytest.mark.parametrize("motion", ["uniform", "hermite"])
+@pytest.mark.parametrize("bounds", [None, (8.0, 30.0), (15.0, 25.0), (60.0, 70.0)], ids=str)
+@pytest.mark.parametrize("window", [(69.0, 77.9), (78.4, 87.6)], ids=["right", "left"])
+def test_bounds_hold_on_the_whole_path(motion, bounds, window):
+    """Real bends whose best axis lies elsewhere: the radius stays inside, and the result says by what it is held."""
+    found = fit(read_track(DATA / "boreas_bends.csv").window(*window), motion, radius_bounds=bounds)
+    low, high = map(float, found.radius_bounds)
+    assert bounds is None or (low, high) == bounds
+    least, largest = whole_radius(found.path)
+    assert low <= least < largest <= high
+    held = least < 1.001 * low or largest > 0.999 * high
+    assert held == (found.code == ResultCode.held_by_bounds) or not found.successful
+
+
+def test_a_bounded_fit_is_the_best_one_inside(turn):
+    """No small change of axis, ρ or φ that keeps the radius in its bounds comes nearer, to first order.
+
+    Along random directions the least cost inside the bounds is the fit's.
+    """
+    found = fit(turn, "uniform", radius_bounds=(18.0, 22.0))
+    rng = np.random.default_rng(5)
+    at = np.concatenate([np.asarray(found.path.placement.origin)[:2], found.path.radius, found.path.angle])
+    scale = np.array([0.1, 0.1, 0.1, 0.05, 0.01, 0.002, 0.005, 0.001])
+
+    def moved(numbers):
+        origin = [*numbers[:2], 0.0]
+        return SpiralHelix(numbers[2:6], numbers[6:], found.path.height, found.path.duration, Placement(origin))
+
+    def cost(path):
+        states = np.asarray(_states(path, turn.elapsed))
+        off = np.sum((states[:, 0] - np.asarray(turn.positions)) ** 2) / 0.005**2
+        return off + np.sum((states[:, 1] - np.asarray(turn.velocities)) ** 2) / 0.08**2
+
+    best, inside = cost(found.path), 0
+    for _ in range(300):
+        other = moved(at + 10 ** rng.uniform(-3, 0) * scale * rng.normal(size=8))
+        least, largest = whole_radius(other)
+        if 18.0 <= least and largest <= 22.0:
+            inside += 1
+            assert cost(other) > best * (1 - 1e-6)
+    assert inside > 50
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])

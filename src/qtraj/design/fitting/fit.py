@@ -6,6 +6,7 @@ the travel direction) about the centre of the window, so that large world coordi
 
 Left alone, the axis runs away: polynomials of ρ and φ about a far axis, or one that the path touches, draw almost any
 curve. So ρ is held within bounds, R/4 to 2R unless told otherwise: the axis stays inside the bend.
+The bounds are met by an augmented Lagrangian: a search, then multipliers from how far ρ is outside, then a search again.
 """
 
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ from numpy.polynomial import Legendre, Polynomial
 
 from qtraj.design.fitting.axis_search import STARTS, starts
 from qtraj.design.fitting.fitted import Fitted
-from qtraj.design.fitting.turn_problem import TERMS, UNKNOWNS, basis_at, minimise, problem
+from qtraj.design.fitting.turn_problem import PENALTY, POINTS, TERMS, UNKNOWNS, basis_at, minimise, problem
 from qtraj.design.fitting.window import POSITION_SIGMA, VELOCITY_SIGMA, turn_of
 from qtraj.foundation.arrays import as_array
 from qtraj.foundation.outcome import ResultCode
@@ -34,6 +35,12 @@ BOUNDS = (0.25, 2.0)
 HELD = 1e-3
 """A radius within this part of a bound is held by it."""
 
+ROUNDS, OUTSIDE = 15, 1e-6
+"""Most searches with new multipliers, which end where ρ leaves its bounds by no more than this, in turning radii."""
+
+INSIDE = 1e-9
+"""What is left outside is moved inside the bounds by this part of them: rounding does not lead out again."""
+
 
 def fit(
     track: Track,
@@ -50,15 +57,15 @@ def fit(
     `motion`: "uniform" (constant φ̇, as in paper S) or "hermite" (cubic φ); ρ and h are cubics. Minimised is the sum
     of squared position errors over `position_sigma` [m] and, where velocities are recorded, of squared velocity errors
     over `velocity_sigma` [m/s]: their ratio weighs the two, and windows shorter than 200 `position_sigma` are refused.
-    `radius_bounds` [m] hold ρ: by default a quarter and twice the mean turning radius.
+    `radius_bounds` [m] hold ρ on the whole path: by default a quarter and twice the mean turning radius.
 
     The result's `path` is the fitted one, its `residual` says how well that follows the track, and its `result` how the
     search ended and what to do, also where a bound holds the radius. Use float64. The data must be known numbers:
     gradients do not pass through the fit, but the fitted path has them like any other.
 
-    **Raises:** ValueError for an unknown motion, sigmas or bounds that are not positive, too few samples, or a window
-    in which the vehicle stands, hardly moves, or drives nearly straight on or through bends that cancel. RuntimeError with `throw` where the
-    search did not converge or the radius vanishes.
+    **Raises:** ValueError for an unknown motion, sigmas or bounds that are not positive, too few samples, or a window in
+    which the vehicle stands, hardly moves, or drives nearly straight on or through bends that cancel. RuntimeError
+    with `throw` where the search did not converge.
     """
     if motion not in ANGLE_TERMS:
         raise ValueError(f"motion={motion!r} is unknown: choose one of {', '.join(map(repr, ANGLE_TERMS))}")
@@ -71,7 +78,7 @@ def fit(
     height = _height(track, centre[2], ratio)
 
     duration, dtype = float(known_elapsed(track)[-1]), track.positions.dtype
-    radius = _ascending(unknowns[2 : 2 + TERMS], duration) * scale
+    radius = _within(_ascending(unknowns[2 : 2 + TERMS], duration) * scale, duration, bounds)
     angle = _ascending(unknowns[2 + TERMS :][: ANGLE_TERMS[motion]], duration)
     angle[0] -= 2 * np.pi * np.round(angle[0] / (2 * np.pi))
     numbers = (radius, angle, _ascending(height, duration), duration)
@@ -105,10 +112,24 @@ def _in_the_plane(
     begin[:, : 2 + TERMS + angle_terms] = [found[k % len(found)] for k in range(STARTS)]
     free = np.arange(UNKNOWNS) < 2 + TERMS + angle_terms
     turn = problem(track, centre, scale, bounds, ratio)
-    searches = minimise(turn, as_array(begin, float), as_array(free, float), as_array(max_steps, jnp.int32))
-    unknowns, cost, ended, steps = map(np.asarray, searches)
-    best = int(np.argmin(cost))
-    return unknowns[best].astype(np.float64), bool(ended[best]), int(steps[best])
+    unknowns, shifts = as_array(begin, float), as_array(np.zeros((STARTS, 2, POINTS)), float)
+    steps = np.zeros(STARTS, int)
+    for _ in range(ROUNDS):
+        unknowns, excess, misfit, ended, took = minimise(
+            turn, unknowns, shifts, as_array(free, float), as_array(max_steps, jnp.int32)
+        )
+        outside, steps = np.asarray(excess).max(axis=(1, 2)), steps + np.asarray(took)
+        best = _best(np.asarray(misfit), outside)
+        if outside[best] <= OUTSIDE or not ended[best]:
+            break
+        shifts = jnp.maximum(shifts + excess, 0.0)
+    return np.asarray(unknowns[best], np.float64), bool(ended[best]) and outside[best] <= OUTSIDE, int(steps[best])
+
+
+def _best(misfit: np.ndarray, outside: np.ndarray) -> int:
+    """The search with the least misfit and what leaves the bounds."""
+    cost = misfit + PENALTY**2 * np.maximum(outside, 0.0) ** 2
+    return int(np.argmin(np.where(np.isfinite(cost), cost, np.inf)))
 
 
 def _height(track: Track, level: float, ratio: float) -> np.ndarray:
@@ -129,17 +150,33 @@ def _ascending(coefficients: np.ndarray, duration: float) -> np.ndarray:
     return np.pad(series.coef, (0, len(coefficients) - len(series.coef)))
 
 
-def _code(radius: np.ndarray, duration: float, bounds: tuple[float, float], ended: bool) -> ResultCode:
-    """How a fit ended whose path has these coefficients of ρ."""
+def _extremes(radius: np.ndarray, duration: float) -> tuple[float, float]:
+    """The least and the largest ρ on the whole path [m]."""
     rho = Polynomial(radius)
     turning = rho.deriv().roots()
     inside = turning.real[(abs(turning.imag) < 1e-12) & (turning.real > 0) & (turning.real < duration)]
     values = rho(np.array([0.0, duration, *inside]))
+    return float(values.min()), float(values.max())
+
+
+def _within(radius: np.ndarray, duration: float, bounds: tuple[float, float]) -> np.ndarray:
+    """ρ, drawn towards the middle of its bounds as far as it takes to be inside on the whole path."""
+    least, largest = _extremes(radius, duration)
+    if bounds[0] <= least and largest <= bounds[1]:
+        return radius
+    middle = (bounds[0] + bounds[1]) / 2
+    room = (bounds[1] - middle) * (1 - INSIDE)
+    drawn = radius * room / max(middle - least, largest - middle)
+    drawn[0] += middle * (1 - room / max(middle - least, largest - middle))
+    return drawn
+
+
+def _code(radius: np.ndarray, duration: float, bounds: tuple[float, float], ended: bool) -> ResultCode:
+    """How a fit ended whose path has these coefficients of ρ."""
+    least, largest = _extremes(radius, duration)
     if not ended:
         return ResultCode.not_converged
-    if not values.min() > 0:
-        return ResultCode.radius_vanishes
-    if values.min() < bounds[0] * (1 + HELD) or values.max() > bounds[1] * (1 - HELD):
+    if least < bounds[0] * (1 + HELD) or largest > bounds[1] * (1 - HELD):
         return ResultCode.held_by_bounds
     return ResultCode.successful
 

@@ -23,7 +23,7 @@ class Fitted(AbstractOutcome):
 
     `path`, the spiral-helix, whose time 0 is the first sample; `residual`, how well it follows the recording;
     `code`, a `ResultCode`, and `result`, its text, which says what to do; `iterations`, the steps of the search that
-    won; `radius_bounds` [m], between which the radius was held.
+    won; `radius_bounds` [m], between which the radius is held on the whole path.
     """
 
     path: SpiralHelix
@@ -55,8 +55,9 @@ class Fitted(AbstractOutcome):
             return f"converged in {steps} steps: {held}. {code.text}"
         if code == ResultCode.not_converged:
             return (
-                f"not converged after {steps} steps: the numbers of this path are not the best ones. Pass a larger "
-                "max_steps, or choose a window with one clear bend."
+                f"not converged after {steps} steps: the numbers of this path are not the best ones, though its radius is "
+                f"within {bounds[0]:.4g} to {bounds[1]:.4g} m. Pass a larger max_steps or wider radius_bounds, or choose "
+                "a window with one clear bend."
             )
         return code.text
 

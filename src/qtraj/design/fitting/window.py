@@ -77,8 +77,8 @@ def _winding(turn: float, length: float, found: list[Bend]) -> str:
     where = f"{sharpest.start:.2f} to {sharpest.end:.2f} s"
     return (
         f"the window holds {len(found)} bends that turn against each other: over {length:.4g} m the direction of "
-        f"travel turns by {np.degrees(turn):.2f}° from start to end, but a spiral-helix follows one bend only. Choose a "
-        f"window around one, with track.window(t0, t1); the largest, from about {where}, turns by "
+        f"travel turns by {np.degrees(turn):.2f}° from start to end, but a spiral-helix follows one bend only. Choose "
+        f"a window around one, with track.window(t0, t1); the largest, from about {where}, turns by "
         f"{np.degrees(sharpest.turn):.1f}°."
     )
 
