@@ -340,7 +340,7 @@ def test_a_bounded_fit_is_the_best_one_inside(turn):
     for _ in range(300):
         other = moved(at + 10 ** rng.uniform(-3, 0) * scale * rng.normal(size=8))
         least, largest = whole_radius(other)
-        if 18.0 <= least and largest <= 22.0:
+        if least >= 18.0 and largest <= 22.0:
             inside += 1
             assert cost(other) > best * (1 - 1e-6)
     assert inside > 50

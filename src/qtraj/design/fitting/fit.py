@@ -6,7 +6,7 @@ the travel direction) about the centre of the window, so that large world coordi
 
 Left alone, the axis runs away: polynomials of ρ and φ about a far axis, or one that the path touches, draw almost any
 curve. So ρ is held within bounds, R/4 to 2R unless told otherwise: the axis stays inside the bend.
-The bounds are met by an augmented Lagrangian: a search, then multipliers from how far ρ is outside, then a search again.
+An augmented Lagrangian meets the bounds: a search, then multipliers from how far ρ is outside, then a search again.
 """
 
 from collections.abc import Sequence
@@ -63,8 +63,8 @@ def fit(
     search ended and what to do, also where a bound holds the radius. Use float64. The data must be known numbers:
     gradients do not pass through the fit, but the fitted path has them like any other.
 
-    **Raises:** ValueError for an unknown motion, sigmas or bounds that are not positive, too few samples, or a window in
-    which the vehicle stands, hardly moves, or drives nearly straight on or through bends that cancel. RuntimeError
+    **Raises:** ValueError for an unknown motion, sigmas or bounds that are not positive, too few samples, or a window
+    in which the vehicle stands, hardly moves, or drives nearly straight on or through bends that cancel. RuntimeError
     with `throw` where the search did not converge.
     """
     if motion not in ANGLE_TERMS:

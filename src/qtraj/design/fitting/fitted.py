@@ -55,9 +55,9 @@ class Fitted(AbstractOutcome):
             return f"converged in {steps} steps: {held}. {code.text}"
         if code == ResultCode.not_converged:
             return (
-                f"not converged after {steps} steps: the numbers of this path are not the best ones, though its radius is "
-                f"within {bounds[0]:.4g} to {bounds[1]:.4g} m. Pass a larger max_steps or wider radius_bounds, or choose "
-                "a window with one clear bend."
+                f"not converged after {steps} steps: the numbers of this path are not the best ones with a radius from "
+                f"{bounds[0]:.4g} to {bounds[1]:.4g} m. Pass a larger max_steps or wider radius_bounds, or choose a "
+                "window with one clear bend."
             )
         return code.text
 
