@@ -314,7 +314,7 @@ def test_bounds_hold_on_the_whole_path(motion, bounds, window):
     least, largest = whole_radius(found.path)
     assert low <= least < largest <= high
     held = least < 1.001 * low or largest > 0.999 * high
-    assert held == (found.code == ResultCode.held_by_bounds) or not found.successful
+    assert held == ("held by its bounds, " in found.result) or found.code == ResultCode.not_converged
 
 
 def test_a_bounded_fit_is_the_best_one_inside(turn):
@@ -344,6 +344,44 @@ def test_a_bounded_fit_is_the_best_one_inside(turn):
             inside += 1
             assert cost(other) > best * (1 - 1e-6)
     assert inside > 50
+
+
+@pytest.mark.parametrize("velocities", [True, False], ids=["velocities", "positions"])
+@pytest.mark.parametrize("size", [0.0, 0.02, 0.06, 0.2])
+def test_a_loose_fit_and_a_poor_one_say_so(size, velocities):
+    """A circle of 20 m on which a wave of `size` radii is laid, which no cubic follows."""
+    angle = np.linspace(0.0, 3.0, SAMPLES)
+    radius = 20.0 * (1.0 + np.sqrt(2.0) * size * np.sin(12 * angle))
+    slope = 20.0 * np.sqrt(2.0) * size * 12 * np.cos(12 * angle)
+    cos, sin = np.cos(angle), np.sin(angle)
+    position = np.stack([radius * cos, radius * sin, 0 * angle], axis=1)
+    velocity = np.stack([slope * cos - radius * sin, slope * sin + radius * cos, 0 * angle], axis=1)
+    found = fit(Track(angle, position, velocity if velocities else None), "uniform", velocity_sigma=1e3)
+    beyond = [float(found.relative_rms) > most or float(found.relative_speed) > fast for most, fast in THRESHOLDS]
+    expected = ResultCode.poor_fit if beyond[1] else ResultCode.loose_fit if beyond[0] else ResultCode.successful
+    assert found.code == expected
+    assert found.successful == (not beyond[1])
+    assert (size > 0) == beyond[0]
+    if size == 0.2:
+        with pytest.raises(RuntimeError, match=r"% of the turn's radius, more than 10%.*does not follow its recording"):
+            fit(Track(angle, position, velocity if velocities else None), "uniform", velocity_sigma=1e3, throw=True)
+
+
+THRESHOLDS = ((0.03, 0.25), (0.10, 0.50))
+"""Documented: beyond the first a fit is loose, beyond the second poor."""
+
+
+@pytest.mark.parametrize("motion", ["uniform", "hermite"])
+def test_the_quality_of_a_fit_follows_from_the_recording(motion):
+    window = read_track(DATA / "boreas_bends.csv").window(78.4, 87.6)
+    found = fit(window, motion)
+    states = np.asarray(_states(found.path, window.elapsed))
+    recorded = np.linalg.norm(window.velocities, axis=1)
+    off = np.abs(np.linalg.norm(states[:, 1], axis=1) - recorded).max() / np.sqrt(np.mean(recorded**2))
+    np.testing.assert_allclose(found.relative_speed, off, rtol=1e-9)
+    apart = np.asarray(states[:, 0] - window.positions)[:, :2]
+    radius = np.linalg.norm(np.diff(np.asarray(window.positions)[:, :2], axis=0), axis=1).sum() / float(window.turn)
+    np.testing.assert_allclose(found.relative_rms, np.sqrt(np.mean(np.sum(apart**2, axis=1))) / radius, rtol=0.02)
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])

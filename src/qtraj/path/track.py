@@ -166,9 +166,14 @@ def directions(velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return moving, np.unwrap(np.arctan2(y, x))
 
 
+def chord_marks(count: int) -> np.ndarray:
+    """The ends of the chords among `count` samples."""
+    return np.linspace(0, count - 1, min(count, CHORDS + 1)).round().astype(int)
+
+
 def _chords(track: Track) -> tuple[np.ndarray, np.ndarray]:
     positions, times = known(track.positions)[:, :2], known(track.times)
-    marks = np.linspace(0, len(times) - 1, min(len(times), CHORDS + 1)).round().astype(int)
+    marks = chord_marks(len(times))
     return np.diff(positions[marks], axis=0), np.diff(times[marks])
 
 

@@ -17,6 +17,8 @@ from numpy.polynomial import Legendre, Polynomial
 
 from qtraj.design.fitting.axis_search import STARTS, starts
 from qtraj.design.fitting.fitted import Fitted
+from qtraj.design.fitting.quality import Quality, judged, speed_misfit
+from qtraj.design.fitting.radius_bounds import held, inside
 from qtraj.design.fitting.turn_problem import PENALTY, POINTS, TERMS, UNKNOWNS, basis_at, minimise, problem
 from qtraj.design.fitting.window import POSITION_SIGMA, VELOCITY_SIGMA, turn_of
 from qtraj.foundation.arrays import as_array
@@ -32,14 +34,8 @@ ANGLE_TERMS = {"uniform": 2, "hermite": 4}
 BOUNDS = (0.25, 2.0)
 """Default bounds of ρ in mean turning radii."""
 
-HELD = 1e-3
-"""A radius within this part of a bound is held by it."""
-
 ROUNDS, OUTSIDE = 15, 1e-6
 """Most searches with new multipliers, which end where ρ leaves its bounds by no more than this, in turning radii."""
-
-INSIDE = 1e-9
-"""What is left outside is moved inside the bounds by this part of them: rounding does not lead out again."""
 
 
 def fit(
@@ -60,17 +56,21 @@ def fit(
     `radius_bounds` [m] hold ρ on the whole path: by default a quarter and twice the mean turning radius.
 
     The result's `path` is the fitted one, its `residual` says how well that follows the track, and its `result` how the
-    search ended and what to do, also where a bound holds the radius. Use float64. The data must be known numbers:
+    search ended and what to do, also where a bound holds the radius. A fit is loose, which its `code` and `result`
+    say, where the root mean square of the horizontal distance is more than 3 % of the turn's radius (its length over
+    all that it turns) or the speed differs somewhere by more than 25 % of the recorded one (its root mean square);
+    beyond 10 % or 50 % it is poor and counts as a failure. Use float64. The data must be known numbers:
     gradients do not pass through the fit, but the fitted path has them like any other.
 
     **Raises:** ValueError for an unknown motion, sigmas or bounds that are not positive, too few samples, or a window
     in which the vehicle stands, hardly moves, or drives nearly straight on or through bends that cancel. RuntimeError
-    with `throw` where the search did not converge.
+    with `throw` where the search did not converge, or the fit is poor.
     """
     if motion not in ANGLE_TERMS:
         raise ValueError(f"motion={motion!r} is unknown: choose one of {', '.join(map(repr, ANGLE_TERMS))}")
     _require_positive(position_sigma=position_sigma, velocity_sigma=velocity_sigma, max_steps=max_steps)
-    scale = turn_of(track, position_sigma).radius
+    turn = turn_of(track, position_sigma)
+    scale = turn.radius
     bounds = (BOUNDS[0] * scale, BOUNDS[1] * scale) if radius_bounds is None else _ordered(radius_bounds)
     centre = known(track.positions).mean(axis=0)
     ratio = position_sigma / velocity_sigma
@@ -78,7 +78,7 @@ def fit(
     height = _height(track, centre[2], ratio)
 
     duration, dtype = float(known_elapsed(track)[-1]), track.positions.dtype
-    radius = _within(_ascending(unknowns[2 : 2 + TERMS], duration) * scale, duration, bounds)
+    radius = inside(_ascending(unknowns[2 : 2 + TERMS], duration) * scale, duration, bounds)
     angle = _ascending(unknowns[2 + TERMS :][: ANGLE_TERMS[motion]], duration)
     angle[0] -= 2 * np.pi * np.round(angle[0] / (2 * np.pi))
     numbers = (radius, angle, _ascending(height, duration), duration)
@@ -86,7 +86,9 @@ def fit(
     placement = Placement(as_array(axis, dtype), as_array([1.0, 0.0, 0.0, 0.0], dtype))
     path = SpiralHelix(*(as_array(x, dtype) for x in numbers), placement=placement)
 
-    fitted = Fitted(path, compare(path, track), _code(radius, duration, bounds, ended), steps, bounds)
+    residual = compare(path, track)
+    found = Quality(float(residual.horizontal_rms) / turn.bent, speed_misfit(path, track))
+    fitted = Fitted(path, residual, _code(radius, duration, bounds, ended, found), steps, bounds, *found)
     return fitted.check() if throw else fitted
 
 
@@ -113,17 +115,16 @@ def _in_the_plane(
     free = np.arange(UNKNOWNS) < 2 + TERMS + angle_terms
     turn = problem(track, centre, scale, bounds, ratio)
     unknowns, shifts = as_array(begin, float), as_array(np.zeros((STARTS, 2, POINTS)), float)
-    steps = np.zeros(STARTS, int)
-    for _ in range(ROUNDS):
-        unknowns, excess, misfit, ended, took = minimise(
-            turn, unknowns, shifts, as_array(free, float), as_array(max_steps, jnp.int32)
-        )
-        outside, steps = np.asarray(excess).max(axis=(1, 2)), steps + np.asarray(took)
+    total, rounds = np.zeros(STARTS, int), 0
+    while True:
+        searches = minimise(turn, unknowns, shifts, as_array(free, float), as_array(max_steps, jnp.int32))
+        unknowns, excess, misfit, ended, steps = searches
+        outside, total, rounds = np.asarray(excess).max(axis=(1, 2)), total + np.asarray(steps), rounds + 1
         best = _best(np.asarray(misfit), outside)
-        if outside[best] <= OUTSIDE or not ended[best]:
-            break
+        met = bool(outside[best] <= OUTSIDE)
+        if met or not ended[best] or rounds == ROUNDS:
+            return np.asarray(unknowns[best], np.float64), met and bool(ended[best]), int(total[best])
         shifts = jnp.maximum(shifts + excess, 0.0)
-    return np.asarray(unknowns[best], np.float64), bool(ended[best]) and outside[best] <= OUTSIDE, int(steps[best])
 
 
 def _best(misfit: np.ndarray, outside: np.ndarray) -> int:
@@ -150,35 +151,13 @@ def _ascending(coefficients: np.ndarray, duration: float) -> np.ndarray:
     return np.pad(series.coef, (0, len(coefficients) - len(series.coef)))
 
 
-def _extremes(radius: np.ndarray, duration: float) -> tuple[float, float]:
-    """The least and the largest ρ on the whole path [m]."""
-    rho = Polynomial(radius)
-    turning = rho.deriv().roots()
-    inside = turning.real[(abs(turning.imag) < 1e-12) & (turning.real > 0) & (turning.real < duration)]
-    values = rho(np.array([0.0, duration, *inside]))
-    return float(values.min()), float(values.max())
-
-
-def _within(radius: np.ndarray, duration: float, bounds: tuple[float, float]) -> np.ndarray:
-    """ρ, drawn towards the middle of its bounds as far as it takes to be inside on the whole path."""
-    least, largest = _extremes(radius, duration)
-    if bounds[0] <= least and largest <= bounds[1]:
-        return radius
-    middle = (bounds[0] + bounds[1]) / 2
-    room = (bounds[1] - middle) * (1 - INSIDE)
-    drawn = radius * room / max(middle - least, largest - middle)
-    drawn[0] += middle * (1 - room / max(middle - least, largest - middle))
-    return drawn
-
-
-def _code(radius: np.ndarray, duration: float, bounds: tuple[float, float], ended: bool) -> ResultCode:
+def _code(radius: np.ndarray, duration: float, bounds: tuple[float, float], ended: bool, found: Quality) -> ResultCode:
     """How a fit ended whose path has these coefficients of ρ."""
-    least, largest = _extremes(radius, duration)
     if not ended:
         return ResultCode.not_converged
-    if least < bounds[0] * (1 + HELD) or largest > bounds[1] * (1 - HELD):
-        return ResultCode.held_by_bounds
-    return ResultCode.successful
+    if (code := judged(found)) != ResultCode.successful:
+        return code
+    return ResultCode.held_by_bounds if held(radius, duration, bounds) else ResultCode.successful
 
 
 def _ordered(bounds: Sequence[float | int]) -> tuple[float, float]:
