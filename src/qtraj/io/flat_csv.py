@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from qtraj.io.flat import FORMAT, TEXT, Flat
+from qtraj.io.flat import FORMAT, TEXT, Flat, kinds
 
 MARK = "# "
 TRUTH = {"True": True, "False": False}
@@ -46,10 +46,10 @@ def read_csv(file: Path) -> Flat:
     names, *rows = list(csv.reader(io.StringIO("\n".join(lines[count:]), newline=""))) or [[]]
     if wrong := next((k for k, row in enumerate(rows, 1) if len(row) != len(names)), None):
         raise ValueError(f"{file}: row {wrong} has {len(rows[wrong - 1])} columns, but expected {len(names)}")
-    kinds = {column: about["dtype"] for about in header["variables"].values() for column in about.get("columns", [])}
     try:
+        of = kinds(header)
         parts = zip(names, zip(*rows, strict=True), strict=True) if rows else ((name, ()) for name in names)
-        return Flat({name: _parsed(texts, kinds[name]) for name, texts in parts}, header)
+        return Flat({name: _parsed(texts, of[name]) for name, texts in parts}, header)
     except (KeyError, ValueError) as error:
         raise ValueError(f"{file}: the table does not fit its header ({error})") from error
 
