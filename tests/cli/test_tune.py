@@ -71,8 +71,8 @@ def test_both_limits_are_broken_before_and_met_after(default_run):
         assert after["binding"]
         assert after["value"] <= limit
         assert after["margin"] == limit - after["value"]
-    assert limits["curvature"]["before"]["value"] == pytest.approx(0.0502, abs=5e-5)
-    assert limits["lateral_acceleration"]["before"]["value"] == pytest.approx(2.94, abs=5e-3)
+    assert limits["curvature"]["before"]["value"] == pytest.approx(0.05236, abs=5e-5)
+    assert limits["lateral_acceleration"]["before"]["value"] == pytest.approx(2.180, abs=5e-3)
 
 
 def test_the_limits_have_their_purposes(default_run):
@@ -88,7 +88,7 @@ def test_the_json_is_what_the_library_says(default_run):
     assert tuned.converged
     assert tuning == {
         "objective": "nearest",
-        "motion": "uniform",
+        "motion": "hermite",
         "method": "sqp",
         "options": {},
         "fixed": [],
@@ -246,7 +246,7 @@ def test_the_terminal_shows_it_all_within_80_columns(default_run):
         f"{numbers['radius_min']:.2f} to {numbers['radius_max']:.2f} m",
         "V_φ at B",
         f"leaves the path before by {default_run.content['departure']:.3g} m at most",
-        "Its heading turns 9.6° to the left at A and",
+        "Its heading turns 7.1° to the left at A and",
         "mean rate",
         "standing passengers",
         "out/paths.nc",
@@ -387,6 +387,20 @@ def test_the_command_line_may_choose_motion_and_objective():
     speeds = [float(jnp.linalg.norm(job.path.velocity(t))) for t in (0.0, float(job.path.duration))]
     assert speeds == pytest.approx([5.0, np.hypot(4.5, 0.2)])
     assert lay(ramp).motion == "uniform"
+
+
+def test_a_recording_is_fitted_and_tuned_with_a_polynomial_angle(tmp_path):
+    """Unless the scenario or the command line says otherwise; between states the rate is constant."""
+    text = (EXAMPLES / "turn_from_recording.toml").read_text(encoding="utf-8").replace('"../src', f'"{ROOT}/src')
+    plain = re.sub(r"(?m)^motion = .*$", "", text)
+    chosen = {"": ("hermite", "hermite"), '\n[tune]\nmotion = "uniform"\n': ("uniform", "uniform")}
+    for more, motions in chosen.items():
+        (tmp_path / "s.toml").write_text(plain + more, encoding="utf-8")
+        given = read_scenario(tmp_path / "s.toml", Scenario)
+        job = lay(given)
+        assert (job.motion, "hermite" if len(job.path.angle) == 4 else "uniform") == motions
+        assert lay(given, Choice("uniform")).path.angle.shape == (2,)
+    assert lay(read_scenario(EXAMPLES / "ramp_from_states.toml", Scenario)).motion == "uniform"
 
 
 def test_a_path_keeps_its_turns_and_its_duration():

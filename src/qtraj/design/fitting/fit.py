@@ -40,7 +40,7 @@ ROUNDS, OUTSIDE = 15, 1e-6
 
 def fit(
     track: Track,
-    motion: str = "uniform",
+    motion: str = "hermite",
     position_sigma: float | int = POSITION_SIGMA,
     velocity_sigma: float | int = VELOCITY_SIGMA,
     radius_bounds: Sequence[float | int] | None = None,
@@ -50,9 +50,10 @@ def fit(
 ) -> Fitted:
     """The spiral-helix about a vertical axis that follows `track` best; path time 0 is its first sample.
 
-    `motion`: "uniform" (constant φ̇, as in paper S) or "hermite" (cubic φ); ρ and h are cubics. Minimised is the sum
-    of squared position errors over `position_sigma` [m] and, where velocities are recorded, of squared velocity errors
-    over `velocity_sigma` [m/s]: their ratio weighs the two, and windows shorter than 200 `position_sigma` are refused.
+    `motion`: "hermite" (cubic φ, which follows a driver who slows down and speeds up) or "uniform" (constant φ̇, as in
+    paper S); ρ and h are cubics. To tune the path, pass the same motion to `tune`. Minimised is the sum of squared
+    position errors over `position_sigma` [m] and, where velocities are recorded, of squared velocity errors over
+    `velocity_sigma` [m/s]: their ratio weighs the two, and windows shorter than 200 `position_sigma` are refused.
     `radius_bounds` [m] hold ρ on the whole path: by default a quarter and twice the mean turning radius.
 
     The result's `path` is the fitted one, its `residual` says how well that follows the track, and its `result` how the
