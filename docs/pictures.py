@@ -31,9 +31,10 @@ TURN = np.radians(35.0)  # of the body in the picture of the conventions
 def tuning() -> Figure:
     """What `qtraj tune` draws of its embedded scenario."""
     track = qt.read_track(files("qtraj.io") / "data" / "boreas_right_angle.csv").window(1093.5, 1099.5)
-    before = qt.fit(track).path
+    before = qt.fit(track, radius_bounds=(12, 40)).path
     limits = qt.Limits(curvature=1 / 22.5, lateral_acceleration=1.5)
-    best = qt.tune(before.state(0.0), before.state(before.duration), limits, placement=before.placement)
+    start, end, axis = before.state(0.0), before.state(before.duration), before.placement
+    best = qt.tune(start, end, limits, motion="hermite", duration=before.duration, placement=axis)
     paths = {"before": before, "after": best.path}
     data = path_dataset(paths, limits, track, attributes={"title": "Right-angle turn for a city bus"})
     return figures.tuning_figure(data)

@@ -34,18 +34,25 @@ from qtraj.viz.figures import limits_figure, tuning_figure
 # %% [markdown]
 # ## From positions to a path
 #
-# Uniform rotation is the model of the paper; a polynomial angle follows the recording four times closer.
+# Uniform rotation is the model of the paper; a polynomial angle, the default, follows the recording four times closer.
+# The nearer the axis, the sharper the best turn about it. So that a bus gets around, we keep the axis 12 m away, which
+# costs some of that closeness.
 
 # %%
 track = qt.read_track(files("qtraj.io") / "data" / "boreas_right_angle.csv").window(1093.5, 1099.5)
-fits = {motion: qt.fit(track, motion=motion) for motion in ("uniform", "hermite")}
-for motion, found in fits.items():
+fits = {
+    "uniform": qt.fit(track, motion="uniform"),
+    "hermite": qt.fit(track),
+    "hermite, at least 12 m from its axis": qt.fit(track, radius_bounds=(12.0, 40.0)),
+}
+for name, found in fits.items():
     r = found.residual
-    print(f"{motion}: {r.horizontal_rms:.3f} m RMS horizontally, {r.vertical_rms:.3f} m vertically")
-fit = fits["uniform"]
-assert fit.successful
-assert fit.residual.horizontal_rms < 0.2
-assert fits["hermite"].residual.horizontal_rms < 0.3 * fit.residual.horizontal_rms
+    print(f"{name}: {r.horizontal_rms:.3f} m RMS horizontally, {r.vertical_rms:.3f} m vertically")
+    assert found.successful
+uniform, hermite, fit = fits.values()
+assert hermite.residual.horizontal_rms < 0.3 * uniform.residual.horizontal_rms
+assert fit.residual.horizontal_rms < 0.7 * uniform.residual.horizontal_rms
+print(fit.result)
 path = fit.path
 
 # %% [markdown]
@@ -71,7 +78,8 @@ print(f"κ = {frame.curvature:.4f} 1/m, torsion {frame.torsion:.5f} 1/m, ω⁰ =
 
 # %%
 limits = qt.Limits(curvature=1 / 22.5, lateral_acceleration=1.5)
-best = qt.tune(path.state(0.0), path.state(path.duration), limits, placement=path.placement)
+start, end = path.state(0.0), path.state(path.duration)
+best = qt.tune(start, end, limits, motion="hermite", duration=path.duration, placement=path.placement)
 for name in limits.given():
     time, value = qt.peak(path, name)
     print(f"{name} before: {value:.4f} at {time:.2f} s; after: {best.certificate.describe(name)}")

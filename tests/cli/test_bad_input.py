@@ -1,6 +1,11 @@
 """Bad input: one message, exit code 2, nothing written, no traceback."""
 
+import shutil
+from pathlib import Path
+
 import pytest
+
+DATA = Path(__file__).parents[1] / "data"
 
 STATES = """
 [start]
@@ -123,6 +128,14 @@ BAD = {
         TRACK.replace("[limits]", "window = [5, 50]\n[limits]"),
         ["the window 5 to 50 s leaves the recording", "0 to 11 s"],
     ),
+    "a parked car": (
+        TRACK.replace("track.csv", "parked.csv"),
+        ["scenario.toml: the vehicle stands still in this window", "Choose a window in which it drives"],
+    ),
+    "two bends": (
+        TRACK.replace("track.csv", "bends.csv"),
+        ["holds 2 bends that turn against each other", "the largest, from about 69.79 to 77.36 s"],
+    ),
     "a straight window": (TRACK.replace("track.csv", "straight.csv"), ["the window is nearly straight"]),
     "a missing recording": (TRACK.replace("track.csv", "gone.csv"), ["gone.csv: there is no such file"]),
     "a broken recording": (TRACK.replace("track.csv", "broken.csv"), ["broken.csv, line 3", "column 'x'", "'?'"]),
@@ -176,6 +189,8 @@ BAD = {
 def folder(tmp_path):
     (tmp_path / "track.csv").write_text(CSV)
     (tmp_path / "straight.csv").write_text("t,x,y,z\n" + "\n".join(f"{k},{k},0,0" for k in range(12)))
+    for name in ("parked", "bends"):
+        shutil.copy(DATA / f"boreas_{name.replace('parked', 'standing')}.csv", tmp_path / f"{name}.csv")
     (tmp_path / "misspelt.csv").write_text(CSV.replace("z", "altitud"))
     (tmp_path / "broken.csv").write_text(CSV.replace("1,1,0.01,0", "1,?,0.01,0"))
     return tmp_path

@@ -5,6 +5,7 @@ import io
 import json
 import re
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 
 import jax
@@ -70,8 +71,8 @@ def test_both_limits_are_broken_before_and_met_after(default_run):
         assert after["binding"]
         assert after["value"] <= limit
         assert after["margin"] == limit - after["value"]
-    assert limits["curvature"]["before"]["value"] == pytest.approx(0.0502, abs=5e-5)
-    assert limits["lateral_acceleration"]["before"]["value"] == pytest.approx(2.94, abs=5e-3)
+    assert limits["curvature"]["before"]["value"] == pytest.approx(0.05236, abs=5e-5)
+    assert limits["lateral_acceleration"]["before"]["value"] == pytest.approx(2.180, abs=5e-3)
 
 
 def test_the_limits_have_their_purposes(default_run):
@@ -87,7 +88,7 @@ def test_the_json_is_what_the_library_says(default_run):
     assert tuned.converged
     assert tuning == {
         "objective": "nearest",
-        "motion": "uniform",
+        "motion": "hermite",
         "method": "sqp",
         "options": {},
         "fixed": [],
@@ -159,6 +160,72 @@ def test_the_boundary_velocities_follow_from_the_dataset(default_run, when):
     assert told["mean_rate"] == pytest.approx(np.mod(angles[1] - angles[0], 2 * np.pi) / told["duration"], abs=1e-8)
 
 
+FITTED = f"""
+[track]
+file = "{ROOT / "tests" / "data" / "boreas_bends.csv"}"
+window = [78.4, 87.6]
+[fit]
+motion = "MOTION"
+[limits]
+lateral_acceleration = 9.0
+"""
+"""A left bend in which a car slows down by more than half: at a constant rate about an axis it would be much faster."""
+
+
+@pytest.mark.parametrize(
+    ("motion", "status", "words"),
+    [
+        (
+            "uniform",
+            "poor_fit",
+            "its speed differs by 66.1% of the recorded one, more than 50%: the path does not",
+        ),
+        (
+            "hermite",
+            "loose_fit",
+            "its speed differs by 27.1% of the recorded one, more than 25%: the path follows ",
+        ),
+    ],
+)
+def test_a_fit_that_misses_its_recording_is_told_everywhere(qtraj, tmp_path, motion, status, words):
+    """In red on the terminal, in JSON, in the report and in the exit code, whatever the proof of the limits says."""
+    (tmp_path / "s.toml").write_text(FITTED.replace("MOTION", motion))
+    out = tmp_path / "out"
+    result = qtraj("tune", tmp_path / "s.toml", "--out", out, "--json")
+    content = json.loads(result.stdout)
+    assert content["tuning"]["status"] == "converged"
+    assert result.exit_code == (1 if status == "poor_fit" else 0)
+    fit = content["fit"]
+    assert (fit["status"], fit["successful"]) == (status, status == "loose_fit")
+    assert words in fit["warning"]
+    console = Console(file=io.StringIO(), width=1000, force_terminal=True, color_system="standard")
+    print_tuning(console, content)
+    assert f"\x1b[1;31mWarning: {fit['warning']}" in console.file.getvalue()
+    assert qtraj("report", out).exit_code == 0
+    assert f'<p class="note warning">Warning: {escape(fit["warning"])}</p>' in (out / "report.html").read_text("utf-8")
+    table = qtraj("evaluate", tmp_path / "s.toml", "--out", out)
+    assert table.exit_code == result.exit_code
+    assert words[:40] in " ".join(table.stdout.split())
+    assert xarray.load_dataset(out / "table.nc").attrs["fit_status"] == status
+
+
+def test_the_report_shows_the_fit_as_the_terminal_does(qtraj, default_run, tmp_path):
+    assert default_run.content["fit"]["warning"] is None
+    assert qtraj("report", default_run.out, "--out", tmp_path).exit_code == 0
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    table = page.partition("Fitted spiral-helix against the recording")[2].partition("</table>")[0]
+    rows = [re.findall(r"<td[^>]*>([^<]*)", row) for row in re.findall(r"<tr>.*?</tr>", table, flags=re.S)]
+    text = printed(default_run.content).partition("Fitted spiral-helix against the recording")[2]
+    terminal = [re.split(r"  +", line.strip(), maxsplit=1) for line in text.partition("Limits")[0].splitlines()]
+    assert rows == [line for line in terminal if len(line) == 2]
+    assert len(rows) == 10
+    assert 'class="note warning"' not in page
+    dataset = default_run.dataset
+    for name in ("horizontal_rms", "relative_rms", "recorded_turn", "samples"):
+        assert float(dataset[f"fit_{name}"]) == default_run.content["fit"][name]
+    assert dataset["fit_horizontal_rms"].attrs["units"] == "m"
+
+
 def printed(content):
     """What the terminal shows of an outcome, at 80 columns."""
     console = Console(file=io.StringIO(), width=80, highlight=False)
@@ -179,7 +246,7 @@ def test_the_terminal_shows_it_all_within_80_columns(default_run):
         f"{numbers['radius_min']:.2f} to {numbers['radius_max']:.2f} m",
         "V_φ at B",
         f"leaves the path before by {default_run.content['departure']:.3g} m at most",
-        "Its heading turns 9.6° to the left at A and",
+        "Its heading turns 7.1° to the left at A and",
         "mean rate",
         "standing passengers",
         "out/paths.nc",
@@ -320,6 +387,20 @@ def test_the_command_line_may_choose_motion_and_objective():
     speeds = [float(jnp.linalg.norm(job.path.velocity(t))) for t in (0.0, float(job.path.duration))]
     assert speeds == pytest.approx([5.0, np.hypot(4.5, 0.2)])
     assert lay(ramp).motion == "uniform"
+
+
+def test_a_recording_is_fitted_and_tuned_with_a_polynomial_angle(tmp_path):
+    """Unless the scenario or the command line says otherwise; between states the rate is constant."""
+    text = (EXAMPLES / "turn_from_recording.toml").read_text(encoding="utf-8").replace('"../src', f'"{ROOT}/src')
+    plain = re.sub(r"(?m)^motion = .*$", "", text)
+    chosen = {"": ("hermite", "hermite"), '\n[tune]\nmotion = "uniform"\n': ("uniform", "uniform")}
+    for more, motions in chosen.items():
+        (tmp_path / "s.toml").write_text(plain + more, encoding="utf-8")
+        given = read_scenario(tmp_path / "s.toml", Scenario)
+        job = lay(given)
+        assert (job.motion, "hermite" if len(job.path.angle) == 4 else "uniform") == motions
+        assert lay(given, Choice("uniform")).path.angle.shape == (2,)
+    assert lay(read_scenario(EXAMPLES / "ramp_from_states.toml", Scenario)).motion == "uniform"
 
 
 def test_a_path_keeps_its_turns_and_its_duration():

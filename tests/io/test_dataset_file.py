@@ -2,6 +2,8 @@
 
 import json
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pandas
 import pyarrow.parquet as pq
@@ -65,6 +67,29 @@ def test_everything_comes_back_bit_by_bit(name, suffix, request, tmp_path):
             assert again[key].dtype == variable.dtype, key
             assert again[key].values.tobytes() == variable.values.tobytes(), key
     assert [file.name for file in tmp_path.iterdir()] == [f"result{suffix}"]
+
+
+@pytest.fixture(scope="module")
+def batch():
+    """Three unnamed paths at common instants, as `evaluate` gives them."""
+    three = [helix(radius, 10.0) for radius in (10.0, 20.0, 40.0)]
+    stacked = jax.tree.map(lambda *x: jnp.stack(x), *three)
+    return qt.evaluate(stacked, np.linspace(0.0, 10.0, 5), outputs=("position", "curvature")).to_xarray()
+
+
+@pytest.mark.parametrize("suffix", FLAT)
+def test_rows_of_unnamed_paths_say_whose_they_are(batch, suffix, tmp_path):
+    """Other tools can group the rows, and what `load_dataset` reads is what was saved."""
+    file = tmp_path / f"batch{suffix}"
+    qt.save_dataset(batch, file)
+    table = pandas.read_parquet(file) if suffix == ".parquet" else pandas.read_csv(file, comment="#", **EXACTLY)
+    assert table["path"].tolist() == [0] * 5 + [1] * 5 + [2] * 5
+    for k, rows in table.groupby("path"):
+        one = batch.isel(path=k)
+        assert rows["time"].tolist() == one["time"].values.tolist()
+        assert rows["position_x"].tolist() == one["position"].values[:, 0].tolist()
+        assert rows["curvature"].tolist() == one["curvature"].values.tolist()
+    xarray.testing.assert_identical(qt.load_dataset(file), batch)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)

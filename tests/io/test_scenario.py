@@ -43,7 +43,7 @@ def test_the_embedded_scenario():
     scenario = given.scenario
     assert scenario.limits.given() == {"curvature": 1 / 22.5, "lateral_acceleration": 1.5}
     assert scenario.purpose.keys() == scenario.limits.given().keys()
-    assert (scenario.tune.objective, scenario.tune.motion) == ("nearest", "uniform")
+    assert (scenario.tune.objective, scenario.tune.motion) == ("nearest", "hermite")
     assert scenario.track.window == [1093.5, 1099.5]
     assert given.beside(scenario.track.file).is_file()
     assert "CC BY 4.0" in scenario.track.source
@@ -68,7 +68,8 @@ def test_the_hash_is_that_of_the_bytes(file):
 
 def test_what_is_left_out_has_defaults(read):
     scenario = read(STATES).scenario
-    assert scenario.tune == TunePart(objective="nearest", motion="uniform")
+    assert scenario.tune == TunePart(objective="nearest", motion=None)
+    assert scenario.motion == "uniform"
     assert scenario.limits == LimitsPart()
     assert scenario.start.acceleration is None
     assert scenario.start.position == [12.0, 0.0, 0.0]  # whole numbers are numbers

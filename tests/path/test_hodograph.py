@@ -5,12 +5,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.interpolate import CubicSpline
 
 import qtraj as qt
 
 from .conftest import as_curve
 
 RELATIVE = 1e-12
+TOLERANCE = 1e-9
+"""Relative, of a length, as documented."""
 
 
 @pytest.mark.parametrize("name", ["helix", "tilted"])
@@ -44,6 +47,61 @@ def test_length_agrees_with_adaptive_quadrature(name, request):
     expected, _ = quad(lambda t: float(speed(t)), 0.0, float(path.duration), epsabs=0, epsrel=1e-13, limit=200)
     np.testing.assert_allclose(path.length(), expected, rtol=RELATIVE)
     np.testing.assert_allclose(as_curve(path).length(), expected, rtol=RELATIVE)
+
+
+def wave(count):
+    """1 km eastwards in 100 s, with `count` waves of 10 m across."""
+
+    def position(t):
+        return jnp.stack([10.0 * t, 10.0 * jnp.sin(2 * jnp.pi * count * t / 100.0), 0.0 * t])
+
+    return qt.Curve(position, 100.0)
+
+
+@pytest.mark.parametrize("count", [1, 40, 1000, 3000])
+def test_a_long_curve_is_as_long_as_its_waves(count):
+    """Each quarter of a wave is as long as the others: one of them, by an independent adaptive quadrature."""
+    rate = 2 * np.pi * count / 100.0
+    quarter, _ = quad(lambda t: np.hypot(10.0, 10.0 * rate * np.cos(rate * t)), 0.0, 25.0 / count, epsrel=1e-13)
+    np.testing.assert_allclose(wave(count).length(), 4 * count * quarter, rtol=TOLERANCE)
+
+
+def test_a_recorded_drive_is_as_long_as_its_pieces():
+    """A cubic spline through noisy samples, whose third derivative jumps at each of 3000 knots."""
+    knots = np.linspace(0.0, 300.0, 3001)
+    wander = np.cumsum(np.random.default_rng(3).normal(size=(3001, 3)), axis=0)
+    spline = CubicSpline(knots, wander + knots[:, None] * [5.0, 2.0, 0.0])
+    coefficients = jnp.asarray(np.moveaxis(spline.c, 0, 1))
+
+    def position(t):
+        k = jnp.clip((t / 0.1).astype(int), 0, 2999)
+        d = t - 0.1 * k.astype(float)
+        a = coefficients[k]
+        return ((a[0] * d + a[1]) * d + a[2]) * d + a[3]
+
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    speeds = np.linalg.norm(spline(0.05 + 0.05 * nodes + knots[:-1, None], 1), axis=-1)
+    expected = np.sum(0.05 * weights * speeds)
+    np.testing.assert_allclose(qt.Curve(position, 300.0).length(), expected, rtol=100 * TOLERANCE)
+
+
+def test_a_length_is_differentiated_forwards_and_backwards_under_jit_and_vmap():
+    """2000 waves of height a: the refined sum has the derivative of the length, at whatever number of panels."""
+
+    def length(a):
+        return qt.Curve(lambda t: jnp.stack([10.0 * t, a * jnp.sin(125.0 * t), 0.0 * t]), 100.0).length()
+
+    heights = jnp.asarray([0.5, 5.0])
+    backwards = jax.jit(jax.vmap(jax.grad(length)))(heights)
+    np.testing.assert_allclose(backwards, jax.vmap(jax.jacfwd(length))(heights), rtol=1e-12)
+    for a, slope in zip((0.5, 5.0), backwards, strict=True):
+        difference = (length(a + 1e-3) - length(a - 1e-3)) / 2e-3
+        np.testing.assert_allclose(slope, difference, rtol=1e-6)
+
+
+def test_a_length_that_cannot_be_found_is_no_number():
+    """Ten thousand million waves are beyond a million speeds."""
+    assert np.isnan(wave(10**10).length())
 
 
 def test_the_length_of_a_circle_and_its_gradient_are_exact():

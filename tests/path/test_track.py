@@ -1,11 +1,17 @@
 """Recorded tracks: what they accept, their windows, and the turn they read from a recording."""
 
+from pathlib import Path
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from qtraj.foundation import document
+from qtraj.io.track_file import read_track
+from qtraj.path.bends import bends
 from qtraj.path.track import Track
+
+DATA = Path(__file__).parents[1] / "data"
 
 ROUND_OFF = 1e-12
 CHORD_ERROR = 0.01
@@ -125,6 +131,52 @@ def test_a_stop_has_no_direction():
     np.testing.assert_allclose(track.turn, 1.0, rtol=1e-9)
     still = Track(np.arange(5.0), np.ones((5, 3)))
     assert float(still.turn) == 0.0
+
+
+@pytest.mark.parametrize("velocities", [True, False], ids=["velocities", "positions"])
+def test_a_parked_car_does_not_turn(velocities):
+    """A real car that waits for 8 s: its velocities are a millimetre per second of noise in every direction."""
+    track = read_track(DATA / "boreas_standing.csv")
+    if not velocities:
+        track = Track(track.times, track.positions)
+    assert float(np.ptp(np.asarray(track.positions), axis=0).max()) < 0.002
+    assert float(track.turn) == 0.0
+    assert bends(track, np.radians(10.0), 2.0) == []
+
+
+@pytest.mark.parametrize("size", [0.06, 0.09, 0.2, 2.0])
+def test_a_jittering_track_stands_within_a_decimetre(size):
+    """A ring of `size` in diameter, 40 times around: a turn where that is more than noise could be, else none."""
+    angle = np.linspace(0.0, 80 * np.pi, 2000)
+    ring = 0.5 * size * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    speed = 0.5 * size * np.stack([-np.sin(angle), np.cos(angle), 0 * angle], axis=1)
+    turn = 80 * np.pi if size >= 0.2 else 0.0
+    np.testing.assert_allclose(Track(angle, ring + np.array([6e5, 4.8e6, 150.0]), speed).turn, turn, rtol=1e-9)
+
+
+@pytest.mark.parametrize("velocities", [True, False], ids=["velocities", "positions"])
+def test_the_bends_of_a_real_drive(velocities):
+    """Right and left at two crossings, as `test_the_turn_of_a_circle` would have each of them alone."""
+    track = read_track(DATA / "boreas_bends.csv")
+    plain = track if velocities else Track(track.times, track.positions)
+    found = bends(plain, np.radians(10.0), 2.0)
+    assert np.sign([bend.turn for bend in found]).tolist() == [-1.0, 1.0]
+    for bend in found:
+        whole = float(track.window(bend.start, bend.end).turn)
+        np.testing.assert_allclose(0.9 * bend.turn, whole, atol=np.radians(6.0))
+    assert found[0].start < found[0].end < found[1].start < found[1].end
+
+
+def test_small_swings_are_no_bends():
+    """A curve to the left that wavers by ±4° is one bend, and the waver alone is none."""
+    times = np.linspace(0.0, 10.0, 400)
+    for turn, count in ((1.5, 1), (0.0, 0), (-1.5, 1)):
+        heading = turn * times / 10.0 + np.radians(4.0) * np.sin(6 * times)
+        velocities = 8.0 * np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
+        positions = np.cumsum(velocities, axis=0) * (times[1] - times[0])
+        found = bends(Track(times, positions, velocities), np.radians(10.0), 2.0)
+        assert len(found) == count
+        assert [np.sign(bend.turn) for bend in found] == [np.sign(turn)] * count
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])

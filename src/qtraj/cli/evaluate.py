@@ -7,6 +7,8 @@ import typer
 
 from qtraj.cli.terminal import guarded, stdout
 
+NOT_FITTED = 1
+
 
 def evaluate(
     scenario: Path = typer.Argument(..., metavar="SCENARIO", help="A scenario, or a saved path (TOML or JSON)."),
@@ -25,7 +27,8 @@ def evaluate(
     """Tabulate a path: time, position, speed, curvature, torsion, attitude and rate.
 
     Of a scenario it is the path before tuning. Attitude and rate are those of the natural trihedral; the quaternion is
-    scalar first, body to world. What --also names is added to the files and to JSON.
+    scalar first, body to world. What --also names is added to the files and to JSON. Exit code 1 where
+    the path does not follow its recording.
     """
     with guarded():  # imports here, so that --help need not wait for pydantic and xarray
         from qtraj.cli.evaluation.tabulate import print_table
@@ -36,3 +39,5 @@ def evaluate(
         typer.echo(json.dumps(content, allow_nan=False))
     else:
         print_table(stdout(), content)
+    if content["fit"] is not None and not content["fit"]["successful"]:
+        raise typer.Exit(NOT_FITTED)

@@ -43,7 +43,8 @@ def tune(
     """Tune the boundary velocities of a path until its limits hold, and write both paths.
 
     Writes a labelled dataset (paths.nc), the tuned path (path.toml), the whole outcome (tuning.toml) and a figure
-    (tuning.png, tuning.svg). Exit code 1 where the limits are not met.
+    (tuning.png, tuning.svg). Exit code 1 where the limits are not met, or a path does not follow its
+    recording.
     """
     with guarded():  # imports here, so that --help need not wait for pydantic, xarray and matplotlib
         from qtraj.cli.tuning.job import Choice

@@ -46,6 +46,11 @@ class ResultCode(enum.IntEnum):
         "This window alone does not determine the axis. Choose a window with one clear bend, or pass other "
         "radius_bounds.",
     )
+    loose_fit = (
+        NOTES + 3,
+        "the path follows its recording loosely. Choose a window with one clear bend in which the vehicle keeps "
+        "moving; motion='hermite' follows it more closely than 'uniform', and wider radius_bounds may help.",
+    )
     limits_sampled = (
         NOTES + 2,
         "every limit is met, some only as far as refined sampling shows. Loosen those limits a little for a proof, or "
@@ -83,10 +88,10 @@ class ResultCode(enum.IntEnum):
         FAILURES + 6,
         "no boundary velocities were found that meet the limits. Raise the limits that are broken, or move the ends.",
     )
-    radius_vanishes = (
+    poor_fit = (
         FAILURES + 7,
-        "the radius vanishes inside the window, so the path runs through its own axis. Choose a window with one clear "
-        "bend, or raise the lower of radius_bounds.",
+        "the path does not follow its recording. Choose a window with one clear bend in which the vehicle keeps "
+        "moving; motion='hermite' follows it more closely than 'uniform', and wider radius_bounds may help.",
     )
     limits_broken = FAILURES + 8, "a limit is broken. Tune the path, or raise the limit."
     limits_undecided = (

@@ -14,6 +14,8 @@ import numpy as np
 import xarray
 
 from qtraj.batch.evaluate import evaluate
+from qtraj.design.fitting.facts import labelled
+from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.provenance import made_with
@@ -45,11 +47,13 @@ def path_dataset(
     track: Track | None = None,
     samples: int = SAMPLES,
     attributes: Mapping[str, str] | None = None,
+    fitted: Fitted | None = None,
 ) -> xarray.Dataset:
     """The paths, by name, as one dataset with units, meanings and conventions in its attributes (extra `io`).
 
     All outputs of `qtraj.evaluate`, at `samples` instants of each path. A variable that a limit bounds holds it as
-    attribute `limit`. A recorded `track` is added as `recorded_position` over `recorded_time`, from its first sample.
+    attribute `limit`. A recorded `track` is added as `recorded_position` over `recorded_time`, from its first sample,
+    and what is known of a `fitted` path as variables and attributes whose names begin with `fit_`.
 
     **Raises:** ValueError for no path, or fewer than 2 samples.
     """
@@ -73,9 +77,18 @@ def path_dataset(
         coordinates["recorded_time"] = ("record", known_elapsed(track), notes("s", "time from the first record"))
         dims = ("record", "world")
         variables["recorded_position"] = (dims, known(track.positions), notes("m", "recorded position, world axes"))
+    about = {} if fitted is None else with_fit(variables, fitted)
     made = made_with(np.asarray(next(iter(paths.values())).duration).dtype)
-    whole = {**CONVENTIONS, **made, **(attributes or {})}
+    whole = {**CONVENTIONS, **made, **about, **(attributes or {})}
     return xarray.Dataset(variables, coordinates, whole)
+
+
+def with_fit(variables: dict[str, Any], fitted: Fitted) -> dict[str, str]:
+    """Add what is known of a fit to the variables of a dataset; the attributes that say the rest."""
+    known_of_it, attributes = labelled(fitted)
+    for name, quantity in known_of_it.items():
+        variables[name] = (quantity.axes, quantity.values, notes(quantity.unit, quantity.meaning))
+    return attributes
 
 
 def write_netcdf(dataset: xarray.Dataset, file: str | os.PathLike[str]) -> None:

@@ -1,10 +1,10 @@
 """A dataset as one table with a header: what Parquet and CSV files hold.
 
 The rows are the instants, path by path (or lane by lane) where there are several: the dimensions of `time`, `path`,
-and `lane`, or `lane_1`, `lane_2` … A variable of more dimensions has a column for each component (`position_x`,
-`dcm_tangent_x`); one of fewer is repeated (`duration` on each row of its path). Numbers alone make one row. What has
-nothing to do with the rows (the names of axes, a recording) stands in the header, beside all dimensions, types, units
-and other attributes.
+and `lane`, or `lane_1`, `lane_2` … Paths and lanes without names have a column of their numbers, from 0. A variable of
+more dimensions has a column for each component (`position_x`, `dcm_tangent_x`); one of fewer is repeated (`duration` on
+each row of its path). Numbers alone make one row. What has nothing to do with the rows (the names of axes, a recording)
+stands in the header, beside all dimensions, types, units and other attributes.
 """
 
 import itertools
@@ -19,7 +19,7 @@ import numpy as np
 import xarray
 
 FORMAT = "qtraj-dataset/1"
-TEXT = "str"
+TEXT, NUMBERS = "str", "int64"
 KINDS = "fiub"
 LANE = re.compile(r"lane(_\d+)?")
 """The dimensions of many problems, as results name them."""
@@ -40,7 +40,7 @@ def flatten(dataset: xarray.Dataset) -> Flat:
     attributes that JSON cannot hold.
     """
     rows = _rows(dataset)
-    columns: dict[str, np.ndarray] = {}
+    columns, numbers = _numbers(dataset, rows)
     variables: dict[str, Any] = {}
     for key, variable in dataset.variables.items():
         name = str(key)
@@ -58,6 +58,7 @@ def flatten(dataset: xarray.Dataset) -> Flat:
         variables[name] = about
     header = {"format": FORMAT, "rows": list(map(str, rows))}
     header |= {"dimensions": {str(dim): n for dim, n in dataset.sizes.items()}}
+    header |= {"numbers": numbers} if numbers else {}
     header |= {"attributes": _plain(dataset.attrs, "the dataset"), "variables": variables}
     return Flat(columns, header)
 
@@ -78,14 +79,35 @@ def unflatten(flat: Flat) -> xarray.Dataset:
     return xarray.Dataset(variables, coordinates, flat.header["attributes"])
 
 
+def kinds(header: dict[str, Any]) -> dict[str, str]:
+    """What the values of each column are, by the header of a table."""
+    found = {column: about["dtype"] for about in header["variables"].values() for column in about.get("columns", [])}
+    return dict.fromkeys(header.get("numbers", {}), NUMBERS) | found
+
+
 def _rows(dataset: xarray.Dataset) -> list[Any]:
     """The dimensions along which the rows run."""
     if not dataset.variables:
         raise ValueError("an empty dataset makes no table: save it as .nc or .zarr")
-    lanes = [dim for dim in dataset.sizes if dim == "path" or LANE.fullmatch(str(dim))]
+    lanes = [dim for dim in dataset.sizes if _is_lane(dim)]
     if "time" not in dataset.variables:
         return lanes or list(dataset.sizes)[:1]
     return [dim for dim in dataset.sizes if dim in lanes or dim in dataset["time"].dims]
+
+
+def _numbers(dataset: xarray.Dataset, rows: list[Any]) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    """Columns that number the paths and lanes of a table that have no names, and their dimensions."""
+    shape = [dataset.sizes[dim] for dim in rows]
+    columns, numbers = {}, {}
+    for k, dim in enumerate(rows):
+        if _is_lane(dim) and dim not in dataset.variables and len(rows) > 1:
+            columns[str(dim)] = np.indices(shape)[k].ravel().astype(NUMBERS)
+            numbers[str(dim)] = str(dim)
+    return columns, numbers
+
+
+def _is_lane(dim: Any) -> bool:
+    return dim == "path" or LANE.fullmatch(str(dim)) is not None
 
 
 def _spread(

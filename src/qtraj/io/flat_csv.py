@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from qtraj.foundation.untrusted import parse_json, read_text
-from qtraj.io.flat import FORMAT, TEXT, Flat
+from qtraj.io.flat import FORMAT, TEXT, Flat, kinds
 
 MARK = "# "
 TRUTH = {"True": True, "False": False}
@@ -50,10 +50,10 @@ def read_csv(file: Path) -> Flat:
         raise ValueError(f"{file}: the table cannot be read ({error})") from error
     if wrong := next((k for k, row in enumerate(rows, 1) if len(row) != len(names)), None):
         raise ValueError(f"{file}: row {wrong} has {len(rows[wrong - 1])} columns, but expected {len(names)}")
-    kinds = {column: about["dtype"] for about in header["variables"].values() for column in about.get("columns", [])}
     try:
+        of = kinds(header)
         parts = zip(names, zip(*rows, strict=True), strict=True) if rows else ((name, ()) for name in names)
-        return Flat({name: _parsed(texts, kinds[name]) for name, texts in parts}, header)
+        return Flat({name: _parsed(texts, of[name]) for name, texts in parts}, header)
     except (KeyError, ValueError) as error:
         raise ValueError(f"{file}: the table does not fit its header ({error})") from error
 

@@ -11,6 +11,8 @@ from qtraj.foundation.untrusted import parse_json
 from qtraj.io.flat import FORMAT, Flat
 
 KEY = b"qtraj"
+NUMBER = {"attributes": {"units": "1", "long_name": "number, from 0"}}
+"""What is said of a column that numbers paths or lanes."""
 
 
 def write_parquet(flat: Flat, file: Path) -> None:
@@ -19,7 +21,7 @@ def write_parquet(flat: Flat, file: Path) -> None:
     about = {column: v for v in flat.header["variables"].values() for column in v.get("columns", [])}
     for name, values in flat.columns.items():
         array = pa.array(values.tolist(), pa.string()) if values.dtype.kind == "U" else pa.array(values)
-        notes = {key: str(value) for key, value in about[name]["attributes"].items()}
+        notes = {key: str(value) for key, value in about.get(name, NUMBER)["attributes"].items()}
         fields.append(pa.field(name, array.type, metadata=notes))
         arrays.append(array)
     schema = pa.schema(fields, metadata={KEY: json.dumps(flat.header).encode()})

@@ -68,7 +68,7 @@ class FitPart(Part):
 
     motion: Motion | None = Field(
         default=None,
-        title="of the angle: at a constant rate ('uniform', if left out), or a polynomial",
+        title="of the angle: a polynomial, or at a constant rate; that of [tune] if left out",
         description=MOTION,
     )
     position_sigma: Positive | None = Field(
@@ -139,8 +139,11 @@ class TunePart(Part):
         "the least duration, or the least jerk",
         description=OBJECTIVE,
     )
-    motion: Motion = Field(
-        default="uniform", title="of the angle: at a constant rate, or a polynomial", description=MOTION
+    motion: Motion | None = Field(
+        default=None,
+        title="of the angle: at a constant rate, or a polynomial; if left out, 'hermite' of a [track] and 'uniform' of "
+        "all else",
+        description=MOTION,
     )
     duration: Positive | None = Field(
         default=None,
@@ -229,6 +232,11 @@ class Scenario(Part):
         description="a table [purpose] of texts, one for each limit",
     )
     tune: TunePart = Field(default=TunePart(), title="what tuning is to do", description="a table [tune]")
+
+    @property
+    def motion(self) -> str:
+        """The motion of the tuned path: as given, or what suits its source."""
+        return self.tune.motion or ("uniform" if self.track is None else "hermite")
 
     @model_validator(mode="after")
     def _one_path(self) -> "Scenario":

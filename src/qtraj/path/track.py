@@ -20,6 +20,9 @@ noise, and short enough to follow eight whole turns."""
 STANDING = 0.05
 """Below this part of the fastest sample's speed a vehicle has no direction of travel."""
 
+STANDSTILL = 0.1
+"""[m] A track that stays this near to its middle stands: its velocities are noise, whatever their ratio."""
+
 RECORDED_ATTITUDE = "recorded quaternion, scalar first, Hamilton, body to world, of any length"
 
 
@@ -83,7 +86,9 @@ class Track(AbstractResult):
     def turn(self) -> Scalar:
         """How far the horizontal direction of travel turns from the first to the last sample, left positive [rad].
 
-        From the recorded velocities, else from chords between positions. Samples at a standstill have no direction.
+        From the recorded velocities, else from chords between positions. Samples at a standstill have no direction:
+        those slower than a twentieth of the fastest, and all of a track that stays within 0.1 m of its middle, whose
+        turn is 0.
         """
         return as_array(travel_turn(self), self.positions.dtype)
 
@@ -125,13 +130,20 @@ def known_elapsed(track: Track) -> np.ndarray:
     return times - times[0]
 
 
-def travel_turn(track: Track) -> float:
-    """The signed turn of the horizontal direction of travel [rad]; 0 where the vehicle never moves."""
+def travel_turn(track: Track, standstill: float = STANDSTILL) -> float:
+    """The signed turn of the horizontal direction of travel [rad]; 0 for a track within `standstill` [m]."""
+    if reach(track) <= standstill:
+        return 0.0
     if track.velocities is not None:
-        return _net_turn(known(track.velocities)[:, :2])
+        direction = directions(known(track.velocities))[1]
+        return float(direction[-1] - direction[0]) if len(direction) else 0.0
     chords, seconds = _chords(track)
+    direction = directions(chords / seconds[:, None])[1]
+    if len(direction) < 2:
+        return 0.0
     # A chord has the direction of its middle: the half chords at both ends are extrapolated.
-    return _net_turn(chords / seconds[:, None], ends=0.5)
+    outside = direction[1] - direction[0] + direction[-1] - direction[-2]
+    return float(direction[-1] - direction[0] + 0.5 * outside)
 
 
 def travel_length(track: Track) -> float:
@@ -140,20 +152,29 @@ def travel_length(track: Track) -> float:
     return float(np.hypot(*chords.T).sum())
 
 
+def reach(track: Track) -> float:
+    """The largest horizontal distance of a sample from the middle of them all [m]."""
+    positions = known(track.positions)[:, :2]
+    return float(np.hypot(*(positions - positions.mean(axis=0)).T).max())
+
+
+def directions(velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which of the samples move, (m,) of n, and their continuous horizontal directions (m,) [rad]."""
+    speed = np.hypot(*velocities[:, :2].T)
+    moving = np.flatnonzero(speed > STANDING * speed.max(initial=0.0))
+    x, y = velocities[moving, :2].T
+    return moving, np.unwrap(np.arctan2(y, x))
+
+
+def chord_marks(count: int) -> np.ndarray:
+    """The ends of the chords among `count` samples."""
+    return np.linspace(0, count - 1, min(count, CHORDS + 1)).round().astype(int)
+
+
 def _chords(track: Track) -> tuple[np.ndarray, np.ndarray]:
     positions, times = known(track.positions)[:, :2], known(track.times)
-    marks = np.linspace(0, len(times) - 1, min(len(times), CHORDS + 1)).round().astype(int)
+    marks = chord_marks(len(times))
     return np.diff(positions[marks], axis=0), np.diff(times[marks])
-
-
-def _net_turn(velocities: np.ndarray, ends: float = 0.0) -> float:
-    speed = np.hypot(*velocities.T)
-    x, y = velocities[speed > STANDING * speed.max()].T
-    if len(x) < 2:
-        return 0.0
-    direction = np.unwrap(np.arctan2(y, x))
-    outside = direction[1] - direction[0] + direction[-1] - direction[-2]
-    return float(direction[-1] - direction[0] + ends * outside)
 
 
 def _times(values: ArrayInput) -> Float[Array, " n"]:

@@ -12,9 +12,10 @@ from qtraj.cli.content import provenance, scenario_content
 from qtraj.cli.evaluation.tabulate import HEADERS, OUTPUTS, table_content
 from qtraj.cli.output import check_folder, write_all
 from qtraj.cli.terminal import watching
-from qtraj.cli.tuning.content import fit_content
 from qtraj.cli.tuning.job import is_saved, lay, saved_path
-from qtraj.io.dataset import CONVENTIONS, write_netcdf
+from qtraj.design.fitting.facts import facts
+from qtraj.design.fitting.fitted import Fitted
+from qtraj.io.dataset import CONVENTIONS, with_fit, write_netcdf
 from qtraj.io.scenario import content_hash, read_scenario
 from qtraj.io.scenario_model import Scenario
 from qtraj.path.spiral_helix import SpiralHelix
@@ -35,16 +36,19 @@ def run(
         watch.say("reading the path")
         if out is not None:
             check_folder(out)
-        path, about, fit = _path(file)
+        path, about, fitted = _path(file)
         times = instants(float(path.duration), samples, step)
         watch.say("evaluating")
         table = evaluate(path, times, (*OUTPUTS, *also), continuous=True)
-        content = table_content(path, table, about, fit)
+        content = table_content(path, table, about, None if fitted is None else facts(fitted))
         if out is not None:
             dataset = table.to_xarray()
             headers = HEADERS | {name: csv_headers(dataset)[name] for name in also if name not in HEADERS}
             columns = {name: np.asarray(getattr(table, name)) for name in headers}
-            dataset.attrs |= {k: v for k, v in CONVENTIONS.items() if k != "layout"} | provenance(file, about)
+            known: dict[str, Any] = {}
+            texts = {} if fitted is None else with_fit(known, fitted)
+            dataset = dataset.assign(known)
+            dataset.attrs |= {k: v for k, v in CONVENTIONS.items() if k != "layout"} | provenance(file, about) | texts
             writers = {
                 "table.nc": lambda file: write_netcdf(dataset, file),
                 "table.csv": lambda file: write_csv(columns, headers, file),
@@ -74,12 +78,12 @@ def instants(duration: float, samples: int | None, step: float | None) -> np.nda
     return times if times[-1] >= duration * (1 - 1e-9) else np.append(times, duration)
 
 
-def _path(file: Path) -> tuple[SpiralHelix, dict[str, Any], dict[str, Any] | None]:
-    """The path of a file, with what is known about the scenario and about its fit."""
+def _path(file: Path) -> tuple[SpiralHelix, dict[str, Any], Fitted | None]:
+    """The path of a file, with what is known about the scenario, and the fit it comes from."""
 
     if is_saved(file):
         known = {"file": str(file), "sha256": content_hash(file.read_bytes())}
         return saved_path(file), known | dict.fromkeys(("name", "description", "source")), None
     given = read_scenario(file, Scenario)
     job = lay(given)
-    return job.path, scenario_content(given), fit_content(job)
+    return job.path, scenario_content(given), job.fitted

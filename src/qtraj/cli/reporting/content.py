@@ -22,5 +22,6 @@ def report_content(job: Job, report: Report) -> dict[str, Any]:
         "panels": [panel.title for panel in report.panels],
         "tables": [table.title for table in report.tables],
         "notes": report.notes,
+        "warnings": report.warnings,
         "files": [],
     }

@@ -13,6 +13,8 @@ def print_report(console: Console, content: dict[str, Any]) -> None:
     console.print(Text(content["title"], style="bold"))
     for fact in (*content["findings"], *content["notes"]):
         console.print(Text(fact))
+    for warning in content["warnings"]:
+        console.print(Text(f"Warning: {warning}", style="bold red"))
     for body in content["bodies"]:
         console.print(Text(f"{body['name']}: {body['instants']} instants, {body['duration']:.4f} s"))
     print_files(console, content["files"])

@@ -9,10 +9,10 @@ from qtraj._version import __version__
 from qtraj.cli.content import finite, scenario_content
 from qtraj.cli.tuning.job import Job, ends
 from qtraj.cli.tuning.remarks import far_off, held, moved
+from qtraj.design.fitting.facts import facts
 from qtraj.design.proof.certificate import Certificate
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation import units
-from qtraj.foundation.outcome import ResultCode
 from qtraj.io.scenario import ScenarioFile
 from qtraj.path.boundary import BoundaryState, cylindrical
 from qtraj.path.departure import departure
@@ -35,7 +35,7 @@ def tune_content(
         "qtraj": __version__,
         "command": "tune",
         "scenario": scenario_content(given),
-        "fit": fit_content(job),
+        "fit": None if job.fitted is None else facts(job.fitted),
         "limits": {name: _limit(name, before, best.certificate, given.scenario.purpose) for name in before.status},
         "boundary": _boundary(job, best),
         "departure": departure(now[0], was[0]),
@@ -53,34 +53,6 @@ def tune_content(
         },
     }
     return finite(content | {"warning": far_off(content, was[0])})
-
-
-def fit_content(job: Job) -> dict[str, Any] | None:
-    """The fitted path against its recording; None for a path that was not fitted."""
-    if job.fitted is None:
-        return None
-    found = job.fitted.residual
-    placement = job.path.placement or Placement()
-    numbers = {
-        "samples": found.samples,
-        "horizontal_rms": found.horizontal_rms,
-        "vertical_rms": found.vertical_rms,
-        "maximum": found.maximum,
-        "velocity_rms": found.velocity_rms,
-        "direction_rms": found.direction_rms,
-        "recorded_turn": found.turn,
-        "turn": job.turn,
-        "radius_min": found.radius_min,
-        "radius_max": found.radius_max,
-        "duration": job.path.duration,
-    }
-    plain = {name: None if value is None else float(value) for name, value in numbers.items()}
-    return plain | {
-        "samples": int(found.samples),
-        "axis": np.asarray(placement.origin)[:2].tolist(),
-        "status": ResultCode(int(job.fitted.code)).name,
-        "result": job.fitted.result,
-    }
 
 
 def _limit(name: str, before: Certificate, after: Certificate, purpose: dict[str, str]) -> dict[str, Any]:

@@ -82,7 +82,7 @@ def lay(given: ScenarioFile[Scenario], choice: Choice = Choice()) -> Job:
     """
     scenario = given.scenario
     objective = choice.objective or scenario.tune.objective
-    motion = choice.motion or scenario.tune.motion
+    motion = choice.motion or scenario.motion
     starts = scenario.tune.starts if choice.starts is None else choice.starts
     limits = Limits(**scenario.limits.given())
     try:

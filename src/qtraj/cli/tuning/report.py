@@ -9,6 +9,7 @@ from rich.text import Text
 
 from qtraj.cli.layout import facts_table, heading, number, plain_table, print_files, print_scenario, verdict
 from qtraj.cli.tuning.remarks import bounds_text, fixed_text, moved_text
+from qtraj.design.fitting.facts import TITLE, fact_rows
 from qtraj.foundation.outcome import ResultCode
 
 COMPONENTS = {"V_rho": "V_ρ", "V_phi": "V_φ", "V_h": "V_h"}
@@ -38,25 +39,11 @@ def print_tuning(console: Console, content: dict[str, Any]) -> None:
 
 def print_fit(console: Console, fit: dict[str, Any]) -> None:
     """The fitted spiral-helix against its recording."""
-    heading(console, "Fitted spiral-helix against the recording")
-    degrees = math.degrees
-    x, y = fit["axis"]
-    rows = [
-        ("horizontal distance", f"{fit['horizontal_rms']:.3f} m RMS"),
-        ("vertical distance", f"{fit['vertical_rms']:.3f} m RMS"),
-        ("largest distance", f"{fit['maximum']:.3f} m"),
-        ("samples", f"{fit['samples']} in {fit['duration']:.2f} s"),
-        ("direction of travel", f"turns by {degrees(fit['recorded_turn']):.2f}°"),
-        ("angle about the axis", f"{degrees(fit['turn']):.2f}°"),
-        ("distance from the axis", f"{fit['radius_min']:.2f} to {fit['radius_max']:.2f} m"),
-        ("axis", f"vertical through ({x:.2f}, {y:.2f}) m"),
-    ]
-    if fit["direction_rms"] is not None:
-        rows.insert(2, ("direction", f"{degrees(fit['direction_rms']):.2f}° RMS"))
-    else:
-        rows.append(("velocities", "not recorded: those of the fitted path"))
-    console.print(facts_table(rows))
-    if fit["status"] != ResultCode.successful.name:
+    heading(console, TITLE)
+    console.print(facts_table(fact_rows(fit)))
+    if fit["warning"]:
+        console.print(Text(f"Warning: {fit['warning']}", style="bold red"))
+    elif fit["status"] != ResultCode.successful.name:
         console.print(Text(f"Note: {fit['result']}", style="yellow"))
 
 

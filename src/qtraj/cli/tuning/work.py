@@ -39,7 +39,8 @@ def run(file: Path | None, out: Path, choice: Choice) -> tuple[dict[str, Any], b
         dataset.attrs |= _remarks(content)
         watch.say("writing")
         content["files"] = [str(file) for file in write_all(out, _writers(dataset, best))]
-    return content, best.converged and best.certificate.met
+    fitted = job.fitted is None or bool(job.fitted.successful)
+    return content, fitted and best.converged and best.certificate.met
 
 
 def solve(given: ScenarioFile[Scenario], choice: Choice, watch: Watch) -> tuple[Job, Certificate, Tuned]:
@@ -70,7 +71,7 @@ def _dataset(given: ScenarioFile[Scenario], job: Job, best: Tuned) -> xarray.Dat
         "tuning_result": best.result,
     }
     paths = {"before": job.path, "after": best.path}
-    return path_dataset(paths, job.limits, job.track, attributes=attributes)
+    return path_dataset(paths, job.limits, job.track, attributes=attributes, fitted=job.fitted)
 
 
 def _remarks(content: dict[str, Any]) -> dict[str, str]:

@@ -6,6 +6,7 @@ the travel direction) about the centre of the window, so that large world coordi
 
 Left alone, the axis runs away: polynomials of ρ and φ about a far axis, or one that the path touches, draw almost any
 curve. So ρ is held within bounds, R/4 to 2R unless told otherwise: the axis stays inside the bend.
+An augmented Lagrangian meets the bounds: a search, then multipliers from how far ρ is outside, then a search again.
 """
 
 from collections.abc import Sequence
@@ -16,36 +17,30 @@ from numpy.polynomial import Legendre, Polynomial
 
 from qtraj.design.fitting.axis_search import STARTS, starts
 from qtraj.design.fitting.fitted import Fitted
-from qtraj.design.fitting.turn_problem import TERMS, UNKNOWNS, basis_at, minimise, problem
+from qtraj.design.fitting.quality import Quality, judged, speed_misfit
+from qtraj.design.fitting.radius_bounds import held, inside
+from qtraj.design.fitting.turn_problem import PENALTY, POINTS, TERMS, UNKNOWNS, basis_at, minimise, problem
+from qtraj.design.fitting.window import POSITION_SIGMA, VELOCITY_SIGMA, turn_of
 from qtraj.foundation.arrays import as_array
 from qtraj.foundation.outcome import ResultCode
 from qtraj.path.placement import Placement
 from qtraj.path.residual import compare
 from qtraj.path.spiral_helix import SpiralHelix
-from qtraj.path.track import Track, known, known_elapsed, travel_length, travel_turn
+from qtraj.path.track import Track, known, known_elapsed
 
 ANGLE_TERMS = {"uniform": 2, "hermite": 4}
 """Coefficients of φ in each motion: linear, or cubic as between two boundary states."""
 
-POSITION_SIGMA, VELOCITY_SIGMA = 0.005, 0.08
-"""[m], [m/s] What cubics over 1 s leave of a car's smoothed recording (Boreas): the default noise."""
-
-LEAST_TURN = float(np.radians(10.0))
-"""A window that turns by less than this does not tell where its axis is [rad]."""
-
-FEWEST_SAMPLES = 8
-"""Up to ten unknowns in the plane, from two coordinates of each sample, and as many again for a residual."""
-
 BOUNDS = (0.25, 2.0)
 """Default bounds of ρ in mean turning radii."""
 
-HELD = 1e-3
-"""A radius within this part of a bound is held by it."""
+ROUNDS, OUTSIDE = 15, 1e-6
+"""Most searches with new multipliers, which end where ρ leaves its bounds by no more than this, in turning radii."""
 
 
 def fit(
     track: Track,
-    motion: str = "uniform",
+    motion: str = "hermite",
     position_sigma: float | int = POSITION_SIGMA,
     velocity_sigma: float | int = VELOCITY_SIGMA,
     radius_bounds: Sequence[float | int] | None = None,
@@ -55,22 +50,28 @@ def fit(
 ) -> Fitted:
     """The spiral-helix about a vertical axis that follows `track` best; path time 0 is its first sample.
 
-    `motion`: "uniform" (constant φ̇, as in paper S) or "hermite" (cubic φ); ρ and h are cubics. Minimised is the sum
-    of squared position errors over `position_sigma` [m] and, where velocities are recorded, of squared velocity errors
-    over `velocity_sigma` [m/s]; only the ratio of the two matters. `radius_bounds` [m] hold ρ: by default a quarter
-    and twice the mean turning radius.
+    `motion`: "hermite" (cubic φ, which follows a driver who slows down and speeds up) or "uniform" (constant φ̇, as in
+    paper S); ρ and h are cubics. To tune the path, pass the same motion to `tune`. Minimised is the sum of squared
+    position errors over `position_sigma` [m] and, where velocities are recorded, of squared velocity errors over
+    `velocity_sigma` [m/s]: their ratio weighs the two, and windows shorter than 200 `position_sigma` are refused.
+    `radius_bounds` [m] hold ρ on the whole path: by default a quarter and twice the mean turning radius.
 
     The result's `path` is the fitted one, its `residual` says how well that follows the track, and its `result` how the
-    search ended and what to do, also where a bound holds the radius. Use float64. The data must be known numbers:
+    search ended and what to do, also where a bound holds the radius. A fit is loose, which its `code` and `result`
+    say, where the root mean square of the horizontal distance is more than 3 % of the turn's radius (its length over
+    all that it turns) or the speed differs somewhere by more than 25 % of the recorded one (its root mean square);
+    beyond 10 % or 50 % it is poor and counts as a failure. Use float64. The data must be known numbers:
     gradients do not pass through the fit, but the fitted path has them like any other.
 
     **Raises:** ValueError for an unknown motion, sigmas or bounds that are not positive, too few samples, or a window
-    that is nearly straight. RuntimeError with `throw` where the search did not converge or the radius vanishes.
+    in which the vehicle stands, hardly moves, or drives nearly straight on or through bends that cancel. RuntimeError
+    with `throw` where the search did not converge, or the fit is poor.
     """
     if motion not in ANGLE_TERMS:
         raise ValueError(f"motion={motion!r} is unknown: choose one of {', '.join(map(repr, ANGLE_TERMS))}")
     _require_positive(position_sigma=position_sigma, velocity_sigma=velocity_sigma, max_steps=max_steps)
-    scale = _turning_radius(track)
+    turn = turn_of(track, position_sigma)
+    scale = turn.radius
     bounds = (BOUNDS[0] * scale, BOUNDS[1] * scale) if radius_bounds is None else _ordered(radius_bounds)
     centre = known(track.positions).mean(axis=0)
     ratio = position_sigma / velocity_sigma
@@ -78,7 +79,7 @@ def fit(
     height = _height(track, centre[2], ratio)
 
     duration, dtype = float(known_elapsed(track)[-1]), track.positions.dtype
-    radius = _ascending(unknowns[2 : 2 + TERMS], duration) * scale
+    radius = inside(_ascending(unknowns[2 : 2 + TERMS], duration) * scale, duration, bounds)
     angle = _ascending(unknowns[2 + TERMS :][: ANGLE_TERMS[motion]], duration)
     angle[0] -= 2 * np.pi * np.round(angle[0] / (2 * np.pi))
     numbers = (radius, angle, _ascending(height, duration), duration)
@@ -86,7 +87,9 @@ def fit(
     placement = Placement(as_array(axis, dtype), as_array([1.0, 0.0, 0.0, 0.0], dtype))
     path = SpiralHelix(*(as_array(x, dtype) for x in numbers), placement=placement)
 
-    fitted = Fitted(path, compare(path, track), _code(radius, duration, bounds, ended), steps, bounds)
+    residual = compare(path, track)
+    found = Quality(float(residual.horizontal_rms) / turn.bent, speed_misfit(path, track))
+    fitted = Fitted(path, residual, _code(radius, duration, bounds, ended, found), steps, bounds, *found)
     return fitted.check() if throw else fitted
 
 
@@ -112,10 +115,23 @@ def _in_the_plane(
     begin[:, : 2 + TERMS + angle_terms] = [found[k % len(found)] for k in range(STARTS)]
     free = np.arange(UNKNOWNS) < 2 + TERMS + angle_terms
     turn = problem(track, centre, scale, bounds, ratio)
-    searches = minimise(turn, as_array(begin, float), as_array(free, float), as_array(max_steps, jnp.int32))
-    unknowns, cost, ended, steps = map(np.asarray, searches)
-    best = int(np.argmin(cost))
-    return unknowns[best].astype(np.float64), bool(ended[best]), int(steps[best])
+    unknowns, shifts = as_array(begin, float), as_array(np.zeros((STARTS, 2, POINTS)), float)
+    total, rounds = np.zeros(STARTS, int), 0
+    while True:
+        searches = minimise(turn, unknowns, shifts, as_array(free, float), as_array(max_steps, jnp.int32))
+        unknowns, excess, misfit, ended, steps = searches
+        outside, total, rounds = np.asarray(excess).max(axis=(1, 2)), total + np.asarray(steps), rounds + 1
+        best = _best(np.asarray(misfit), outside)
+        met = bool(outside[best] <= OUTSIDE)
+        if met or not ended[best] or rounds == ROUNDS:
+            return np.asarray(unknowns[best], np.float64), met and bool(ended[best]), int(total[best])
+        shifts = jnp.maximum(shifts + excess, 0.0)
+
+
+def _best(misfit: np.ndarray, outside: np.ndarray) -> int:
+    """The search with the least misfit and what leaves the bounds."""
+    cost = misfit + PENALTY**2 * np.maximum(outside, 0.0) ** 2
+    return int(np.argmin(np.where(np.isfinite(cost), cost, np.inf)))
 
 
 def _height(track: Track, level: float, ratio: float) -> np.ndarray:
@@ -136,39 +152,13 @@ def _ascending(coefficients: np.ndarray, duration: float) -> np.ndarray:
     return np.pad(series.coef, (0, len(coefficients) - len(series.coef)))
 
 
-def _turning_radius(track: Track) -> float:
-    """Path length over turn [m].
-
-    **Raises:** ValueError for too few samples or a window that is nearly straight.
-    """
-    if not isinstance(track, Track):
-        raise ValueError(f"fit needs a Track, as read_track gives, but a {type(track).__name__} was given")
-    count = track.times.shape[0]
-    if count < FEWEST_SAMPLES:
-        raise ValueError(f"a fit needs at least {FEWEST_SAMPLES} samples, but the window holds {count}: widen it")
-    turn, length = travel_turn(track), travel_length(track)
-    if abs(turn) < LEAST_TURN or length == 0:
-        raise ValueError(
-            f"the window is nearly straight: over {length:.4g} m the direction of travel turns by "
-            f"{np.degrees(turn):.2f}° from start to end, but at least {np.degrees(LEAST_TURN):.0f}° are needed to tell "
-            "where the axis of a spiral-helix is. Choose a window around one bend, with track.window(t0, t1)."
-        )
-    return length / abs(turn)
-
-
-def _code(radius: np.ndarray, duration: float, bounds: tuple[float, float], ended: bool) -> ResultCode:
+def _code(radius: np.ndarray, duration: float, bounds: tuple[float, float], ended: bool, found: Quality) -> ResultCode:
     """How a fit ended whose path has these coefficients of ρ."""
-    rho = Polynomial(radius)
-    turning = rho.deriv().roots()
-    inside = turning.real[(abs(turning.imag) < 1e-12) & (turning.real > 0) & (turning.real < duration)]
-    values = rho(np.array([0.0, duration, *inside]))
     if not ended:
         return ResultCode.not_converged
-    if not values.min() > 0:
-        return ResultCode.radius_vanishes
-    if values.min() < bounds[0] * (1 + HELD) or values.max() > bounds[1] * (1 - HELD):
-        return ResultCode.held_by_bounds
-    return ResultCode.successful
+    if (code := judged(found)) != ResultCode.successful:
+        return code
+    return ResultCode.held_by_bounds if held(radius, duration, bounds) else ResultCode.successful
 
 
 def _ordered(bounds: Sequence[float | int]) -> tuple[float, float]:

@@ -18,6 +18,12 @@ TERMS = 4
 UNKNOWNS = 2 + 2 * TERMS
 """The axis (x, y), and the coefficients of ρ and φ in the basis; a linear φ holds the last two at zero."""
 
+POINTS = 129
+"""Instants at which the bounds of ρ count, evenly spread: between them a cubic leaves its bounds by little."""
+
+PENALTY = 10.0
+"""Weight of a radius beyond its bounds, against the errors of position."""
+
 FIRST_DAMPING, LOWERED, RAISED = 1e-2, 0.3, 2.0
 """Of Levenberg and Marquardt: the first damping, and its factors after a step that helped and one that did not."""
 
@@ -34,10 +40,14 @@ class TurnProblem(eqx.Module):
     velocities: Float[Array, "n 2"]  # [1/s]
     weights: Float[Array, " n"]
     velocity_weights: Float[Array, " n"]  # [s], 0 where no velocities are recorded
+    bounded: Float[Array, "p terms"]  # the basis at the instants at which the bounds count
     bounds: Float[Array, "2"]
 
-    def errors(self, unknowns: Float[Array, " m"]) -> Float[Array, " k"]:
-        """Weighted errors of position and velocity, and how far ρ leaves its bounds, in one vector."""
+    def errors(self, unknowns: Float[Array, " m"], shifts: Float[Array, "2 p"]) -> Float[Array, " k"]:
+        """Weighted errors of position and velocity, and how far ρ leaves its bounds, in one vector.
+
+        `shifts` are the multipliers of the lower and the upper bound: how far outside ρ is taken to be besides.
+        """
         axis, of_radius, of_angle = unknowns[:2], unknowns[2 : 2 + TERMS], unknowns[2 + TERMS :]
         both, rates = jnp.stack([of_radius, of_angle]), jnp.stack([self.basis, self.slope])
         (radius, angle), (stretch, rate) = jnp.einsum("bnk,pk->bpn", rates, both)
@@ -45,14 +55,19 @@ class TurnProblem(eqx.Module):
         around = radius * rate
         position = jnp.stack([axis[0] + radius * cos, axis[1] + radius * sin], axis=1)
         velocity = jnp.stack([stretch * cos - around * sin, stretch * sin + around * cos], axis=1)
-        outside = radius - jnp.clip(radius, self.bounds[0], self.bounds[1])
+        outside = jnp.maximum(self.excess(unknowns) + shifts, 0.0)
         return jnp.concatenate(
             [
                 jnp.ravel(self.weights[:, None] * (position - self.positions)),
                 jnp.ravel(self.velocity_weights[:, None] * (velocity - self.velocities)),
-                self.weights * outside,
+                PENALTY * POINTS**-0.5 * jnp.ravel(outside),
             ]
         )
+
+    def excess(self, unknowns: Float[Array, " m"]) -> Float[Array, "2 p"]:
+        """How far ρ is below its lower and above its upper bound; negative inside."""
+        radius = self.bounded @ unknowns[2 : 2 + TERMS]
+        return jnp.stack([self.bounds[0] - radius, radius - self.bounds[1]])
 
 
 def basis_at(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -84,6 +99,7 @@ def problem(track: Track, centre: np.ndarray, scale: float, bounds: tuple[float,
         velocities=padded(velocities / scale),
         weights=padded(weight),
         velocity_weights=padded(weight * (0.0 if track.velocities is None else ratio)),
+        bounded=as_array(legendre.legvander(np.linspace(-1, 1, POINTS), TERMS - 1), float),
         bounds=as_array(np.array(bounds) / scale, float),
     )
 
@@ -106,22 +122,27 @@ class Search(NamedTuple):
 
 @eqx.filter_jit
 def minimise(
-    turn: TurnProblem, starts: Float[Array, "s m"], free: Float[Array, " m"], max_steps: Int[Array, ""]
-) -> tuple[Float[Array, "s m"], Float[Array, " s"], Bool[Array, " s"], Int[Array, " s"]]:
+    turn: TurnProblem,
+    starts: Float[Array, "s m"],
+    shifts: Float[Array, "s 2 p"],
+    free: Float[Array, " m"],
+    max_steps: Int[Array, ""],
+) -> tuple[Float[Array, "s m"], Float[Array, "s 2 p"], Float[Array, " s"], Bool[Array, " s"], Int[Array, " s"]]:
     """Least squares by Levenberg and Marquardt from each of `starts`; `free` is 0 for unknowns that stay.
 
-    Where each search is, its sum of squared errors, whether it ended, and its steps. All searches are one loop over
+    Where each search is, how far ρ leaves its bounds there, the sum of squared errors of position and velocity, whether
+    the search ended, and its steps. All searches are one loop over
     arrays, which compiles in a fraction of the time of a general solver, and once for both motions.
     """
     count, dtype = starts.shape[0], starts.dtype
     small = float(jnp.finfo(dtype).eps) ** 0.6
 
-    def linearised(unknowns: Float[Array, " m"]) -> tuple[Array, Array]:
-        jacobian, errors = jax.jacfwd(lambda x: (turn.errors(x),) * 2, has_aux=True)(unknowns)
+    def linearised(unknowns: Float[Array, " m"], shifts: Float[Array, "2 p"]) -> tuple[Array, Array]:
+        jacobian, errors = jax.jacfwd(lambda x: (turn.errors(x, shifts),) * 2, has_aux=True)(unknowns)
         return errors, jacobian * free[None]
 
     def step(search: Search) -> Search:
-        errors, jacobian = jax.vmap(linearised)(search.trial)
+        errors, jacobian = jax.vmap(linearised)(search.trial, shifts)
         cost = jnp.sum(errors**2, axis=1)
         better = ~search.ended & (cost < search.cost)
 
@@ -140,7 +161,7 @@ def minimise(
         steps = search.steps + jnp.where(search.ended, 0, 1)
         return Search(unknowns, cost, errors, jacobian, unknowns + move, damping, ended, steps)
 
-    size = jax.eval_shape(turn.errors, starts[0]).shape[0]
+    size = jax.eval_shape(turn.errors, starts[0], shifts[0]).shape[0]
     first = Search(
         unknowns=starts,
         cost=jnp.full(count, jnp.inf, dtype),
@@ -152,7 +173,9 @@ def minimise(
         steps=jnp.zeros(count, jnp.int32),
     )
     last = jax.lax.while_loop(lambda s: jnp.any(~s.ended & (s.steps < max_steps)), step, first)
-    return last.unknowns, last.cost, last.ended & jnp.isfinite(last.cost), last.steps
+    misfit = jnp.sum(last.errors[:, : -shifts[0].size] ** 2, axis=1)
+    excess = jax.vmap(turn.excess)(last.unknowns)
+    return last.unknowns, excess, misfit, last.ended & jnp.isfinite(last.cost), last.steps
 
 
 def _damped(

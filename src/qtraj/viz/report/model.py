@@ -82,7 +82,10 @@ class Table:
 
 @dataclass(frozen=True)
 class Report:
-    """All of a report; `kind` is "path" or "attitude"; `recorded` (m, 3) are points beside the paths."""
+    """All of a report; `kind` is "path" or "attitude"; `recorded` (m, 3) are points beside the paths.
+
+    `warnings` stand in red above the `notes`.
+    """
 
     title: str
     kind: str
@@ -93,6 +96,7 @@ class Report:
     tables: list[Table]
     recorded: np.ndarray | None = None
     notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
 
 
 def unit(text: str) -> str:

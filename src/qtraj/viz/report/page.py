@@ -80,6 +80,7 @@ def html(report: Report) -> str:
     ]
     body = [
         f"<header><h1>{escape(report.title)}</h1>{''.join(f'<p>{escape(text)}</p>' for text in report.facts)}</header>",
+        *(f'<p class="note warning">Warning: {escape(text)}</p>' for text in report.warnings),
         *(f'<p class="note">{escape(text)}</p>' for text in report.notes),
         "<noscript><p class='note'>The drawings need JavaScript; the tables below do not.</p></noscript>",
         _beside("stage.html"),

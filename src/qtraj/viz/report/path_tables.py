@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import xarray
 
+from qtraj.design.fitting.facts import FACTS, TITLE, fact_rows
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset import MAGNITUDES
 from qtraj.path.boundary import BoundaryState, cylindrical
@@ -26,8 +27,17 @@ PROOFS = {
 def path_tables(dataset: xarray.Dataset, paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> list[Table]:
     """All tables, those without rows left out."""
     velocities, provenance = _cylindrical(paths, tuned), provenance_table(dataset)
-    found = [_limits(paths, tuned), _boundary(paths), velocities, _extent(paths), provenance]
+    found = [_fit(dataset), _limits(paths, tuned), _boundary(paths), velocities, _extent(paths), provenance]
     return [table for table in found if table.rows]
+
+
+def _fit(dataset: xarray.Dataset) -> Table:
+    """The fitted path against its recording, as the terminal shows it; without rows where nothing was fitted."""
+    if "fit_axis" not in dataset:
+        return Table(TITLE, ["", ""], [], 2)
+    numbers = {name: float(dataset[f"fit_{name}"]) if f"fit_{name}" in dataset else None for name in FACTS}
+    known = numbers | {"axis": dataset["fit_axis"].values[:2].tolist()}
+    return Table(TITLE, ["", ""], [list(row) for row in fact_rows(known)], 2, str(dataset.attrs.get("fit_result", "")))
 
 
 def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:

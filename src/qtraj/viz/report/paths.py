@@ -55,6 +55,7 @@ def path_report(dataset: xarray.Dataset, tuned: Tuned | None = None) -> Report:
         tables=path_tables(dataset, drawn, tuned),
         recorded=recorded,
         notes=notes,
+        warnings=[words(str(dataset.attrs["fit_warning"]))] if "fit_warning" in dataset.attrs else [],
     )
 
 

@@ -14,7 +14,7 @@ def provenance_table(dataset: xarray.Dataset) -> Table:
     rows = [
         [str(name).replace("_", " "), words(_text(value)) if str(name).endswith("_convention") else _text(value)]
         for name, value in dataset.attrs.items()
-        if name not in SHOWN_ELSEWHERE
+        if name not in SHOWN_ELSEWHERE and not str(name).startswith("fit_")
     ]
     return Table("Provenance and conventions", ["", ""], [*rows, ["report", f"qtraj {__version__}"]], numbers=2)
 

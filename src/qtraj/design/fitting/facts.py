@@ -1,0 +1,94 @@
+"""What there is to say of a fit, as plain data and in words: one table for the terminal, JSON, datasets and reports."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from qtraj.design.fitting.fitted import Fitted
+from qtraj.foundation.outcome import ResultCode
+from qtraj.foundation.record import Quantity
+from qtraj.path.placement import Placement
+from qtraj.path.residual import MEANINGS
+
+TITLE = "Fitted spiral-helix against the recording"
+
+_RESIDUAL = ("horizontal_rms", "vertical_rms", "maximum", "velocity_rms", "direction_rms", "radius_min", "radius_max")
+
+FACTS = {
+    "samples": MEANINGS["samples"],
+    **{name: MEANINGS[name] for name in _RESIDUAL},
+    "relative_rms": ("1", "horizontal root mean square over the radius of the turn"),
+    "relative_speed": ("1", "largest difference of speeds over the root mean square of the recorded one"),
+    "recorded_turn": MEANINGS["turn"],
+    "turn": ("rad", "angle of the fitted path about its axis"),
+    "duration": ("s", "duration of the fitted path"),
+}
+"""Unit and meaning of every number."""
+
+
+def facts(fitted: Fitted) -> dict[str, Any]:
+    """The numbers of a fit, where its axis stands, and how it ended, of JSON's types only; None for what is unknown.
+
+    `warning` is what to say loudly: of a fit that is loose, poor or not the best one.
+    """
+    found, path = fitted.residual, fitted.path
+    numbers = {name: getattr(found, name) for name in _RESIDUAL} | {
+        "relative_rms": fitted.relative_rms,
+        "relative_speed": fitted.relative_speed,
+        "recorded_turn": found.turn,
+        "turn": path.turn,
+        "duration": path.duration,
+    }
+    code = ResultCode(int(fitted.code))
+    return {
+        "samples": int(found.samples),
+        **{name: None if value is None else float(value) for name, value in numbers.items()},
+        "axis": np.asarray((path.placement or Placement()).origin)[:2].tolist(),
+        "status": code.name,
+        "successful": bool(fitted.successful),
+        "result": fitted.result,
+        "warning": fitted.result if code == ResultCode.loose_fit or not fitted.successful else None,
+    }
+
+
+def labelled(fitted: Fitted) -> tuple[dict[str, Quantity], dict[str, str]]:
+    """The same for a dataset: scalar variables by name, the axis over `world`, and attributes, all after `fit_`."""
+    found = facts(fitted)
+    variables = {
+        f"fit_{name}": Quantity(np.asarray(found[name]), unit, f"fit: {meaning}")
+        for name, (unit, meaning) in FACTS.items()
+        if found[name] is not None
+    }
+    axis = np.asarray((fitted.path.placement or Placement()).origin)
+    variables["fit_axis"] = Quantity(axis, "m", "fit: a point of the vertical axis", ("world",))
+    texts = {f"fit_{name}": found[name] for name in ("status", "result", "warning") if found[name]}
+    return variables, texts
+
+
+def fact_rows(fit: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """The same in words: names and what there is to say of each."""
+    degrees = math.degrees
+    x, y = fit["axis"]
+    found = [
+        ("horizontal distance", f"{fit['horizontal_rms']:.3f} m RMS, {_percent(fit['relative_rms'])} of the radius"),
+        ("vertical distance", f"{fit['vertical_rms']:.3f} m RMS"),
+        ("largest distance", f"{fit['maximum']:.3f} m"),
+        ("speed", f"differs by {_percent(fit['relative_speed'])} of the recorded one at most"),
+        ("samples", f"{fit['samples']:.0f} in {fit['duration']:.2f} s"),
+        ("direction of travel", f"turns by {degrees(fit['recorded_turn']):.2f}°"),
+        ("angle about the axis", f"{degrees(fit['turn']):.2f}°"),
+        ("distance from the axis", f"{fit['radius_min']:.2f} to {fit['radius_max']:.2f} m"),
+        ("axis", f"vertical through ({x:.2f}, {y:.2f}) m"),
+    ]
+    if fit["direction_rms"] is not None:
+        found.insert(2, ("direction", f"{degrees(fit['direction_rms']):.2f}° RMS"))
+    else:
+        found.append(("velocities", "not recorded: those of the fitted path"))
+    return found
+
+
+def _percent(part: float | None) -> str:
+    """A part in percent; of an older document, which does not hold it, a dash."""
+    return "-" if part is None or math.isnan(part) else f"{part:.1%}"

@@ -1,0 +1,62 @@
+"""How well a fitted path follows its recording, as parts of the turn: what is loose, and what is no fit."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from qtraj.foundation.outcome import ResultCode
+from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.track import Track, chord_marks, known, known_elapsed
+
+
+class Quality(NamedTuple):
+    """Misfits: `rms`, of the horizontal distance over the radius of the turn; `speed`, the largest difference of speeds
+    over the root mean square of the recorded one."""
+
+    rms: float
+    speed: float
+
+
+LOOSE, POOR = Quality(0.03, 0.25), Quality(0.10, 0.50)
+"""Beyond the first a fit is loose, which is a warning, and beyond the second poor, which is none that succeeded."""
+
+
+def speed_misfit(path: SpiralHelix, track: Track) -> float:
+    """The largest difference of speeds, over the root mean square of the recorded one.
+
+    Without recorded velocities the speeds are those along chords, which noise hardly changes.
+    """
+    times = known_elapsed(track)
+    if track.velocities is not None:
+        return _difference(np.linalg.norm(_states(path, times)[1], axis=1), _lengths(known(track.velocities)))
+    marks = chord_marks(len(times))
+    seconds = np.diff(times[marks])
+    followed, recorded = (np.diff(x[marks], axis=0) for x in (_states(path, times)[0], known(track.positions)))
+    return _difference(_lengths(followed) / seconds, _lengths(recorded) / seconds)
+
+
+def judged(quality: Quality) -> ResultCode:
+    """Whether a fit of this quality is good, loose or poor."""
+    if not all(found <= most for found, most in zip(quality, POOR, strict=True)):
+        return ResultCode.poor_fit
+    if not all(found <= most for found, most in zip(quality, LOOSE, strict=True)):
+        return ResultCode.loose_fit
+    return ResultCode.successful
+
+
+def _difference(followed: np.ndarray, recorded: np.ndarray) -> float:
+    return float(np.max(np.abs(followed - recorded)) / np.sqrt(np.mean(recorded**2)))
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(vectors, axis=1)
+
+
+def _states(path: SpiralHelix, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions about the axis [m] and velocities in the moving basis [m/s], (n, 3) each."""
+    rho, phi, height = (Polynomial(np.asarray(x, np.float64)) for x in (path.radius, path.angle, path.height))
+    radius, angle = rho(times), phi(times)
+    positions = np.stack([radius * np.cos(angle), radius * np.sin(angle), height(times)], axis=1)
+    velocities = [rho.deriv()(times), radius * phi.deriv()(times), height.deriv()(times)]
+    return positions, np.stack([np.broadcast_to(v, times.shape) for v in velocities], axis=1)

@@ -1,0 +1,82 @@
+"""The bends of a recorded track: where its direction of travel turns to the left, and where to the right.
+
+Small swings of the direction are the driver's and the noise's. So a bend ends only where the direction has come back by
+a least angle: its largest values and its least ones alternate, and between two of them lies one bend.
+"""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from qtraj.path.track import STANDSTILL, Track, directions, known, reach
+
+ENDS = 0.05
+"""A bend is where all but this part of its turn, at each end, takes place."""
+
+
+class Bend(NamedTuple):
+    """A part of a track that turns one way: from `start` to `end` [s], by `turn` [rad], left positive."""
+
+    start: float
+    end: float
+    turn: float
+
+
+def bends(track: Track, least: float, spacing: float) -> list[Bend]:
+    """The bends that turn by at least `least` [rad], in order; neighbours turn opposite ways. None where it stands.
+
+    Without recorded velocities the directions are those of chords of about `spacing` [m].
+    """
+    if reach(track) <= STANDSTILL:
+        return []
+    times, direction = _travel(track, spacing)
+    turning = _turning_points(direction, least)
+    return [_bend(times[i : j + 1], direction[i : j + 1]) for i, j in pairwise(turning)]
+
+
+def _travel(track: Track, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] and continuous directions of travel [rad] where the vehicle moves."""
+    times = known(track.times)
+    if track.velocities is not None:
+        moving, direction = directions(known(track.velocities))
+        return times[moving], direction
+    marks = _marks(known(track.positions)[:, :2], spacing)
+    chords = np.diff(known(track.positions)[marks], axis=0)
+    middles = (times[marks[1:]] + times[marks[:-1]]) / 2
+    moving, direction = directions(chords)
+    return middles[moving], direction
+
+
+def _marks(positions: np.ndarray, spacing: float) -> np.ndarray:
+    """The samples that are each `spacing` away from the one before."""
+    marks = [0]
+    for k, position in enumerate(positions):
+        if np.hypot(*(position - positions[marks[-1]])) >= spacing:
+            marks.append(k)
+    return np.array(marks)
+
+
+def _turning_points(direction: np.ndarray, least: float) -> list[int]:
+    """The samples between which the direction goes up and down by at least `least`; fewer than two for no bend."""
+    points: list[int] = []
+    low = high = sense = 0
+    for k, angle in enumerate(direction):
+        low, high = (k if angle < direction[low] else low), (k if angle > direction[high] else high)
+        rises, falls = angle - direction[low] >= least, direction[high] - angle >= least
+        if rises and sense <= 0:
+            points.append(low)
+            high, sense = k, 1
+        elif falls and sense >= 0:
+            points.append(high)
+            low, sense = k, -1
+    return [*points, high if sense > 0 else low] if sense else []
+
+
+def _bend(times: np.ndarray, direction: np.ndarray) -> Bend:
+    """The bend between two turning points."""
+    turn = direction[-1] - direction[0]
+    part = (direction - direction[0]) / turn
+    start, end = np.flatnonzero(part <= ENDS)[-1], np.flatnonzero(part >= 1 - ENDS)[0]
+    start = min(start, end - 1)
+    return Bend(float(times[start]), float(times[end]), float(turn))
