@@ -94,6 +94,24 @@ def test_the_axes_of_space_are_equal_and_hold_everything(paths):
         assert (positions + data["space"]["length"] < high).all()
 
 
+@pytest.mark.parametrize(
+    ("frame", "names"),
+    [
+        ("natural", ["τ (tangent)", "n (normal)", "b (binormal)"]),
+        ("upright", ["forward", "left", "up"]),
+        ("rotation-minimizing", ["τ (tangent)", "u (first)", "v (second)"]),
+    ],
+)
+def test_axes_and_components_are_named_after_the_frame(frame, names):
+    dataset = two_paths(frame=frame)
+    dataset["rate"] = (("path", "sample", "body"), dataset["velocity"].values, {"units": "rad s-1"})
+    data = json.loads(Page(report_page(dataset)).scripts[0])
+    shown = [x["symbol"] if x["symbol"] == x["meaning"] else f"{x['symbol']} ({x['meaning']})" for x in data["arrows"]]
+    assert shown == names
+    [rate] = [panel for panel in data["panels"] if panel["title"] == "rate of the frame, body axes"]
+    assert [line["name"] for line in rate["series"][:3]] == [f"ω {name.split()[0]}" for name in names]
+
+
 def test_tables_say_what_was_found(paths):
     text = " ".join(paths.text)
     for expected in ("Limits", "speed [m/s]", "broken", "within", "Boundary states", "600010.0000", IMAGE, "report"):

@@ -8,7 +8,8 @@ from jaxtyping import Array, Float
 
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, in_lanes, over
-from qtraj.path.channel import CHANNELS, LABELS, framed
+from qtraj.path.channel import CHANNELS
+from qtraj.path.frame_axes import framed, labels_of
 
 
 class Table(AbstractResult):
@@ -65,5 +66,5 @@ class Table(AbstractResult):
             variables,
             {"time": time},
             framed(self.frame),
-            LABELS,
+            labels_of(self.frame),
         )

@@ -20,7 +20,8 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.record import Record
 from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Flag, Mat3, Quat, Scalar, ScalarLike, Vec3
-from qtraj.path.channel import CHANNELS, LABELS, framed
+from qtraj.path.channel import CHANNELS
+from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate, upright_rates
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.regularity import bends, leaves_vertical, moves
@@ -78,7 +79,7 @@ class Trihedral(AbstractResult):
         exists = "" if np.all(self.defined) else ", not defined" if not np.any(self.defined) else ", partly defined"
         shown = f"speed {extent(self.speed, 'm/s')}, curvature {extent(self.curvature, '1/m')}"
         summary = f"{in_lanes(self.speed.shape)}{shown}, torsion {extent(self.torsion, '1/m')}{exists}"
-        return Record(summary, variables, attributes=framed("trihedral"), labels=LABELS)
+        return Record(summary, variables, attributes=framed("trihedral"), labels=labels_of("trihedral"))
 
 
 class AbstractFrame(eqx.Module):

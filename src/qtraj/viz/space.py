@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D  # registers the projection
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from qtraj.viz.style import AXIS_COLOURS, RC, RECORD, SYMBOLS, head, path_line, title
+from qtraj.viz.style import AXIS_COLOURS, RC, RECORD, body_axes, head, path_line, title
 
 TRIHEDRA = 6
 LEAST_HEIGHT = 0.3  # of the extent of the path: a flat path leaves room for the ticks of z
@@ -92,9 +92,9 @@ def _draw_trihedra(axes: Any, path: xarray.Dataset, centre: np.ndarray, count: i
     if not chosen.size:
         return
     origin = path["position"].values[chosen] - centre
-    for k, (name, colour) in enumerate(AXIS_COLOURS.items()):
+    for k, (label, colour) in enumerate(zip(body_axes(path).titles(), AXIS_COLOURS, strict=True)):
         arrow = length * path["dcm"].values[chosen, k]
-        _arrows(axes, origin, arrow, 0.25, color=colour, lw=1.1, label=f"{SYMBOLS[name]} ({name})")
+        _arrows(axes, origin, arrow, 0.25, color=colour, lw=1.1, label=label)
 
 
 def _arrows(axes: Any, origins: np.ndarray, arrows: np.ndarray, head: float, **style: Any) -> None:

@@ -14,7 +14,7 @@ from qtraj.cli.output import check_folder, write_all
 from qtraj.cli.terminal import watching
 from qtraj.cli.tuning.content import fit_content
 from qtraj.cli.tuning.job import is_saved, lay, saved_path
-from qtraj.io.dataset import CONVENTIONS, write_netcdf
+from qtraj.io.dataset import conventions, write_netcdf
 from qtraj.io.scenario import content_hash, read_scenario
 from qtraj.io.scenario_model import Scenario
 from qtraj.path.spiral_helix import SpiralHelix
@@ -44,7 +44,7 @@ def run(
             dataset = table.to_xarray()
             headers = HEADERS | {name: csv_headers(dataset)[name] for name in also if name not in HEADERS}
             columns = {name: np.asarray(getattr(table, name)) for name in headers}
-            dataset.attrs |= {k: v for k, v in CONVENTIONS.items() if k != "layout"} | provenance(file, about)
+            dataset.attrs |= conventions(table.frame) | provenance(file, about)
             writers = {
                 "table.nc": lambda file: write_netcdf(dataset, file),
                 "table.csv": lambda file: write_csv(columns, headers, file),
