@@ -15,7 +15,7 @@ from qtraj.batch.table import Table
 from qtraj.batch.task import Task
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
-from qtraj.motion.programs.rotation_minimizing import RotationMinimizing, require_initial
+from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing, require_initial
 from qtraj.path import frame_axes as axes
 from qtraj.path.channel import CHANNELS
 from qtraj.path.hodograph import AbstractHodograph
@@ -28,7 +28,7 @@ def evaluate(
     paths: AbstractHodograph,
     times: ArrayInput,
     outputs: Sequence[str] = DEFAULT_OUTPUTS,
-    frame: AbstractFrame | RotationMinimizing | None = None,
+    frame: Frame | None = None,
     components: str = "last",
     continuous: bool = False,
     reduce: str | None = None,

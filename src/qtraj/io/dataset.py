@@ -19,13 +19,13 @@ from qtraj.design.limits import Limits
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.provenance import made_with
 from qtraj.foundation.record import notes
-from qtraj.motion.programs.rotation_minimizing import RotationMinimizing
+from qtraj.motion.programs.rotation_minimizing import Frame
 from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.track import Track, known, known_elapsed
-from qtraj.path.trihedral import AbstractFrame, Natural, Upright
+from qtraj.path.trihedral import Natural, Upright
 
 SAMPLES = 513
 """Samples of each path unless told otherwise."""
@@ -34,8 +34,6 @@ MAGNITUDES = {name: entry.variable for name, entry in QUANTITIES.items()}
 """The variable of each limited quantity, by the name of its limit."""
 
 LAYOUT = "time(path, sample) is each path's own time; progress(sample) = time / duration, from 0 to 1"
-
-Frame = AbstractFrame | RotationMinimizing
 
 
 def conventions(frame: str) -> dict[str, str]:
@@ -59,9 +57,9 @@ def path_dataset(
     """The paths, by name, as one dataset with units, meanings and conventions in its attributes (extra `io`).
 
     All outputs of `qtraj.evaluate`, at `samples` instants of each path. Attitudes and rates are those of `frame`;
-    without it they are those of `Upright()` where there is a recorded `track`, since vehicles stay upright, else of `Natural()`.
-    A variable that a limit bounds holds it as attribute `limit`. A recorded track is added as `recorded_position` over
-    `recorded_time`, from its first sample.
+    without it they are those of `Upright()` where there is a recorded `track`, since vehicles stay upright, else of
+    `Natural()`. A variable that a limit bounds holds it as attribute `limit`. A recorded track is added as
+    `recorded_position` over `recorded_time`, from its first sample.
 
     **Raises:** ValueError for no path, or fewer than 2 samples.
     """

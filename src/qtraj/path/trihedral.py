@@ -19,6 +19,7 @@ from qtraj.foundation.arrays import as_float, concrete, one_instant, real_vector
 from qtraj.foundation.document import storable
 from qtraj.foundation.record import Record
 from qtraj.foundation.result import AbstractResult, extent, in_lanes
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Mat3, Quat, Scalar, ScalarLike, Vec3
 from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import framed, labels_of
@@ -143,6 +144,9 @@ class Upright(AbstractFrame):
         known = concrete(self.up)
         if known is not None and not known.any():
             raise ValueError("the up direction of an upright frame must not be zero")
+
+    def __repr__(self) -> str:
+        return shown(self)
 
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
         of = Invariants(r, self.unit_up(r.dtype))
