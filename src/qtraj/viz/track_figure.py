@@ -89,7 +89,8 @@ def _draw_command(axes: Any, dataset: xarray.Dataset, limit: float | list[float]
     unit = _unit(dataset)
     _draw_components(axes, dataset, "command", "ω" if unit == "°/s" else "ε", "xyz", degrees=True)
     values = np.degrees(dataset["command"].values)
-    axes.plot(dataset["time"].values, np.linalg.norm(values, axis=1), label="length", **LENGTH)
+    if dataset.attrs.get("saturation") != "axis":  # else the limits are those of components
+        axes.plot(dataset["time"].values, np.linalg.norm(values, axis=1), label="length", **LENGTH)
     bounds = np.unique(np.degrees([] if limit is None else limit))
     peak = np.nanmax(np.abs(values), initial=0.0)
     if bounds.size and bounds.max() <= 3 * max(peak, 1e-12):

@@ -33,7 +33,8 @@ def run(file: Path | None, out: Path, samples: int | None = None) -> tuple[dict[
             "law": content["law"]["kind"],
             "result": content["result"],
         }
-        limit = content["command_limit"]
+        limit, saturation = content["command_limit"], content["saturation"]
+        notes |= {} if saturation is None else {"saturation": saturation}
         dataset = instants_dataset(job.times, columns, notes, {} if limit is None else {"command": limit})
         figure = track_figure(dataset, content["findings"]["settled"]["angle"], limit)
         writers: dict[str, Writer] = {

@@ -90,7 +90,7 @@ def _panel(dataset: xarray.Dataset, name: str) -> Panel:
         symbol_of = LETTERS.get(name, name.replace("_", " "))
         shown = f"{symbol_of}{_index(label)}" if dataset[name].ndim > 1 else label
         series.append(Series(shown, 0, values[:, k], COMPONENTS.get(label, PLAIN), DASHES.get(label, "solid")))
-    if name == "command":
+    if name == "command" and not _of_each_axis(dataset):
         series.append(Series("length", 0, np.linalg.norm(values, axis=1), "#333333", reference=True))
     if name in BESIDE and BESIDE[name][0] in dataset:
         other, text = BESIDE[name]
@@ -103,6 +103,11 @@ def _panel(dataset: xarray.Dataset, name: str) -> Panel:
     limits = [(sign * bound, text) for bound in bounds for sign in _signs(values)]
     heading = "error angle" if error else TITLES.get(name, name.replace("_", " "))
     return Panel(heading, symbol, series, limits, logarithmic=error)
+
+
+def _of_each_axis(dataset: xarray.Dataset) -> bool:
+    """Whether the limit of the command is that of each component, not of the length."""
+    return dataset.attrs.get("saturation") == "axis"
 
 
 def _signs(values: np.ndarray) -> tuple[float, ...]:
@@ -150,8 +155,14 @@ def _peaks(dataset: xarray.Dataset) -> Table:
         worst = int(np.nanargmax(size))
         bound = ", ".join(map(number, _limits(dataset, name))) or "–"
         when = number(float(dataset["time"].values[worst]))
-        rows.append([f"{name.replace('_', ' ')} [{symbol}]", number(float(size[worst])), when, bound])
-    note = "Of vectors their length; at the instants of the table alone."
+        largest, heading = number(float(size[worst])), name.replace("_", " ")
+        if name == "command" and _of_each_axis(dataset):
+            given = np.ravel(dataset[name].attrs.get("limit", [])).astype(float)
+            bound = ", ".join(number(x) for x in _scale(dataset, name) * given) or "–"
+            largest, heading = ", ".join(number(x) for x in np.nanmax(np.abs(values), axis=0)), f"{heading}, each axis"
+            when = "–"
+        rows.append([f"{heading} [{symbol}]", largest, when, bound])
+    note = "Of vectors their length, unless each axis has its limit; at the instants of the table alone."
     return Table("Largest values", ["quantity", "largest", "at [s]", "limit"], rows, note=note)
 
 
