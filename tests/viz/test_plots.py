@@ -77,12 +77,12 @@ def test_what_cannot_be_plotted_is_explained(tuned):
         table.plot("rate")
     with pytest.raises(ValueError, match="nothing to plot in a table of dcm alone"):
         qt.evaluate(HELIX, TIMES, ("dcm",)).plot()
-    with pytest.raises(ValueError, match="a plot shows one path, but 2 stacked ones"):
+    with pytest.raises(ValueError, match="one path was expected, but 2 stacked ones"):
         jax.tree.map(lambda x: jnp.stack([x, x]), HELIX).plot()
     many = qt.Tuned(
         *jax.tree.map(lambda x: jnp.stack([x, x]), (HELIX, tuned.start, tuned.end)), 0.0, tuned.certificate, [0, 0], 3
     )
-    with pytest.raises(ValueError, match=r"outcome\[k\]\.plot"):
+    with pytest.raises(ValueError, match=r"take one of them, outcome\[k\]"):
         many.plot()
 
 

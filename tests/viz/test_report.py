@@ -9,7 +9,9 @@ import pytest
 import xarray
 from scipy.spatial.transform import Rotation
 
-from qtraj.io.dataset import MAGNITUDES
+import qtraj as qt
+from qtraj.io.dataset import MAGNITUDES, path_dataset
+from qtraj.viz.figures import limits_figure, path_figure, tuning_figure
 from qtraj.viz.report import page, report_page
 from qtraj.viz.report.frames import cosines
 from qtraj.viz.report.model import MOST_INSTANTS
@@ -207,3 +209,59 @@ def test_code_in_the_page_is_what_its_hash_says(paths):
     hashes = re.findall(r"'sha256-([^']+)'", policy)
     assert hashes == [page._digest(code) for code in paths.scripts[1:]]
     assert len(paths.scripts[1]) > 10**6
+
+
+def results():
+    """One of each result that has a path or attitudes over time."""
+    helix = qt.SpiralHelix([10.0, 0.0], [0.2, 0.4], [1.0, 0.5], 6.0, qt.Placement([3.0, 2.0, 1.0]))
+    limits = qt.Limits(curvature=0.2, slope=0.1)
+    tuned = qt.Tuned(helix, helix.state(0.0), helix.state(6.0), 0.0, qt.certify(helix, limits), 0, 3)
+    times = np.linspace(0.0, 6.0, 25)
+    turn = qt.EulerTurn([1.0, 0, 0, 0], [0.0, 0, 0, 1], qt.Quintic(duration=5.0))
+    loop = qt.simulate(turn, qt.AccelerationLaw(4.0, 4.0), [1.0, 0.1, 0, 0], np.zeros(4), times)
+    return {"tuned": tuned, "helix": helix, "table": qt.evaluate(helix, times), "solution": loop}
+
+
+@pytest.fixture(scope="module")
+def made():
+    return results()
+
+
+@pytest.mark.parametrize("name", ["tuned", "helix", "table", "solution"])
+def test_a_result_and_its_dataset_are_reported_alike(made, name):
+    itself, dataset = page.report_of(made[name]), page.report_of(made[name].to_xarray())
+    assert itself.kind == dataset.kind == ("attitude" if name == "solution" else "path")
+    for one, other in zip(itself.bodies, dataset.bodies, strict=True):
+        np.testing.assert_array_equal(one.axes, other.axes)
+    assert [panel.title for panel in itself.panels] == [panel.title for panel in dataset.panels]
+    limited = [(p.title, p.limits[0][0]) for p in dataset.panels if p.limits]
+    assert limited == ([("curvature", 0.2), ("slope", 0.1)] if name == "tuned" else [])
+
+
+def test_figures_take_results_and_explain_what_they_cannot_draw(made):
+    labels = path_figure(made["tuned"]).axes[0].get_legend_handles_labels()[1]
+    assert labels[0] == "after"
+    assert len(limits_figure(made["tuned"].to_xarray()).axes) == len(tuning_figure(made["helix"]).axes)
+    with pytest.raises(ValueError, match=r"a figure of paths needs path, sample, dcm, defined.*draws itself with plot"):
+        path_figure(made["table"])
+    for wrong in (3, "paths.nc", {"helix": made["helix"]}):
+        with pytest.raises(
+            ValueError, match=rf"a path, a result or a dataset .* but a {type(wrong).__name__} was given"
+        ):
+            path_figure(wrong)
+    with pytest.raises(ValueError, match="a report needs position or quaternion over time"):
+        report_page(made["tuned"].certificate)
+
+
+def test_a_peak_between_two_samples_has_its_own_time():
+    """At coarse samples the page and the certificate would differ; the page has what the certificate says."""
+    path = qt.SpiralHelix([10.0, 0.3, -0.2], [0.0, 0.5], [0.0, 0.4], 5.0)
+    limits = qt.Limits(lateral_acceleration=2.0)
+    found = qt.certify(path, limits)
+    dataset = path_dataset({"before": path, "after": path}, limits, samples=8, findings={"before": found})
+    table = page.report_of(dataset).tables[0]
+    time, value, _ = found.worst["lateral_acceleration"]
+    before, after = table.rows
+    assert before[2:] == [f"{value:.6g}", "2", f"{2 - value:.3g}", f"{time:.4g}", found.status["lateral_acceleration"]]
+    assert after[-1] in ("within", "broken")
+    assert after[5] != before[5]

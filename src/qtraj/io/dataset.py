@@ -16,6 +16,7 @@ import xarray
 from qtraj.batch.evaluate import evaluate
 from qtraj.batch.table import Table
 from qtraj.design.limits import Limits
+from qtraj.design.proof.certificate import Certificate
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.provenance import made_with
 from qtraj.foundation.record import notes
@@ -53,13 +54,16 @@ def path_dataset(
     samples: int = SAMPLES,
     attributes: Mapping[str, str] | None = None,
     frame: Frame | None = None,
+    findings: Mapping[str, Certificate] | None = None,
 ) -> xarray.Dataset:
     """The paths, by name, as one dataset with units, meanings and conventions in its attributes (extra `io`).
 
     All outputs of `qtraj.evaluate`, at `samples` instants of each path. Attitudes and rates are those of `frame`;
     without it they are those of `Upright()` where there is a recorded `track`, since vehicles stay upright, else of
     `Natural()`. A variable that a limit bounds holds it as attribute `limit`. A recorded track is added as
-    `recorded_position` over `recorded_time`, from its first sample.
+    `recorded_position` over `recorded_time`, from its first sample. `findings`, the certificates of some of the
+    paths, are kept as `largest_curvature` (path), `largest_curvature_time` and `finding_curvature`, and so on: the
+    largest values on the whole path, not at the samples alone.
 
     **Raises:** ValueError for no path, or fewer than 2 samples.
     """
@@ -76,6 +80,7 @@ def path_dataset(
         variables[name] = (("path", *dims), stacked, about)
     for name, limit in ({} if limits is None else limits.given()).items():
         variables[MAGNITUDES[name]][2]["limit"] = float(limit)
+    variables |= _findings(list(paths), findings or {})
     coordinates: dict[str, Any] = {
         "path": ("path", list(paths), {"long_name": "path"}),
         "progress": ("sample", progress, {"units": "1", "long_name": "time over duration"}),
@@ -89,6 +94,21 @@ def path_dataset(
     made = made_with(np.asarray(next(iter(paths.values())).duration).dtype)
     whole = {**conventions(name_of_frame), "layout": LAYOUT, **made, **(attributes or {})}
     return xarray.Dataset(variables, coordinates, whole)
+
+
+def _findings(paths: list[str], certificates: Mapping[str, Certificate]) -> dict[str, Any]:
+    """The largest value of each limited quantity on each path, when it is, and what is known of it."""
+    found: dict[str, Any] = {}
+    for name in dict.fromkeys(name for certificate in certificates.values() for name in certificate.names):
+        variable, unit = MAGNITUDES[name], QUANTITIES[name].unit
+        known = [certificates.get(path) for path in paths]
+        rows = [(np.nan, np.nan, "") if c is None else (*c.worst[name][:2], c.status[name]) for c in known]
+        times, values, texts = zip(*rows, strict=True)
+        about = f"of the {QUANTITIES[name].meaning} on the whole path"
+        found[f"largest_{variable}"] = (("path",), np.array(values, float), notes(unit, f"largest value {about}"))
+        found[f"largest_{variable}_time"] = (("path",), np.array(times, float), notes("s", f"time of the peak {about}"))
+        found[f"finding_{variable}"] = (("path",), np.array(texts, str), {"long_name": f"finding on the limit {about}"})
+    return found
 
 
 def write_netcdf(dataset: xarray.Dataset, file: str | os.PathLike[str]) -> None:

@@ -5,12 +5,11 @@ from pathlib import Path
 
 import xarray
 
-from qtraj.design.limits import Limits
 from qtraj.design.tuning.outcome import Tuned
-from qtraj.io.dataset import path_dataset
 from qtraj.io.dataset_file import SUFFIXES, load_dataset
 from qtraj.io.stored import load
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.viz.drawable import drawable
 
 DATASETS = ("paths.nc", "table.nc")
 """What the commands write into their folders, each of which can be drawn."""
@@ -67,14 +66,8 @@ def _saved(file: Path) -> Job:
             f"{file}: a saved path or tuning was expected, but the file holds a {type(stored).__name__}: name the "
             "table.nc beside it"
         )
-    name, limits = ("path", None) if tuned is None else ("after", _limits(tuned))
-    notes = {"title": file.name} | ({} if tuned is None else {"tuning_result": tuned.result})
-    return Job(file, path_dataset({name: path}, limits, attributes=notes), tuned)
-
-
-def _limits(tuned: Tuned) -> Limits:
-    """The limits that a tuning was given, as far as its certificate knows them."""
-    return Limits(**{name: limit for name, (_, _, limit) in tuned.certificate.worst.items()})
+    dataset = drawable(path if tuned is None else tuned)
+    return Job(file, dataset.assign_attrs(title=file.name), tuned)
 
 
 def _tuning(file: Path, dataset: xarray.Dataset) -> Tuned | None:

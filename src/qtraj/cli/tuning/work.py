@@ -34,7 +34,7 @@ def run(file: Path | None, out: Path, choice: Choice) -> tuple[dict[str, Any], b
             )
         given = read_scenario(DEFAULT if file is None else file, Scenario)
         job, before, best = solve(given, choice, watch)
-        dataset = _dataset(given, job, best)
+        dataset = _dataset(given, job, before, best)
         content = tune_content(given, job, before, best, dataset)
         dataset.attrs |= _remarks(content)
         watch.say("writing")
@@ -61,8 +61,8 @@ def solve(given: ScenarioFile[Scenario], choice: Choice, watch: Watch) -> tuple[
     return job, before, best
 
 
-def _dataset(given: ScenarioFile[Scenario], job: Job, best: Tuned) -> xarray.Dataset:
-    """Both paths, sampled."""
+def _dataset(given: ScenarioFile[Scenario], job: Job, before: Certificate, best: Tuned) -> xarray.Dataset:
+    """Both paths, sampled, with the largest values that their certificates know."""
     attributes = provenance(given.file, scenario_content(given)) | {
         "tuning_objective": job.objective,
         "tuning_motion": job.motion,
@@ -70,7 +70,8 @@ def _dataset(given: ScenarioFile[Scenario], job: Job, best: Tuned) -> xarray.Dat
         "tuning_result": best.result,
     }
     paths = {"before": job.path, "after": best.path}
-    return path_dataset(paths, job.limits, job.track, attributes=attributes)
+    findings = {"before": before, "after": best.certificate}
+    return path_dataset(paths, job.limits, job.track, attributes=attributes, findings=findings)
 
 
 def _remarks(content: dict[str, Any]) -> dict[str, str]:
