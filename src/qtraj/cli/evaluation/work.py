@@ -17,6 +17,7 @@ from qtraj.cli.tuning.job import is_saved, lay, saved_path
 from qtraj.io.dataset import conventions, write_netcdf
 from qtraj.io.scenario import content_hash, read_scenario
 from qtraj.io.scenario_model import Scenario
+from qtraj.motion.programs.rotation_minimizing import Frame
 from qtraj.path.spiral_helix import SpiralHelix
 
 SAMPLES = 25
@@ -25,7 +26,7 @@ MOST = 1_000_000
 
 
 def run(
-    file: Path, samples: int | None, step: float | None, out: Path | None, also: Sequence[str] = ()
+    file: Path, samples: int | None, step: float | None, out: Path | None, also: Sequence[str], frame: Frame
 ) -> dict[str, Any]:
     """Evaluate the path of a file, and write it where a folder is given: what there is to say.
 
@@ -38,11 +39,13 @@ def run(
         path, about, fit = _path(file)
         times = instants(float(path.duration), samples, step)
         watch.say("evaluating")
-        table = evaluate(path, times, (*OUTPUTS, *also), continuous=True)
-        content = table_content(path, table, about, fit)
+        table = evaluate(path, times, (*OUTPUTS, *also), frame, continuous=True)
+        bends = np.asarray(evaluate(path, times, ("defined",)).defined)
+        content = table_content(path, table, bends, about, fit)
         if out is not None:
             dataset = table.to_xarray()
-            headers = HEADERS | {name: csv_headers(dataset)[name] for name in also if name not in HEADERS}
+            known = csv_headers(dataset)
+            headers = HEADERS | {name: known[name] for name in ("rate", *also) if name not in HEADERS}
             columns = {name: np.asarray(getattr(table, name)) for name in headers}
             dataset.attrs |= conventions(table.frame) | provenance(file, about)
             writers = {

@@ -19,6 +19,7 @@ from qtraj.foundation.arrays import as_float, concrete, real_vector
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Mat3, Quat, Scalar, Vec3
 from qtraj.motion.attitude import Attitude
+from qtraj.path.frame_axes import MINIMIZING
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, trihedral
 
@@ -64,6 +65,11 @@ class RotationMinimizing(eqx.Module):
 
 Frame = TypeAliasType("Frame", AbstractFrame | RotationMinimizing)
 """Whatever frame can be hung on a whole path."""
+
+
+def name_of(frame: Frame) -> str:
+    """What the frame is called in labelled data."""
+    return MINIMIZING if isinstance(frame, RotationMinimizing) else frame.name
 
 
 def attitude(path: AbstractHodograph, t: Scalar, node: Scalar, at_node: Quat) -> Attitude:
