@@ -144,7 +144,7 @@ def test_where_there_is_no_trihedral_a_dash_stands(qtraj, tmp_path):
     straight.save(tmp_path / "straight.json")
     upright = qtraj("evaluate", tmp_path / "straight.json", "--samples", 7)
     assert "does not exist" not in upright.stdout
-    assert sum(line.rstrip().endswith(" -") for line in upright.stdout.splitlines()) == 7  # of the torsion alone, which no straight line has
+    assert sum(line.rstrip().endswith(" -") for line in upright.stdout.splitlines()) == 7
     result = qtraj("evaluate", tmp_path / "straight.json", "--samples", 7, "--frame", "natural")
     assert result.exit_code == 0
     assert "the natural trihedral does not exist (no motion or no bend) at 7 instants" in result.stdout

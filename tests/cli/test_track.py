@@ -25,6 +25,7 @@ from qtraj.cli.tracking.report import print_track
 from qtraj.io.scenario import TRACK, read_scenario
 from qtraj.io.tracking_model import TrackingScenario
 from qtraj.viz.report.page import report_of
+from qtraj.viz.track_figure import track_figure
 
 from .track_scenarios import LAW, TURN
 
@@ -310,3 +311,20 @@ def test_a_limit_of_each_axis_stands_beside_the_components(qtraj, tmp_path, limi
     assert [line.name for line in command.series] == ["u₁", "u₂", "u₃"]
     [largest] = [row for row in report.tables[0].rows if row[0].startswith("command")]
     assert largest[0] == "command, each axis [°/s²]"
+
+
+def test_a_closed_form_that_does_not_apply_is_in_no_picture(qtraj, tmp_path):
+    """With a disturbance the closed form is that of another motion: the figure, the page and the table leave it out."""
+    scenario = tmp_path / "loop.toml"
+    scenario.write_text(TURN + LAW + "[disturbance]\nacceleration = [0.0, 0.0, 0.5]\n")
+    result = qtraj("track", scenario, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    dataset = qt.load_dataset(tmp_path / "out" / "table.nc")
+    assert dataset.attrs["closed_form"] == "does not apply: a disturbance acts on the body"
+    assert "closed form does not apply: a disturbance" in " ".join(result.stdout.split())
+    [header] = [line for line in result.stdout.splitlines() if "|λ|" in line and "error" in line and "ω1" in line]
+    assert "closed form" not in header
+    figure = track_figure(dataset, 0.1, None)
+    assert not any("closed form" in axes.get_legend_handles_labels()[1] for axes in figure.axes)
+    panels = {panel.title: panel for panel in report_of(dataset).panels}
+    assert [line.name for line in panels["error angle"].series] == ["angle"]

@@ -12,6 +12,7 @@ from mpl_toolkits.mplot3d import Axes3D  # registers the projection
 from qtraj.foundation.units import symbol
 from qtraj.io.dataset import MAGNITUDES
 from qtraj.viz.drawable import of_paths
+from qtraj.viz.report.ranges import spike
 from qtraj.viz.space import draw_space
 from qtraj.viz.style import BAND, BOUND, LIMIT, RC, WIDTH, head, path_line, title
 
@@ -90,7 +91,9 @@ def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> 
     if (limit := variable.attrs.get("limit")) is not None:
         axes.axhline(limit, label=f"limit {limit:.4g}", **BOUND)
     drawn = [y for line in axes.lines for y in line.get_ydata()]
-    if min(drawn) < FLAT * max(drawn):
+    if (cut := spike([np.asarray(drawn)])) is not None:  # one stop would else scale the axis
+        axes.set_ylim(-0.03 * cut[0], max(cut[0], 1.08 * (limit or 0.0) if (limit or 0.0) <= cut[0] else 0.0))
+    elif min(drawn) < FLAT * max(drawn):
         axes.set_ylim(-0.03 * max(drawn), 1.08 * max(drawn))  # lines at both ends are seen
     if limit is not None:
         top = axes.get_ylim()[1]

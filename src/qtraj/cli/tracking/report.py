@@ -64,7 +64,9 @@ def _motion(content: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _print_columns(console: Console, content: dict[str, Any]) -> None:
     columns = content["columns"]
-    headers = {name: names for name, names in HEADERS.items() if name in columns}
+    applies = content["findings"]["closed_form"]["applies"]
+    left_out = () if applies else ("closed_form_angle",)
+    headers = {name: names for name, names in HEADERS.items() if name in columns and name not in left_out}
     values = {name: np.array(columns[name], dtype=float) for name in headers}
     for name in {"angle", "closed_form_angle", "rate", "command"} & headers.keys():
         values[name] = np.degrees(values[name])

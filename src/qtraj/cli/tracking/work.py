@@ -33,6 +33,8 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
             "law": content["law"]["kind"],
             "result": content["result"],
         }
+        closed = content["findings"]["closed_form"]
+        notes["closed_form"] = "applies" if closed["applies"] else f"does not apply: {closed['reason']}"
         limit, saturation = content["command_limit"], content["saturation"]
         notes |= {} if saturation is None else {"saturation": saturation}
         dataset = instants_dataset(job.times, columns, notes, {} if limit is None else {"command": limit})

@@ -21,7 +21,7 @@ from qtraj.viz.report.payload import payload
 
 FIRST, LAST = ("path", "sample", "time", "record"), ("body", "world")
 """The order of dimensions that the report relies on."""
-SCRIPTS = ("motion.js", "arrows.js", "scene.js", "panels.js", "clock.js")
+SCRIPTS = ("motion.js", "arrows.js", "scene.js", "plan.js", "panels.js", "clock.js")
 VERDICTS = {
     "proved": "good",
     "within": "good",

@@ -1,14 +1,18 @@
 """The report of paths: trihedra along them, limited magnitudes, rates, attitude."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray
 
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset import MAGNITUDES
-from qtraj.path.frame_axes import FrameAxes
+from qtraj.path.frame_axes import AXES, UPRIGHT, FrameAxes
+from qtraj.viz.report.angles import heading_pitch_roll
 from qtraj.viz.report.frames import cosines
 from qtraj.viz.report.model import Arrow, Body, Panel, Report, Series, unit, words
 from qtraj.viz.report.path_tables import path_tables
+from qtraj.viz.report.ranges import offsets, shifted
 from qtraj.viz.style import AXIS_COLOURS, COLOURS, COMPONENTS, SPARE, STYLES, SUBSCRIPTS, body_axes, title
 
 ALWAYS = ("speed", "curvature", "lateral_acceleration", "angular_rate")
@@ -21,6 +25,7 @@ DASHES = {"w": "dash", "x": "solid", "y": "dashdot", "z": "dot"}
 AXIS_DASHES = ("solid", "dash", "dashdot")
 """Of the body axes x, y, z."""
 SYMBOL_OF = {"rate": "ω", "angular_acceleration": "ε"}
+ANGLES = ("heading", "pitch", "roll")
 TITLES = {
     "rate": "rate of the frame, body axes",
     "angular_acceleration": "angular acceleration of the frame, body axes",
@@ -102,7 +107,26 @@ def _panels(bodies: list[Body], paths: list[xarray.Dataset], frame: FrameAxes) -
     if "quaternion" in first:
         lines = [(f"λ{SUBSCRIPTS[label]}", colour, DASHES[label]) for label, colour in COMPONENTS.items()]
         panels.append(_components("quaternion", lines, paths))
+    if frame is AXES[UPRIGHT]:
+        panels += _angles(bodies)
     return panels
+
+
+def _angles(bodies: list[Body]) -> list[Panel]:
+    """Heading, and pitch with roll, of the upright frame that is looked at."""
+    found = [heading_pitch_roll(body.axes) for body in bodies]
+
+    def lines(columns: Sequence[int]) -> list[Series]:
+        return [
+            Series(ANGLES[c], k, angles[:, c], AXIS_COLOURS[c], AXIS_DASHES[c], follows=True)
+            for k, angles in enumerate(found)
+            for c in columns
+        ]
+
+    return [
+        Panel("heading, from x towards y", "°", lines([0])),
+        Panel("pitch (nose up), roll (left side up)", "°", lines([1, 2])),
+    ]
 
 
 def _magnitude(name: str, bodies: list[Body], paths: list[xarray.Dataset]) -> Panel:
@@ -120,8 +144,10 @@ def _components(name: str, lines: list[tuple[str, str, str]], paths: list[xarray
     series = []
     for k, path in enumerate(paths):
         here = _where_defined(path, path[name].values)
+        near = offsets(here) if name == "quaternion" else [0.0] * here.shape[1]
         for column, (symbol, colour, dash) in enumerate(lines):
-            series.append(Series(symbol, k, here[:, column], colour, dash, follows=True))
+            shown, name_shown = here[:, column] - near[column], shifted(symbol, near[column])
+            series.append(Series(name_shown, k, shown, colour, dash, follows=True, offset=near[column]))
     return Panel(TITLES[name], unit(paths[0][name].attrs.get("units", "")), series)
 
 
