@@ -436,6 +436,7 @@ def test_a_long_path_fills_the_picture_whichever_way_it_runs(browser, tmp_path, 
     low, high = browser.execute_script(CORNERS)
     assert max(*np.abs(low), *np.abs(high)) < 0.95
     assert max(high[0] - low[0], high[1] - low[1]) > 1.4
+    assert min(high[0] - low[0], high[1] - low[1]) > 1.1  # it is seen from the side that suits it
 
 
 def test_a_spike_is_told_and_the_numbers_stay_true(browser, tmp_path):

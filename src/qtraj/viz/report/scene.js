@@ -226,7 +226,7 @@ function spaceLayout() {
     margin: { l: 0, r: 0, t: 0, b: 0 },
     uirevision: "space",
     paper_bgcolor: "#fff",
-    legend: { x: 0.01, y: 0.01, yanchor: "bottom", itemsizing: "constant", bgcolor: "rgba(255,255,255,0.8)" },
+    legend: { x: 0.01, y: 0.99, yanchor: "top", itemsizing: "constant", bgcolor: "rgba(255,255,255,0.8)" },
     showlegend: listed,
     modebar: { orientation: "v", bgcolor: "rgba(255,255,255,0)", color: "#5b6b7a", activecolor: "#0072b2" },
     scene: {
