@@ -7,6 +7,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from qtraj._version import __version__ as __version__
+from qtraj.foundation import drawing as _drawing
 
 if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to them
     from qtraj.algebra import quaternion as quaternion, rotation as rotation
@@ -156,4 +157,7 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOME_OF, *_MODULES})
+    return sorted({"__version__", *_HOME_OF, *_MODULES.keys() - {*_ROOMS}})
+
+
+_drawing.drawn_by("qtraj.viz.plots")  # the lower floors, whose results have `plot()`, do not know it

@@ -30,7 +30,10 @@ def test_the_helix_has_the_values_of_its_closed_form(qtraj):
     assert columns["speed"] == pytest.approx(np.full(7, np.sqrt(square)), rel=ROUND_OFF)
     assert columns["curvature"] == pytest.approx(np.full(7, R * RATE**2 / square), rel=ROUND_OFF)
     assert columns["torsion"] == pytest.approx(np.full(7, CLIMB * RATE / square), rel=ROUND_OFF)
-    assert np.linalg.norm(columns["rate"], axis=1) == pytest.approx(np.full(7, RATE), rel=ROUND_OFF)
+    climb = np.arctan2(CLIMB, R * RATE)
+    rate = [RATE * np.sin(climb), 0.0, RATE * np.cos(climb)]  # of the upright frame: it yaws about the world's vertical
+    assert content["frame"] == "upright"
+    assert columns["rate"] == pytest.approx(np.tile(rate, (7, 1)), abs=ROUND_OFF)
     assert np.all(np.sum(columns["quaternion"][1:] * columns["quaternion"][:-1], axis=1) >= 0)
     assert content["path"]["length"] == pytest.approx(24 * np.sqrt(square))
     assert content["units"]["curvature"] == "m-1"
@@ -71,7 +74,7 @@ def test_further_outputs_are_added_to_the_files_and_to_json(qtraj, tmp_path):
     assert content["columns"]["yaw_rate"] == pytest.approx([RATE * climbing] * 3)
     assert content["units"]["yaw_rate"] == "rad s-1"
     header = (tmp_path / "out" / "table.csv").read_text().splitlines()[0].split(",")
-    assert header[-10:-7] == ["yaw_rate [rad/s]", "dcm_tangent_x", "dcm_tangent_y"]
+    assert header[-10:-7] == ["yaw_rate [rad/s]", "dcm_forward_x", "dcm_forward_y"]
     refused = qtraj("evaluate", HELIX, "--also", "colour")
     assert refused.exit_code == 2
     assert "unknown output 'colour'; known are position" in refused.stderr
@@ -97,10 +100,52 @@ def test_accelerations_are_met_by_a_polynomial_angle(qtraj, tmp_path):
     assert content["path"]["turn"] == pytest.approx(2.5 * np.pi)
 
 
+@pytest.mark.parametrize(
+    ("frame", "labels"),
+    [
+        ("upright", ["forward", "left", "up"]),
+        ("natural", ["tangent", "normal", "binormal"]),
+        ("rotation-minimizing", ["tangent", "first", "second"]),
+    ],
+)
+def test_the_frame_is_chosen_and_names_the_columns(qtraj, tmp_path, frame, labels):
+    options = ("--samples", 5, "--frame", frame, "--out", tmp_path / "out")
+    result = qtraj("evaluate", HELIX, *options)
+    assert result.exit_code == 0, result.output
+    assert f"of the {frame} frame" in result.stdout
+    assert all(
+        len(line) <= 80 for line in result.stdout.splitlines() if "Scenario:" not in line and "table." not in line
+    )
+    header = (tmp_path / "out" / "table.csv").read_text().splitlines()[0]
+    assert header.endswith(",".join(f"rate_{label} [rad/s]" for label in labels))
+    dataset = xarray.load_dataset(tmp_path / "out" / "table.nc")
+    assert (dataset.attrs["frame"], dataset["body"].values.tolist()) == (frame, labels)
+    rolling = {"upright": RATE * CLIMB / np.hypot(R * RATE, CLIMB), "rotation-minimizing": 0.0}
+    rolling["natural"] = rolling["upright"]  # on a helix both turn about the vertical
+    assert dataset["rate"].values[:, 0] == pytest.approx(np.full(5, rolling[frame]), abs=ROUND_OFF)
+
+
+def test_a_lane_change_does_not_roll_the_vehicle_over(qtraj, tmp_path):
+    """The natural trihedral turns over where the bend changes sides; the frame of a vehicle does not."""
+    bends = qt.SpiralHelix([50.0, 0.0, 3.0, -2.0], [0.0, 0.2], [0.0, 0.0], 1.0)
+    bends.save(tmp_path / "lane.json")
+    up = {}
+    for frame in ("upright", "natural"):
+        content = json.loads(
+            qtraj("evaluate", tmp_path / "lane.json", "--frame", frame, "--also", "dcm", "--json").stdout
+        )
+        up[frame] = np.array(content["columns"]["dcm"])[:, 2, 2]
+    assert up["natural"].min() < -0.9 < 0.9 < up["natural"].max()
+    assert up["upright"].min() > 0.999
+
+
 def test_where_there_is_no_trihedral_a_dash_stands(qtraj, tmp_path):
     straight = qt.SpiralHelix([1.0, 2.0, 0.0, 0.0], [0.3, 0.0], [0.0, 0.5, 0.0, 0.0], 3.0, qt.Placement())
     straight.save(tmp_path / "straight.json")
-    result = qtraj("evaluate", tmp_path / "straight.json", "--samples", 7)
+    upright = qtraj("evaluate", tmp_path / "straight.json", "--samples", 7)
+    assert "does not exist" not in upright.stdout
+    assert sum(line.rstrip().endswith(" -") for line in upright.stdout.splitlines()) == 7
+    result = qtraj("evaluate", tmp_path / "straight.json", "--samples", 7, "--frame", "natural")
     assert result.exit_code == 0
     assert "the natural trihedral does not exist (no motion or no bend) at 7 instants" in result.stdout
 

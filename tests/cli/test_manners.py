@@ -154,7 +154,7 @@ def test_no_color_is_respected(monkeypatch, qtraj, wish, coloured, tmp_path):
         (["evaluate"], ["--samples", "--step", "--out", "--json"]),
         (["turn"], ["--samples", "--out", "--json"]),
         (["track"], ["--samples", "--out", "--json"]),
-        (["report"], ["--out", "--json", "moving trihedral"]),
+        (["report"], ["--out", "--json", "--frame", "moving frame"]),
     ],
 )
 def test_help_has_examples_within_80_columns(qtraj, monkeypatch, arguments, fragments):

@@ -171,3 +171,33 @@ def test_a_missing_plotly_is_told(qtraj, results, tmp_path, monkeypatch):
     assert result.exit_code == 2
     assert "pip install 'qtraj[viz]'" in result.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def axes_of_page(file):
+    return [arrow["symbol"] for arrow in data(file)["arrows"]]
+
+
+@pytest.mark.parametrize(
+    ("options", "axes"),
+    [
+        ((), ["forward", "left", "up"]),
+        (("--frame", "natural"), ["τ", "n", "b"]),
+        (("--frame", "rotation-minimizing"), ["τ", "u", "v"]),
+    ],
+)
+@pytest.mark.parametrize("kind", ["path", "tuned"])
+def test_a_saved_path_is_shown_upright_unless_another_frame_is_asked_for(
+    qtraj, path, tuned, tmp_path, kind, options, axes
+):
+    (path if kind == "path" else tuned).save(tmp_path / "saved.toml")
+    assert qtraj("report", tmp_path / "saved.toml", *options).exit_code == 0
+    assert axes_of_page(tmp_path / "saved.html") == axes
+
+
+def test_a_dataset_keeps_its_frame_and_says_so(qtraj, results, tmp_path):
+    assert qtraj("report", results, "--out", tmp_path, "--frame", "natural").exit_code == 0
+    assert axes_of_page(tmp_path / "report.html") == ["τ", "n", "b"]
+    refused = qtraj("report", results, "--out", tmp_path, "--frame", "upright")
+    assert refused.exit_code == 2
+    assert "those of the natural frame: name the saved path beside it" in refused.stderr
+    assert "--frame upright" in refused.stderr

@@ -5,6 +5,7 @@ import csv
 import dataclasses
 import io
 import json
+import re
 from pathlib import Path
 
 import equinox as eqx
@@ -23,8 +24,10 @@ from qtraj.cli.tracking.job import prepare
 from qtraj.cli.tracking.report import print_track
 from qtraj.io.scenario import TRACK, read_scenario
 from qtraj.io.tracking_model import TrackingScenario
+from qtraj.viz.report.page import report_of
+from qtraj.viz.track_figure import track_figure
 
-from .track_scenarios import TURN
+from .track_scenarios import LAW, TURN
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FILES = ["solution.toml", "table.nc", "table.csv", "track.png", "track.svg"]
@@ -84,7 +87,11 @@ def test_the_findings_follow_from_the_table(default):
     assert np.interp(settled, columns["time"], columns["angle"]) == pytest.approx(np.radians(1.0), rel=BETWEEN)
     assert np.all(columns["angle"][columns["time"] > settled] < np.radians(1.0))
     sizes = np.linalg.norm(columns["command"], axis=1)
-    assert found["peak_command"] == {"value": pytest.approx(sizes.max()), "time": columns["time"][sizes.argmax()]}
+    assert found["peak_command"] == {
+        "value": pytest.approx(sizes.max()),
+        "time": columns["time"][sizes.argmax()],
+        "axes": pytest.approx(np.abs(columns["command"]).max(axis=0), rel=BETWEEN),
+    }
     assert found["norm"]["least"] <= columns["norm"].min() <= columns["norm"].max() <= found["norm"]["largest"]
     k1, k2 = content["law"]["k1"], content["law"]["k2"]
     assert content["law"]["growth"] == pytest.approx(-k1 / 2, rel=NEAR_CRITICAL)
@@ -272,3 +279,52 @@ def test_a_baseline_under_a_constant_disturbance_stays_beside_the_program(qtraj,
     assert "closed_form_angle" not in content["columns"]
     assert found["norm"]["drift"] < DEVIATION  # nothing steers |λ|
     assert found["settled"]["time"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("limit", "shown"),
+    [("[0.25, 0.25, 0.3]", "0.25, 0.25, 0.3 °/s² along x, y, z"), ("0.3", "0.3 °/s² along each axis")],
+)
+def test_a_limit_of_each_axis_stands_beside_the_components(qtraj, tmp_path, limit, shown):
+    """A length of 0.43 °/s² within limits of 0.25, 0.25 and 0.3 °/s² must not look like a limit that was broken."""
+    scenario = tmp_path / "loop.toml"
+    actuator = f"[actuator]\nsaturation = 'axis'\nlimit = {limit}\n"
+    error = "[error]\nrotation_vector = [20, 20, 20]\n"
+    scenario.write_text(
+        TURN.replace("max_acceleration = 20", "duration = 40\nkind = 'quintic'") + LAW + error + actuator
+    )
+    out = tmp_path / "out"
+    result = qtraj("track", scenario, "--out", out, env={"COLUMNS": "140"})
+    assert result.exit_code == 0, result.output
+    lines = dict(
+        re.split(r"\s{2,}", line.strip(), maxsplit=1) for line in result.stdout.splitlines() if "command" in line[:20]
+    )
+    assert lines["limit of command"] == shown
+    along, length = lines["largest command"].split(" °/s² along x, y, z; length ")
+    limits = np.broadcast_to(np.fromstring(limit.strip("[]"), sep=","), 3)
+    assert np.all(np.fromstring(along, sep=",") <= limits * (1 + 1e-9))
+    assert float(length.split()[0]) > limits.max()  # which is why it must not be compared
+    dataset = qt.load_dataset(out / "table.nc")
+    assert dataset.attrs["saturation"] == "axis"
+    report = report_of(dataset)
+    [command] = [panel for panel in report.panels if panel.title == "command, body axes"]
+    assert [line.name for line in command.series] == ["u₁", "u₂", "u₃"]
+    [largest] = [row for row in report.tables[0].rows if row[0].startswith("command")]
+    assert largest[0] == "command, each axis [°/s²]"
+
+
+def test_a_closed_form_that_does_not_apply_is_in_no_picture(qtraj, tmp_path):
+    """With a disturbance the closed form is that of another motion: the figure, the page and the table leave it out."""
+    scenario = tmp_path / "loop.toml"
+    scenario.write_text(TURN + LAW + "[disturbance]\nacceleration = [0.0, 0.0, 0.5]\n")
+    result = qtraj("track", scenario, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    dataset = qt.load_dataset(tmp_path / "out" / "table.nc")
+    assert dataset.attrs["closed_form"] == "does not apply: a disturbance acts on the body"
+    assert "closed form does not apply: a disturbance" in " ".join(result.stdout.split())
+    [header] = [line for line in result.stdout.splitlines() if "|λ|" in line and "error" in line and "ω1" in line]
+    assert "closed form" not in header
+    figure = track_figure(dataset, 0.1, None)
+    assert not any("closed form" in axes.get_legend_handles_labels()[1] for axes in figure.axes)
+    panels = {panel.title: panel for panel in report_of(dataset).panels}
+    assert [line.name for line in panels["error angle"].series] == ["angle"]

@@ -7,9 +7,11 @@ import pytest
 import qtraj as qt
 from qtraj.cli.tracking.findings import stability
 from qtraj.cli.tracking.job import feedback_law, prepare
+from qtraj.cli.tracking.program import described
 from qtraj.io.feedback_part import FeedbackPart
 from qtraj.io.scenario import read_scenario
 from qtraj.io.tracking_model import TrackingScenario
+from qtraj.motion.programs.rotation_minimizing import name_of
 
 from .track_scenarios import LAW, TURN
 
@@ -109,3 +111,31 @@ def test_everything_around_the_body_is_in_radians(prepared):
     assert np.asarray(job.actuator.limit) == pytest.approx(np.radians([1, 2, 3]))
     assert np.asarray(job.disturbance.acceleration(jnp.asarray(0.0))) == pytest.approx([2, 2, 2])
     assert np.asarray(job.disturbance.acceleration(jnp.asarray(2.0))) == pytest.approx([-2, -2, -2])
+
+
+@pytest.mark.parametrize(
+    ("key", "option", "expected"),
+    [
+        ("", None, "upright"),
+        ("frame = 'natural'", None, "natural"),
+        ("frame = 'rotation_minimizing'", None, "rotation-minimizing"),
+        ("frame = 'rotation-minimizing'", None, "rotation-minimizing"),
+        ("frame = 'natural'", "upright", "upright"),
+        ("up = [0, 1, 1]", None, "upright"),
+    ],
+)
+def test_the_frame_of_a_path_is_upright_unless_another_is_asked_for(tmp_path, key, option, expected):
+    qt.SpiralHelix([10.0], [0.0, 0.4], [0.0, 0.5], 5.0).save(tmp_path / "path.toml")
+    file = tmp_path / "loop.toml"
+    file.write_text(f"angles = 'deg'\n[program]\npath = 'path.toml'\n{key}\n{LAW}")
+    given = read_scenario(file, TrackingScenario)
+    program = prepare(given, frame=option).program
+    assert name_of(program.frame) == expected
+    assert described(given.scenario.program, program) == f"{expected} frame of path.toml"
+
+
+def test_a_frame_without_a_path_is_refused(tmp_path):
+    file = tmp_path / "loop.toml"
+    file.write_text(TURN + LAW)
+    with pytest.raises(ValueError, match="--frame natural belongs to a program along a path"):
+        prepare(read_scenario(file, TrackingScenario), frame="natural")

@@ -108,7 +108,7 @@ BAD = {
         ["a saved program was expected, but the file holds a SpiralHelix"],
     ),
     "a straight path": (
-        "angles = 'deg'\n[program]\npath = 'path.toml'\n" + LAW,
+        "angles = 'deg'\n[program]\npath = 'path.toml'\nframe = 'natural'\n" + LAW,
         ["the natural frame of this path does not exist at t = 0 s", "'upright'"],
     ),
     "a path that ends": (

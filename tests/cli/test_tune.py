@@ -22,6 +22,7 @@ from qtraj.cli.tuning.remarks import far_off, moved, moved_text
 from qtraj.cli.tuning.report import print_tuning
 from qtraj.io.scenario import DEFAULT, read_scenario
 from qtraj.io.scenario_model import Scenario, TunePart
+from qtraj.viz.report.page import report_of
 
 ROOT = Path(__file__).parents[2]
 DATA, EXAMPLES = ROOT / "src" / "qtraj" / "io" / "data", ROOT / "examples"
@@ -427,3 +428,29 @@ def test_the_dataset_says_where_it_comes_from(default_run):
     )
     assert "CC BY 4.0" in notes["recording"]
     assert notes["tuning_status"] == "converged"
+
+
+def test_a_vehicle_stays_upright_and_the_page_has_the_terminals_peaks(default_run):
+    """The frame of the results is the upright one, and the peaks in paths.nc are those of the certificates."""
+    dataset = default_run.dataset
+    assert dataset.attrs["frame"] == default_run.content["frame"] == "upright"
+    assert dataset["dcm"].sel(body="up", world="z").values.min() > 0.9
+    [limits] = [table for table in report_of(dataset).tables if table.title == "Limits"]
+    for row in limits.rows:
+        name = row[0].partition(" [")[0].replace(" ", "_")
+        found = default_run.content["limits"][name][row[1]]
+        assert row[2] == f"{found['value']:.6g}"
+        assert row[5:] == [f"{found['time']:.4g}", found["status"]]
+    assert len(limits.rows) == 2 * len(default_run.content["limits"])
+
+
+def test_help_explains_the_frames_where_they_are_chosen(qtraj):
+    for command in ("tune", "evaluate", "track", "report"):
+        text = " ".join(qtraj(command, "--help", env={"COLUMNS": "200"}).stdout.replace("│", " ").split())
+        assert "--frame" in text
+        for words in (
+            "upright (x forward, y left, z up",
+            "natural (tangent, principal normal, binormal",
+            "never rolls",
+        ):
+            assert words in text, command

@@ -44,7 +44,7 @@ def dataset():
     paths = {"before": helix(R, DURATION), "after": helix(2 * R, DURATION / 2)}
     track = qt.Track([5.0, 6.0, 7.0, 8.0], np.arange(12.0).reshape(4, 3))
     limits = qt.Limits(curvature=0.05, acceleration=2.0)
-    return path_dataset(paths, limits, track, samples=SAMPLES, attributes={"title": "helices"})
+    return path_dataset(paths, limits, track, samples=SAMPLES, attributes={"title": "helices"}, frame=qt.Natural())
 
 
 def test_everything_is_there_with_its_unit(dataset):

@@ -123,7 +123,7 @@ def test_pandas_reads_the_table(paths, tmp_path):
             own = frame[frame["path"] == name]
             assert np.array_equal(own["time"], paths["time"][k])
             assert np.array_equal(own["position_z"], paths["position"][k, :, 2])
-            assert np.array_equal(own["dcm_normal_y"], paths["dcm"][k, :, 1, 1])
+            assert np.array_equal(own["dcm_left_y"], paths["dcm"][k, :, 1, 1])
             assert set(own["duration"]) == {float(paths["duration"][k])}
         assert frame["defined"].dtype == bool
         assert not [name for name in frame.columns if name.startswith("recorded")]
@@ -132,8 +132,8 @@ def test_pandas_reads_the_table(paths, tmp_path):
 def test_pyarrow_sees_the_units(paths, tmp_path):
     qt.save_dataset(paths, tmp_path / "a.parquet")
     schema = pq.read_schema(tmp_path / "a.parquet")
-    assert schema.field("rate_binormal").metadata[b"units"] == b"rad s-1"
-    assert json.loads(schema.metadata[b"qtraj"])["attributes"]["frame_convention"].startswith("natural trihedral")
+    assert schema.field("rate_up").metadata[b"units"] == b"rad s-1"
+    assert json.loads(schema.metadata[b"qtraj"])["attributes"]["frame_convention"].startswith("upright frame")
 
 
 def test_a_saved_path_is_a_recording_like_any_other(paths, tmp_path):

@@ -57,7 +57,7 @@ def test_the_space_has_equal_axes(figure):
 
 def test_paths_recording_and_trihedra_are_named(figure):
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["recorded", "before", "after", "τ (tangent)", "n (normal)", "b (binormal)"]
+    assert labels == ["recorded", "before", "after", "forward", "left", "up"]
 
 
 def test_panels_show_both_paths_and_their_limit(figure, dataset):

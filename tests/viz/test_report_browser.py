@@ -368,3 +368,88 @@ def test_the_axes_fill_the_picture_and_no_more(browser, report, size):
     browser.set_window_size(1400, 1000)
     assert max(*np.abs(low), *np.abs(high)) < 0.95
     assert max(high[0] - low[0], high[1] - low[1]) > 1.4
+
+
+def plan(browser):
+    """The traces of the plan view by name, and the pixels of a metre along both axes."""
+    return browser.execute_script(
+        "const plot = document.getElementById('plan'), { xaxis, yaxis } = plot._fullLayout;"
+        "const traces = Object.fromEntries(plot.data.map((t) => [t.name, [Array.from(t.x), Array.from(t.y)]]));"
+        "return [traces, xaxis._length / (xaxis.range[1] - xaxis.range[0]),"
+        " yaxis._length / (yaxis.range[1] - yaxis.range[0])];"
+    )
+
+
+def test_a_plan_view_stands_beside_the_scene_and_follows_the_slider(page):
+    boxes = [page.find_element(By.ID, name).rect for name in ("space", "planview")]
+    assert boxes[0]["x"] + boxes[0]["width"] <= boxes[1]["x"]  # beside
+    assert abs(boxes[0]["y"] - boxes[1]["y"]) < 2
+    traces, along, across = plan(page)
+    assert along == pytest.approx(across, rel=1e-6)  # equal axes
+    data = json.loads(page.find_element(By.ID, "data").get_property("textContent"))
+    assert pytest.approx(np.array(data["bodies"][0]["position"])[:, :2]) == np.array(traces["slow"]).T
+    assert len(traces["recorded"][0]) == len(data["recorded"])
+    page.find_element(By.ID, "slider").send_keys(Keys.END)
+    position, axes = expected(20.0, 20.0)
+    origin = (position - data["space"]["centre"])[:2]
+    script = "const t = document.getElementById('plan').data.find((t) => t.name === 'axis τ'); return [t.x[0], t.y[0]]"
+    WebDriverWait(page, PATIENCE).until(lambda d: np.allclose(d.execute_script(script), origin, atol=MILLIMETRE))
+    traces, *_ = plan(page)
+    tip = np.array(traces["axis τ"])[:, 1]
+    assert tip - origin == pytest.approx(data["space"]["length"] * axes[0][:2], abs=MILLIMETRE)
+
+
+def test_a_closed_loop_has_no_plan(browser, tmp_path):
+    shown(browser, tmp_path, closed_loop())
+    assert not browser.find_element(By.ID, "planview").is_displayed()
+    assert browser.find_element(By.ID, "space").size["width"] > 500
+
+
+@pytest.mark.parametrize("dataset", [two_paths, closed_loop])
+def test_a_page_fits_a_telephone(browser, tmp_path, dataset):
+    """390 pixels: only tables in boxes of their own are wider than the screen, and the views stand below each other."""
+    size = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    try:
+        shown(browser, tmp_path, dataset())
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
+        wide = browser.execute_script(
+            "return [...document.querySelectorAll('main *, header *')].filter((x) => !x.closest('.js-plotly-plot')"
+            " && x.getBoundingClientRect().right > 391).map((x) => x.tagName + '#' + x.id + '.' + x.className)"
+        )
+        assert wide == []
+        assert browser.execute_script("return document.querySelector('.plot').clientWidth") > 330
+        if dataset is two_paths:
+            boxes = [browser.find_element(By.ID, name).rect for name in ("space", "planview")]
+            assert boxes[0]["y"] + boxes[0]["height"] <= boxes[1]["y"]
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+@pytest.mark.parametrize("along", ["x", "y"])
+def test_a_long_path_fills_the_picture_whichever_way_it_runs(browser, tmp_path, along):
+    dataset = two_paths()
+    k = "xyz".index(along)
+    dataset["position"].values[..., k] = CENTRE[k] + 30 * (dataset["position"].values[..., k] - CENTRE[k])
+    dataset = dataset.drop_vars("recorded_position")
+    shown(browser, tmp_path, dataset)
+    low, high = browser.execute_script(CORNERS)
+    assert max(*np.abs(low), *np.abs(high)) < 0.95
+    assert max(high[0] - low[0], high[1] - low[1]) > 1.4
+    assert min(high[0] - low[0], high[1] - low[1]) > 1.1  # it is seen from the side that suits it
+
+
+def test_a_spike_is_told_and_the_numbers_stay_true(browser, tmp_path):
+    dataset = two_paths()
+    curvature = np.full((2, 65), 0.05)
+    curvature[0, 0] = 1e7
+    dataset["curvature"] = (("path", "sample"), curvature, {"units": "m-1"})
+    shown(browser, tmp_path, dataset)
+    Select(browser.find_element(By.ID, "body")).select_by_index(0)
+    panels = browser.find_elements(By.CSS_SELECTOR, ".panel")
+    [panel] = [p for p in panels if p.find_element(By.TAG_NAME, "h2").text.startswith("curvature")]
+    assert "values up to 1e+07 lie outside the picture" in panel.text
+    top = browser.execute_script("return arguments[0].querySelector('.plot')._fullLayout.yaxis.range[1]", panel)
+    assert top == pytest.approx(0.15)
+    [row] = [r for r in browser.find_elements(By.CSS_SELECTOR, "#now tr") if r.text.startswith("curvature")]
+    assert "1.000e+7 1/m" in row.text

@@ -8,12 +8,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from qtraj.batch.minimizing import HUNG, hung
 from qtraj.batch.program import run
 from qtraj.batch.reduction import REDUCTIONS, Reduced
 from qtraj.batch.table import Table
 from qtraj.batch.task import Task
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
+from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing, require_initial
+from qtraj.path import frame_axes as axes
 from qtraj.path.channel import CHANNELS
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, Natural
@@ -25,7 +28,7 @@ def evaluate(
     paths: AbstractHodograph,
     times: ArrayInput,
     outputs: Sequence[str] = DEFAULT_OUTPUTS,
-    frame: AbstractFrame | None = None,
+    frame: Frame | None = None,
     components: str = "last",
     continuous: bool = False,
     reduce: str | None = None,
@@ -36,8 +39,9 @@ def evaluate(
 
     One path gives a `Table` of arrays (n, …), b paths (b, n, …); with `components="first"` the components' axes lead.
     Either way each component lies contiguously in memory. `outputs` are names of `Table`: vectors, frames, and every
-    path quantity. `frame` is the trihedral to hang on the path (the natural one). A quaternion's sign is free at each
-    instant; `continuous=True` chooses it so that neighbours in time agree.
+    path quantity. `frame` is the trihedral to hang on the path: `Natural()` (the default), `Upright()`, or
+    `RotationMinimizing()`. Labels of `to_xarray()` follow it: tangent, normal, binormal, or forward, left, up. A
+    quaternion's sign is free at each instant; `continuous=True` chooses it so that neighbours in time agree.
 
     `reduce` "max", "min", "integral" (trapezoidal rule) or "mean" gives a `Reduced` over the instants instead, and no
     sample is stored. `devices` to spread the work over are all local ones, if there is enough to do. `reuse` is the
@@ -48,7 +52,8 @@ def evaluate(
     differentiated in both modes.
 
     **Raises:** ValueError for something else than a path, unknown outputs, components, reductions, times that are
-    neither (n,) nor (b, n), or a table to reuse that is not of this form.
+    neither (n,) nor (b, n), a table to reuse that is not of this form, or a rotation-minimizing frame with `reduce`
+    or `reuse`.
     """
     task = Task(
         names=_names(outputs),
@@ -57,7 +62,7 @@ def evaluate(
         continuous=continuous,
         reduce=None if reduce is None else _one_of(reduce, REDUCTIONS, "reduce"),
     )
-    if frame is not None and not isinstance(frame, AbstractFrame):
+    if frame is not None and not isinstance(frame, AbstractFrame | RotationMinimizing):
         raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
     instants = as_float(times)
     count = paths.duration.shape[0] if task.batched else 1
@@ -67,6 +72,8 @@ def evaluate(
         raise ValueError(f"times must be a vector {expected}, but an array of shape {instants.shape} was given")
     if instants.shape[-1] == 0:
         raise ValueError("times must hold at least one instant")
+    if isinstance(frame, RotationMinimizing):
+        return _minimizing(task, paths, frame, instants, reuse, devices)
     frame = Natural() if frame is None else frame
     work = (paths, frame)
     traced = any(isinstance(x, Tracer) for x in (*jax.tree.leaves(work), instants))
@@ -76,6 +83,29 @@ def evaluate(
     if task.reduce is not None:
         return Reduced(*values, reduction=task.reduce, batched=task.batched, components=components, frame=frame.name)
     return Table(time=instants, **values, batched=task.batched, components=components, frame=frame.name)
+
+
+def _minimizing(
+    task: Task,
+    paths: AbstractHodograph,
+    frame: RotationMinimizing,
+    instants: Any,
+    reuse: Table | None,
+    devices: Sequence[Any] | None,
+) -> Table:
+    """The table with a rotation-minimizing frame: its attitude is followed along each path."""
+    if task.reduce is not None or reuse is not None:
+        raise ValueError(
+            "a rotation-minimizing frame is followed along the path, so it suits neither reduce nor reuse: evaluate it "
+            "without them and reduce the arrays"
+        )
+    if not task.batched:
+        require_initial(paths, frame.initial)
+    names = tuple(name for name in task.names if name not in HUNG)
+    plain = evaluate(paths, instants, names, components=task.components, devices=devices).values if names else {}
+    values = plain | hung(task, paths, frame, instants)
+    ordered = {name: values[name] for name in task.names}
+    return Table(time=instants, **ordered, batched=task.batched, components=task.components, frame=axes.MINIMIZING)
 
 
 def _names(outputs: Sequence[str]) -> tuple[str, ...]:

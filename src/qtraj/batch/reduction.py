@@ -11,7 +11,8 @@ from jaxtyping import Array
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, in_lanes
 from qtraj.foundation.units import integrated
-from qtraj.path.channel import CHANNELS, LABELS, framed
+from qtraj.path.channel import CHANNELS
+from qtraj.path.frame_axes import framed, labels_of
 
 REDUCTIONS = ("max", "min", "integral", "mean")
 
@@ -60,7 +61,7 @@ class Reduced(AbstractResult):
             f"{in_lanes(count, 'paths')}{self.reduction} over time, {self.frame} frame: {', '.join(self.values)}",
             variables,
             attributes=framed(self.frame) | {"reduction": self.reduction, "quaternion_convention": QUATERNIONS},
-            labels=LABELS,
+            labels=labels_of(self.frame),
         )
 
 

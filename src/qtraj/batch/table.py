@@ -1,14 +1,19 @@
 """What a batched evaluation returns: labelled arrays."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
+from qtraj.foundation.drawing import drawing
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, in_lanes, over
-from qtraj.path.channel import CHANNELS, LABELS, framed
+from qtraj.path.channel import CHANNELS
+from qtraj.path.frame_axes import framed, labels_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 class Table(AbstractResult):
@@ -49,6 +54,17 @@ class Table(AbstractResult):
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *CHANNELS]
 
+    def plot(self, *names: str) -> "Figure":
+        """Outputs over time, one panel each, as a matplotlib figure (extra `viz`).
+
+        Without `names` they are all but `dcm` and `defined`. Components are labelled after the frame. Of many paths the
+        first eight are drawn.
+
+        **Raises:** ModuleNotFoundError, naming the extra, where matplotlib is missing; ValueError for an output that
+        the table does not hold.
+        """
+        return drawing("table_plot", self, names)
+
     def record(self) -> Record:
         """The arrays over `time`, or over `sample` where each path has instants of its own, and over `path`."""
         along = "time" if self.time.ndim == 1 else "sample"  # times of each path's own are no axis
@@ -65,5 +81,5 @@ class Table(AbstractResult):
             variables,
             {"time": time},
             framed(self.frame),
-            LABELS,
+            labels_of(self.frame),
         )

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import typer
 
+from qtraj.cli.frame_option import FrameName, frame_of, frame_option
 from qtraj.cli.terminal import guarded, stdout
 
 
@@ -13,11 +14,12 @@ def report(
         Path("qtraj-out"), metavar="RESULT", help="A folder of results, a dataset, or a saved path."
     ),
     out: Path | None = typer.Option(None, metavar="DIR", help="Folder for the page; without it, that of RESULT."),
+    frame: FrameName | None = frame_option("that of the dataset; upright for a saved path"),
     as_json: bool = typer.Option(False, "--json", help="Print what was found as JSON instead."),
 ) -> None:
     """Write a result as one HTML file to look at in a browser, without any network.
 
-    It shows the path with its moving trihedral, or an attitude with its moving
+    It shows the path with its moving frame, or an attitude with its moving
     axes, beside everything over time, with slider, play and pause, tables and
     provenance. RESULT is what the other commands write: a folder, a dataset
     (.nc, .zarr, .parquet, .csv), or a saved path (.toml, .json). The page of a
@@ -28,7 +30,7 @@ def report(
         from qtraj.cli.reporting.text import print_report
         from qtraj.cli.reporting.work import run
 
-        content = run(result, out)
+        content = run(result, out, None if frame is None else frame_of(frame))
     if as_json:
         typer.echo(json.dumps(content, indent=2, allow_nan=False))
     else:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import typer
 
+from qtraj.cli.frame_option import FrameName, frame_option
 from qtraj.cli.terminal import guarded, stdout
 
 NOT_FINISHED = 1
@@ -16,6 +17,7 @@ def track(
     samples: int | None = typer.Option(
         None, min=2, max=100_000, metavar="N", help="Number of instants, both ends included; before the scenario's."
     ),
+    frame: FrameName | None = frame_option("the scenario's; upright"),
     as_json: bool = typer.Option(False, "--json", help="Print the outcome as JSON instead."),
 ) -> None:
     """Simulate a body that a feedback law makes follow a program of attitude.
@@ -28,7 +30,7 @@ def track(
         from qtraj.cli.tracking.report import print_track
         from qtraj.cli.tracking.work import run
 
-        content, finished = run(scenario, out, samples)
+        content, finished = run(scenario, out, samples, frame and frame.value)
     if as_json:
         typer.echo(json.dumps(content, indent=2, allow_nan=False))
     else:

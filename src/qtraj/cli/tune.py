@@ -6,6 +6,7 @@ from pathlib import Path
 
 import typer
 
+from qtraj.cli.frame_option import FrameName, frame_of, frame_option
 from qtraj.cli.terminal import guarded, stdout
 
 NOT_MET = 1
@@ -39,6 +40,7 @@ def tune(
     starts: int | None = typer.Option(
         None, min=1, metavar="N", help="In place of the scenario's: searches, from the given states and about them."
     ),
+    frame: FrameName | None = frame_option(),
 ) -> None:
     """Tune the boundary velocities of a path until its limits hold, and write both paths.
 
@@ -52,7 +54,7 @@ def tune(
         from qtraj.cli.tuning.work import run
 
         choice = Choice(motion and motion.value, objective and objective.value, starts)
-        content, met = run(scenario, out, choice)
+        content, met = run(scenario, out, choice, frame_of(frame))
     if as_json:
         typer.echo(json.dumps(content, indent=2, allow_nan=False))
     else:

@@ -7,6 +7,7 @@ from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import as_float, require_positive
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
@@ -65,6 +66,9 @@ class Limits(eqx.Module):
         self.jerk = _limit(jerk, "jerk")
         self.yaw_rate = _limit(yaw_rate, "yaw_rate")
         self.yaw_acceleration = _limit(yaw_acceleration, "yaw_acceleration")
+
+    def __repr__(self) -> str:
+        return shown(self, **{name: quantity(name).label for name in self.given()})
 
     def given(self) -> dict[str, Float[Array, "*lanes"]]:
         """The limits that are set, by name."""

@@ -14,6 +14,9 @@ from qtraj.foundation.types import ArrayInput, ScalarLike
 COARSE_METRES = 1e-3
 """A float32 position that resolves less than this [m] is worth a warning."""
 
+MOST_SHOWN = 12
+"""Numbers that a message repeats; of more it names the first that is wrong."""
+
 SMALLEST_BUCKET = 64
 """Rows to which fewer are padded."""
 
@@ -101,7 +104,18 @@ def require_finite(x: Array, name: str) -> None:
     """Raise a ValueError where a known value is NaN or infinite."""
     value = concrete(x)
     if value is not None and not np.all(np.isfinite(value)):
-        raise ValueError(f"{name} must be finite, but {value.tolist()} was given")
+        raise ValueError(f"{name} must be finite, but {_first_not_finite(value)}")
+
+
+def _first_not_finite(value: np.ndarray) -> str:
+    """The whole of a small array; of a larger one the first row with a number that is not finite."""
+    if value.ndim == 0 or value.size <= MOST_SHOWN:
+        return f"{value.tolist()} was given"
+    bad = ~np.isfinite(value).reshape(len(value), -1).all(axis=1)
+    row, count = int(bad.argmax()), int(bad.sum())
+    held = value[row].tolist() if value[row].size <= MOST_SHOWN else "not"
+    others = f", the first of {count} that are not finite" if count > 1 else ""
+    return f"sample {row} (of 0 to {len(value) - 1}) is {held}{others}"
 
 
 def require_positive(x: Array, name: str, unit: str) -> None:

@@ -1,19 +1,23 @@
-"""Shapes in types. Components stand on the last axis; core functions take one instant and are vmapped."""
+"""Shapes in types. Components stand on the last axis; core functions take one instant and are vmapped.
+
+They are named aliases, which keep their names in `help` and in signatures.
+"""
 
 from collections.abc import Sequence
 from typing import Any
 
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Real
+from typing_extensions import TypeAliasType
 
-Scalar = Float[Array, ""]
-Flag = Bool[Array, ""]
-Vec3 = Float[Array, "3"]
-Quat = Float[Array, "4"]
-Mat3 = Float[Array, "3 3"]
-Mat4 = Float[Array, "4 4"]
+Scalar = TypeAliasType("Scalar", Float[Array, ""])
+Flag = TypeAliasType("Flag", Bool[Array, ""])
+Vec3 = TypeAliasType("Vec3", Float[Array, "3"])
+Quat = TypeAliasType("Quat", Float[Array, "4"])
+Mat3 = TypeAliasType("Mat3", Float[Array, "3 3"])
+Mat4 = TypeAliasType("Mat4", Float[Array, "4 4"])
 
-ScalarLike = Real[ArrayLike, ""]
+ScalarLike = TypeAliasType("ScalarLike", Real[ArrayLike, ""])
 
-ArrayInput = ArrayLike | Sequence[Any]
+ArrayInput = TypeAliasType("ArrayInput", ArrayLike | Sequence[Any])
 """What constructors take from a user: arrays of JAX or NumPy, numbers, and (nested) lists of numbers."""

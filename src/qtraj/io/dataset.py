@@ -14,16 +14,21 @@ import numpy as np
 import xarray
 
 from qtraj.batch.evaluate import evaluate
+from qtraj.batch.table import Table
 from qtraj.design.fitting.facts import labelled
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
+from qtraj.design.proof.certificate import Certificate
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.provenance import made_with
 from qtraj.foundation.record import notes
-from qtraj.path.channel import CHANNELS, LABELS, framed
+from qtraj.motion.programs.rotation_minimizing import Frame
+from qtraj.path.channel import CHANNELS
+from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.track import Track, known, known_elapsed
+from qtraj.path.trihedral import Natural, Upright
 
 SAMPLES = 513
 """Samples of each path unless told otherwise."""
@@ -31,14 +36,17 @@ SAMPLES = 513
 MAGNITUDES = {name: entry.variable for name, entry in QUANTITIES.items()}
 """The variable of each limited quantity, by the name of its limit."""
 
-FRAMED = framed("natural")
+LAYOUT = "time(path, sample) is each path's own time; progress(sample) = time / duration, from 0 to 1"
 
-CONVENTIONS = {
-    "quaternion_convention": f"{FRAMED['quaternion_convention']}, sign continuous in time",
-    "frame_convention": f"natural trihedral, {FRAMED['frame_convention']}",
-    "rate_convention": "rate and angular_acceleration are those of the trihedral, in body axes",
-    "layout": "time(path, sample) is each path's own time; progress(sample) = time / duration, from 0 to 1",
-}
+
+def conventions(frame: str) -> dict[str, str]:
+    """The attributes of a dataset of attitudes along a path, in the frame of this name."""
+    about = framed(frame)
+    return about | {
+        "quaternion_convention": f"{about['quaternion_convention']}, sign continuous in time",
+        "frame_convention": f"{frame} frame, {about['frame_convention']}",
+        "rate_convention": "rate and angular_acceleration are those of the frame, in body axes",
+    }
 
 
 def path_dataset(
@@ -48,30 +56,40 @@ def path_dataset(
     samples: int = SAMPLES,
     attributes: Mapping[str, str] | None = None,
     fitted: Fitted | None = None,
+    frame: Frame | None = None,
+    findings: Mapping[str, Certificate] | None = None,
 ) -> xarray.Dataset:
     """The paths, by name, as one dataset with units, meanings and conventions in its attributes (extra `io`).
 
-    All outputs of `qtraj.evaluate`, at `samples` instants of each path. A variable that a limit bounds holds it as
-    attribute `limit`. A recorded `track` is added as `recorded_position` over `recorded_time`, from its first sample,
-    and what is known of a `fitted` path as variables and attributes whose names begin with `fit_`.
+    All outputs of `qtraj.evaluate`, at `samples` instants of each path. Attitudes and rates are those of `frame`;
+    without it they are those of `Upright()` where there is a recorded `track`, since vehicles stay upright, else of
+    `Natural()`. A variable that a limit bounds holds it as attribute `limit`. A recorded track is added as
+    `recorded_position` over `recorded_time`, from its first sample, and what is known of a `fitted` path as variables
+    and attributes whose names begin with `fit_`. `findings`, the certificates of some of the paths, are kept as
+    `largest_curvature` (path), `largest_curvature_time` and `finding_curvature`, and so on: the largest values on the
+    whole path, not at the samples alone.
 
     **Raises:** ValueError for no path, or fewer than 2 samples.
     """
     if not paths or samples < 2:
         raise ValueError(f"a dataset needs a path and at least 2 samples, but {len(paths)} and {samples} were given")
     progress = np.linspace(0.0, 1.0, samples)
-    columns = [_columns(path, progress) for path in paths.values()]
+    frame = (Natural() if track is None else Upright()) if frame is None else frame
+    tables = [_table(path, progress, frame) for path in paths.values()]
+    columns = [_columns(path, table) for path, table in zip(paths.values(), tables, strict=True)]
+    name_of_frame = tables[0].frame
     variables: dict[str, Any] = {}
     for name, (dims, _, about) in columns[0].items():
         stacked = np.stack([column[name][1] for column in columns])
         variables[name] = (("path", *dims), stacked, about)
     for name, limit in ({} if limits is None else limits.given()).items():
         variables[MAGNITUDES[name]][2]["limit"] = float(limit)
+    variables |= _findings(list(paths), findings or {})
     coordinates: dict[str, Any] = {
         "path": ("path", list(paths), {"long_name": "path"}),
         "progress": ("sample", progress, {"units": "1", "long_name": "time over duration"}),
         "time": variables.pop("time"),
-        **{axis: (axis, labels) for axis, labels in LABELS.items()},
+        **{axis: (axis, labels) for axis, labels in labels_of(name_of_frame).items()},
     }
     if track is not None:
         coordinates["recorded_time"] = ("record", known_elapsed(track), notes("s", "time from the first record"))
@@ -79,7 +97,7 @@ def path_dataset(
         variables["recorded_position"] = (dims, known(track.positions), notes("m", "recorded position, world axes"))
     about = {} if fitted is None else with_fit(variables, fitted)
     made = made_with(np.asarray(next(iter(paths.values())).duration).dtype)
-    whole = {**CONVENTIONS, **made, **about, **(attributes or {})}
+    whole = {**conventions(name_of_frame), "layout": LAYOUT, **made, **about, **(attributes or {})}
     return xarray.Dataset(variables, coordinates, whole)
 
 
@@ -91,20 +109,39 @@ def with_fit(variables: dict[str, Any], fitted: Fitted) -> dict[str, str]:
     return attributes
 
 
+def _findings(paths: list[str], certificates: Mapping[str, Certificate]) -> dict[str, Any]:
+    """The largest value of each limited quantity on each path, when it is, and what is known of it."""
+    found: dict[str, Any] = {}
+    for name in dict.fromkeys(name for certificate in certificates.values() for name in certificate.names):
+        variable, unit = MAGNITUDES[name], QUANTITIES[name].unit
+        known = [certificates.get(path) for path in paths]
+        rows = [(np.nan, np.nan, "") if c is None else (*c.worst[name][:2], c.status[name]) for c in known]
+        times, values, texts = zip(*rows, strict=True)
+        about = f"of the {QUANTITIES[name].meaning} on the whole path"
+        found[f"largest_{variable}"] = (("path",), np.array(values, float), notes(unit, f"largest value {about}"))
+        found[f"largest_{variable}_time"] = (("path",), np.array(times, float), notes("s", f"time of the peak {about}"))
+        found[f"finding_{variable}"] = (("path",), np.array(texts, str), {"long_name": f"finding on the limit {about}"})
+    return found
+
+
 def write_netcdf(dataset: xarray.Dataset, file: str | os.PathLike[str]) -> None:
     """Write a dataset as netCDF-4, every float exactly; `xarray.open_dataset` reads it."""
     exact = {name: {"_FillValue": None} for name in dataset.variables if dataset[name].dtype.kind == "f"}
     dataset.to_netcdf(file, engine="h5netcdf", encoding=exact)
 
 
-def _columns(path: AbstractHodograph, progress: np.ndarray) -> dict[str, tuple[tuple[str, ...], np.ndarray, Any]]:
-    """Every variable of one path: dimensions, values and notes."""
+def _table(path: AbstractHodograph, progress: np.ndarray, frame: Frame) -> Table:
+    """All outputs of one path."""
     duration = np.asarray(path.duration)
     times = as_float(duration * progress.astype(duration.dtype))
-    table = evaluate(path, times, outputs=tuple(CHANNELS), continuous=True)
+    return evaluate(path, times, outputs=tuple(CHANNELS), frame=frame, continuous=True)
+
+
+def _columns(path: AbstractHodograph, table: Table) -> dict[str, tuple[tuple[str, ...], np.ndarray, Any]]:
+    """Every variable of one path: dimensions, values and notes."""
     columns: dict[str, Any] = {
-        "time": (("sample",), np.asarray(times), notes("s", "time from the start of the path")),
-        "duration": ((), duration, notes("s", "duration of the path")),
+        "time": (("sample",), np.asarray(table.time), notes("s", "time from the start of the path")),
+        "duration": ((), np.asarray(path.duration), notes("s", "duration of the path")),
     }
     for name, entry in CHANNELS.items():
         columns[name] = (("sample", *entry.axes), np.asarray(table.values[name]), notes(entry.unit, entry.meaning))

@@ -23,9 +23,9 @@ from qtraj.io.scenario_part import (
 )
 from qtraj.io.turn_model import TurnPart
 
-Frame = Literal["natural", "upright", "rotation_minimizing"]
+Frame = Literal["natural", "upright", "rotation-minimizing", "rotation_minimizing"]
 
-FRAME = "'natural', 'upright' or 'rotation_minimizing'"
+FRAME = "'upright', 'natural' or 'rotation-minimizing'"
 MOST_SAMPLES = 100_000
 SOURCES = "[program.turn], path = 'a path scenario or a saved path', or file = 'a saved program'"
 
@@ -41,7 +41,12 @@ class ProgramPart(Part):
         title="a path whose frame is the program",
         description="the name of a path scenario or a saved path, relative to the scenario",
     )
-    frame: Frame | None = Field(default=None, title="frame of the path; natural if left out", description=FRAME)
+    frame: Frame | None = Field(
+        default=None,
+        title="frame of the path: x forward, y left, z up ('upright', if left out); tangent, principal normal, "
+        "binormal, which flips over where the bend changes sides ('natural'); or one that never rolls",
+        description=FRAME,
+    )
     up: Vector | None = Field(default=None, title="direction of the upright frame; [0, 0, 1]", description=THREE)
     file: Text | None = Field(
         default=None,
@@ -57,7 +62,7 @@ class ProgramPart(Part):
             raise ValueError(f"{found}: give one of {SOURCES}")
         if self.path is None and (extra := given(self, "frame", "up")):
             raise ValueError(f"the key '{extra[0]}' belongs to a path, and there is none")
-        if self.up is not None and (self.frame != "upright" or not any(self.up)):
+        if self.up is not None and ((self.frame or "upright") != "upright" or not any(self.up)):
             raise ValueError("the key 'up' belongs to frame = 'upright', and is a direction other than 0")
         return self
 

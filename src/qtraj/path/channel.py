@@ -9,14 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from qtraj.foundation import record
+from qtraj.path.frame_axes import labels_of
 from qtraj.path.quantity import QUANTITIES, PathQuantity
 
-LABELS = {
-    "world": record.LABELS["world"],
-    "body": ["tangent", "normal", "binormal"],
-    "quaternion_component": record.LABELS["component"],
-}
-"""The coordinates along the axes of components."""
+SIZES = {axis: len(names) for axis, names in labels_of("").items()}
+"""How many components there are along an axis."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +29,7 @@ class Channel:
     @property
     def shape(self) -> tuple[int, ...]:
         """Its shape at one instant."""
-        return tuple(len(LABELS[axis]) for axis in self.axes)
+        return tuple(SIZES[axis] for axis in self.axes)
 
     def labelled(self, values: Any, *lead: str) -> record.Quantity:
         """Values with unit and meaning; `lead` are the axes in front of those of the components."""
@@ -86,12 +83,3 @@ _ENTRIES = (
 CHANNELS: dict[str, Channel] = {entry.name: entry for entry in _ENTRIES}
 """By name; their order here is the order everywhere."""
 CHANNELS |= {x.variable: _scalar(x) for x in QUANTITIES.values() if x.variable not in CHANNELS}
-
-
-def framed(frame: str) -> dict[str, str]:
-    """The attributes of a dataset whose rates and attitudes are those of a `frame` along a path."""
-    return {
-        "frame": frame,
-        "frame_convention": "right-handed; body axes x = tangent (forward), y = normal, z = binormal",
-        "quaternion_convention": f"{record.CONVENTIONS['quaternion_convention']}, unit norm",
-    }

@@ -3,7 +3,7 @@
 import abc
 import os
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -13,10 +13,14 @@ from jaxtyping import Array, Float
 from qtraj.algebra.vector import norm
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_float, one_instant, real_scalar, require_positive
+from qtraj.foundation.drawing import drawing
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
 from qtraj.path.arc_length import arc_length
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.moving_basis import MovingPolynomials
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 class AbstractHodograph(eqx.Module):
@@ -60,6 +64,16 @@ class AbstractHodograph(eqx.Module):
         first thousand instants goes unseen.
         """
         return _length(self)
+
+    def plot(self, frame: Any = None, trihedra: int = 6) -> "Figure":
+        """The path in space, with `trihedra` at equal steps of time: a matplotlib figure (extra `viz`), axes equal.
+
+        `frame` is that of `qtraj.evaluate`: the natural trihedral unless it says otherwise. `figure.savefig(file)`
+        writes the figure, and a notebook shows it.
+
+        **Raises:** ModuleNotFoundError, naming the extra, where matplotlib is missing; ValueError for many paths.
+        """
+        return drawing("path_plot", self, frame, trihedra)
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the path to a TOML or JSON file, exactly; `qtraj.load` reads it.

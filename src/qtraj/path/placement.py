@@ -5,6 +5,7 @@ import equinox as eqx
 from qtraj.algebra import quaternion
 from qtraj.foundation.arrays import concrete, real_vector, warn_if_coarse
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Vec3
 
 
@@ -28,6 +29,9 @@ class Placement(eqx.Module):
         known = concrete(self.orientation)
         if known is not None and not known.any():
             raise ValueError("the orientation of a placement must be a quaternion other than zero")
+
+    def __repr__(self) -> str:
+        return shown(self, origin="m")
 
     def to_world(self, vector: Vec3) -> Vec3:
         """World components of a free vector given in the path's axes."""

@@ -8,7 +8,8 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent
 from qtraj.foundation.types import ArrayInput, Scalar
-from qtraj.path.channel import CHANNELS, LABELS
+from qtraj.path.channel import CHANNELS
+from qtraj.path.frame_axes import labels_of
 
 FEWEST_SAMPLES = 4
 """A window with fewer samples says nothing about a curve."""
@@ -65,7 +66,7 @@ class Track(AbstractResult):
             variables["quaternion"] = variables["quaternion"]._replace(meaning=RECORDED_ATTITUDE)
         time = Quantity(self.times, "s", "time on the recording's own clock", ("time",))
         summary = f"{self.times.shape[-1]} samples, {extent(self.times, 's')}: {', '.join(variables)}"
-        return Record(summary, variables, {"time": time}, {"frame": "world"}, LABELS)
+        return Record(summary, variables, {"time": time}, {"frame": "world"}, labels_of(""))
 
     @property
     def start_time(self) -> Scalar:

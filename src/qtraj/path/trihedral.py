@@ -19,8 +19,10 @@ from qtraj.foundation.arrays import as_float, concrete, one_instant, real_vector
 from qtraj.foundation.document import storable
 from qtraj.foundation.record import Record
 from qtraj.foundation.result import AbstractResult, extent, in_lanes
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Mat3, Quat, Scalar, ScalarLike, Vec3
-from qtraj.path.channel import CHANNELS, LABELS, framed
+from qtraj.path.channel import CHANNELS
+from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate, upright_rates
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.regularity import bends, leaves_vertical, moves
@@ -78,7 +80,7 @@ class Trihedral(AbstractResult):
         exists = "" if np.all(self.defined) else ", not defined" if not np.any(self.defined) else ", partly defined"
         shown = f"speed {extent(self.speed, 'm/s')}, curvature {extent(self.curvature, '1/m')}"
         summary = f"{in_lanes(self.speed.shape)}{shown}, torsion {extent(self.torsion, '1/m')}{exists}"
-        return Record(summary, variables, attributes=framed("trihedral"), labels=LABELS)
+        return Record(summary, variables, attributes=framed("trihedral"), labels=labels_of("trihedral"))
 
 
 class AbstractFrame(eqx.Module):
@@ -142,6 +144,9 @@ class Upright(AbstractFrame):
         known = concrete(self.up)
         if known is not None and not known.any():
             raise ValueError("the up direction of an upright frame must not be zero")
+
+    def __repr__(self) -> str:
+        return shown(self)
 
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
         of = Invariants(r, self.unit_up(r.dtype))

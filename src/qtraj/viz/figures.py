@@ -11,6 +11,7 @@ from qtraj.viz.precision_figure import precision_figure
 from qtraj.viz.profiles_figure import profiles_figure
 from qtraj.viz.space import path_figure
 from qtraj.viz.style import save
+from qtraj.viz.table_figure import table_figure
 from qtraj.viz.track_figure import track_figure
 from qtraj.viz.turn_figure import turn_figure
 
@@ -22,6 +23,7 @@ __all__ = [
     "precision_figure",
     "profiles_figure",
     "save",
+    "table_figure",
     "track_figure",
     "tuning_figure",
     "turn_figure",

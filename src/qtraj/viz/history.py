@@ -11,6 +11,8 @@ from mpl_toolkits.mplot3d import Axes3D  # registers the projection
 
 from qtraj.foundation.units import symbol
 from qtraj.io.dataset import MAGNITUDES
+from qtraj.viz.drawable import of_paths
+from qtraj.viz.report.ranges import spike
 from qtraj.viz.space import draw_space
 from qtraj.viz.style import BAND, BOUND, LIMIT, RC, WIDTH, head, path_line, title
 
@@ -19,12 +21,15 @@ PANEL = 1.7  # [inch] of height
 FLAT = 0.85  # of the largest value: where the least is larger, the zero would only squeeze what there is to see
 
 
-def tuning_figure(dataset: xarray.Dataset) -> Figure:
+def tuning_figure(dataset: Any) -> Figure:
     """Paths in space with trihedra and recorded points; curvature, lateral acceleration and limits against time.
 
-    `dataset` is one of `qtraj.io.dataset.path_dataset`: every path in it is drawn, trihedra stand on the last, and
-    each variable with a limit has its own panel.
+    `dataset` is one of `qtraj.io.dataset.path_dataset`, or a path or a result that has one: every path in it is drawn,
+    trihedra stand on the last, and each variable with a limit has its own panel.
+
+    **Raises:** ValueError for a dataset without paths, or something else.
     """
+    dataset = of_paths(dataset)
     panels, name = _panels(dataset), dataset.attrs.get("title", "")
     with mpl.rc_context(RC):
         band = BAND if name else 0.0
@@ -40,14 +45,15 @@ def tuning_figure(dataset: xarray.Dataset) -> Figure:
     return figure
 
 
-def limits_figure(dataset: xarray.Dataset, names: Sequence[str] | None = None) -> Figure:
+def limits_figure(dataset: Any, names: Sequence[str] | None = None) -> Figure:
     """Magnitudes of every path against its own time, one panel each, with the limits that the dataset holds.
 
-    `dataset` is one of `qtraj.io.dataset.path_dataset`. `names` are those of `qtraj.Limits`; without them curvature,
-    lateral acceleration and whatever is limited.
+    `dataset` is one of `qtraj.io.dataset.path_dataset`, or a path or a result that has one. `names` are
+    those of `qtraj.Limits`; without them curvature, lateral acceleration and whatever is limited.
 
-    **Raises:** ValueError for an unknown name.
+    **Raises:** ValueError for an unknown name, a dataset without paths, or something else.
     """
+    dataset = of_paths(dataset)
     unknown = set(names or ()) - set(MAGNITUDES)
     if unknown:
         raise ValueError(f"unknown path quantity {min(unknown)!r}; known are {', '.join(MAGNITUDES)}")
@@ -85,7 +91,9 @@ def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> 
     if (limit := variable.attrs.get("limit")) is not None:
         axes.axhline(limit, label=f"limit {limit:.4g}", **BOUND)
     drawn = [y for line in axes.lines for y in line.get_ydata()]
-    if min(drawn) < FLAT * max(drawn):
+    if (cut := spike([np.asarray(drawn)])) is not None:  # one stop would else scale the axis
+        axes.set_ylim(-0.03 * cut[0], max(cut[0], 1.08 * (limit or 0.0) if (limit or 0.0) <= cut[0] else 0.0))
+    elif min(drawn) < FLAT * max(drawn):
         axes.set_ylim(-0.03 * max(drawn), 1.08 * max(drawn))  # lines at both ends are seen
     if limit is not None:
         top = axes.get_ylim()[1]

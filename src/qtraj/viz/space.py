@@ -10,7 +10,8 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D  # registers the projection
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from qtraj.viz.style import AXIS_COLOURS, RC, RECORD, SYMBOLS, head, path_line, title
+from qtraj.viz.drawable import of_paths
+from qtraj.viz.style import AXIS_COLOURS, RC, RECORD, body_axes, head, path_line, title
 
 TRIHEDRA = 6
 LEAST_HEIGHT = 0.3  # of the extent of the path: a flat path leaves room for the ticks of z
@@ -22,7 +23,7 @@ VIEW = {"elev": 38, "azim": -60}
 
 
 def path_figure(
-    dataset: xarray.Dataset,
+    dataset: Any,
     trihedra: int = TRIHEDRA,
     velocities: bool = False,
     reference: bool = False,
@@ -30,9 +31,13 @@ def path_figure(
 ) -> Figure:
     """Paths in space, with equal axes, and `trihedra` of the last one at equal steps of time (0 for none).
 
-    `dataset` is one of `qtraj.io.dataset.path_dataset`. `velocities` draws V_A and V_B at the ends; `reference` the
-    world axes i, j, k at the origin and the radius vectors of the ends; `view` is (elevation, azimuth) [°].
+    `dataset` is one of `qtraj.io.dataset.path_dataset`, or a path or a result that has one. `velocities`
+    draws V_A and V_B at the ends; `reference` the world axes i, j, k at the origin and the radius vectors of the ends;
+    `view` is (elevation, azimuth) [°].
+
+    **Raises:** ValueError for a dataset without paths, or something else.
     """
+    dataset = of_paths(dataset)
     with mpl.rc_context(RC):
         figure = Figure(figsize=SIZE)
         axes: Any = figure.add_axes((-0.05, 0.0, 1.08, 0.98), projection=Axes3D.name)
@@ -92,9 +97,9 @@ def _draw_trihedra(axes: Any, path: xarray.Dataset, centre: np.ndarray, count: i
     if not chosen.size:
         return
     origin = path["position"].values[chosen] - centre
-    for k, (name, colour) in enumerate(AXIS_COLOURS.items()):
+    for k, (label, colour) in enumerate(zip(body_axes(path).titles(), AXIS_COLOURS, strict=True)):
         arrow = length * path["dcm"].values[chosen, k]
-        _arrows(axes, origin, arrow, 0.25, color=colour, lw=1.1, label=f"{SYMBOLS[name]} ({name})")
+        _arrows(axes, origin, arrow, 0.25, color=colour, lw=1.1, label=label)
 
 
 def _arrows(axes: Any, origins: np.ndarray, arrows: np.ndarray, head: float, **style: Any) -> None:

@@ -7,6 +7,8 @@ import matplotlib as mpl
 import xarray
 from matplotlib.figure import Figure
 
+from qtraj.path.frame_axes import NATURAL, FrameAxes, axes_of
+
 # Okabe and Ito's colours, told apart with any colour vision; line styles tell them apart in grey.
 COLOURS = {"before": "#D55E00", "after": "#0072B2"}
 STYLES = {"before": (0, (5, 2)), "after": "solid"}
@@ -14,8 +16,8 @@ SPARE = ("#0072B2", "#D55E00", "#56B4E9", "#000000")  # of paths of other names;
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 DASHES = ("solid", (0, (5, 2)), (0, (3, 1, 1, 1)), (0, (7, 1.5, 1.5, 1.5)), (0, (2, 1)), (0, (5, 1, 1, 1, 1, 1)))
 MARKERS = "os^Dvx+"
-AXIS_COLOURS = {"tangent": "#009E73", "normal": "#CC79A7", "binormal": "#E69F00"}
-SYMBOLS = {"tangent": "τ", "normal": "n", "binormal": "b"}
+AXIS_COLOURS = ("#009E73", "#CC79A7", "#E69F00")
+"""Of the body axes x, y, z."""
 RECORD, LIMIT, MARK = "0.45", "0.1", "#B00020"
 COMPONENTS = {"w": "#000000", "x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
 LINES = {"w": (0, (5, 2)), "x": "solid", "y": (0, (3, 1, 1, 1)), "z": (0, (1, 1))}
@@ -53,6 +55,11 @@ def save(figure: Figure, file: str | os.PathLike[str]) -> None:
 def title(dataset: xarray.Dataset) -> str:
     """The name of the scenario, or of its file."""
     return dataset.attrs.get("title") or dataset.attrs.get("scenario_file", "")
+
+
+def body_axes(dataset: xarray.Dataset) -> FrameAxes:
+    """What the axes of the frame in a dataset are called; of one that does not say, those of the natural trihedral."""
+    return axes_of(str(dataset.attrs.get("frame", NATURAL)))
 
 
 def frame(axes: Any) -> None:

@@ -60,13 +60,18 @@ def track_figure(dataset: xarray.Dataset, settled: float, limit: float | list[fl
     return figure
 
 
+def _applies(dataset: xarray.Dataset) -> bool:
+    """Whether the closed form is that of this motion; of a disturbed one it is another's, and is not drawn."""
+    return dataset.attrs.get("closed_form", "applies") == "applies"
+
+
 def _draw_angle(axes: Any, dataset: xarray.Dataset, settled: float) -> None:
     time = dataset["time"].values
     for name, label, line in (
         ("angle", "simulated", {"color": "#0072B2", "lw": 1.8}),
         ("closed_form_angle", "closed form", CLOSED),
     ):
-        if name in dataset:
+        if name in dataset and (name == "angle" or _applies(dataset)):
             values = np.degrees(dataset[name].values)
             axes.plot(time, np.where(values > LEAST_ANGLE, values, np.nan), label=label, **line)
     axes.axhline(np.degrees(settled), color=LIMIT, lw=0.8, ls=(0, (4, 3)), label=f"{np.degrees(settled):.4g}°")
@@ -78,7 +83,7 @@ def _draw_angle(axes: Any, dataset: xarray.Dataset, settled: float) -> None:
 def _draw_error(axes: Any, dataset: xarray.Dataset) -> None:
     symbol = {"inertial": "μ*", "additive": "Δ"}.get(dataset.attrs.get("law", ""), "μ")
     _draw_components(axes, dataset, "error", symbol, "wxyz")
-    if "closed_form_error" in dataset:
+    if "closed_form_error" in dataset and _applies(dataset):
         lines = axes.plot(dataset["time"].values, dataset["closed_form_error"].values, **CLOSED)
         lines[0].set_label("closed form")
     axes.set_ylabel("error quaternion [–]")
@@ -89,7 +94,8 @@ def _draw_command(axes: Any, dataset: xarray.Dataset, limit: float | list[float]
     unit = _unit(dataset)
     _draw_components(axes, dataset, "command", "ω" if unit == "°/s" else "ε", "xyz", degrees=True)
     values = np.degrees(dataset["command"].values)
-    axes.plot(dataset["time"].values, np.linalg.norm(values, axis=1), label="length", **LENGTH)
+    if dataset.attrs.get("saturation") != "axis":  # else the limits are those of components
+        axes.plot(dataset["time"].values, np.linalg.norm(values, axis=1), label="length", **LENGTH)
     bounds = np.unique(np.degrees([] if limit is None else limit))
     peak = np.nanmax(np.abs(values), initial=0.0)
     if bounds.size and bounds.max() <= 3 * max(peak, 1e-12):

@@ -35,6 +35,16 @@ def table(count, step, seed=6):
     return times, rotations, sizes[:, None] * rotations.as_quat(scalar_first=True)
 
 
+def test_a_missing_sample_is_named_and_the_table_is_not_printed():
+    times, _, quaternions = table(500, 0.1)
+    quaternions[[17, 40], 2] = math.nan
+    with pytest.raises(ValueError, match=r"sample 17 \(of 0 to 499\) is \[.*nan.*\], the first of 2 that") as error:
+        TableProgram(times, quaternions)
+    assert len(str(error.value)) < 250
+    with pytest.raises(ValueError, match=r"sample 3 \(of 0 to 499\) is inf$"):
+        TableProgram(np.where(np.arange(500) == 3, math.inf, times), np.ones((500, 4)))
+
+
 @jax.jit
 def evaluated(program, times):
     """Attitudes, and how far 2λ̇ = λ∘ω and ω̇ = ε are from true."""

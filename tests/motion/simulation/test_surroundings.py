@@ -43,6 +43,28 @@ def test_a_sinusoid(dtype):
     np.testing.assert_allclose(DisturbanceTorque(wave, 2.0).acceleration(jnp.asarray(0.0, dtype)), [0.5, -1.0, 0.0])
 
 
+@pytest.mark.parametrize(
+    ("function", "signature"),
+    [
+        (lambda: jnp.zeros(3), r"\(\)"),
+        (lambda t, q: jnp.zeros(3), r"\(t, q\)"),
+        (lambda *, t: jnp.zeros(3), r"\(\*, t\)"),
+    ],
+)
+@pytest.mark.parametrize("wrap", [lambda f: f, DisturbanceAcceleration, lambda f: DisturbanceTorque(f, 2.0)])
+def test_a_function_of_something_else_is_no_disturbance(function, signature, wrap):
+    with pytest.raises(ValueError, match=rf"a function of the time alone.*takes {signature}"):
+        simulate(Rest(), AccelerationLaw(2.0, 1.0), IDENTITY, np.zeros(4), [0.0, 1.0], wrap(function))
+
+
+def test_functions_with_defaults_and_callable_objects_are_disturbances():
+    assert (
+        DisturbanceAcceleration(lambda t, size=2.0: jnp.full(3, size)).acceleration(jnp.asarray(1.0)).tolist()
+        == [2] * 3
+    )
+    assert DisturbanceAcceleration(Sinusoid([1.0, 0, 0], 4.0)).acceleration(jnp.asarray(1.0))[0] == pytest.approx(1.0)
+
+
 def test_noise_belongs_to_its_key_and_has_its_size():
     def readings(key):
         sensor = Sensor(rate_noise=0.2, attitude_noise=0.01, rate_bias=[1.0, 0, 0], sampling=0.1, key=key)

@@ -13,6 +13,7 @@ from qtraj.cli.content import finite
 from qtraj.cli.layout import MOST_ROWS, heading, numbers_table, print_files, print_scenario
 from qtraj.cli.tuning.report import print_fit
 from qtraj.path.channel import CHANNELS
+from qtraj.path.frame_axes import MINIMIZING, NATURAL, UPRIGHT, axes_of
 from qtraj.path.spiral_helix import SpiralHelix
 
 OUTPUTS = ("position", "velocity", "acceleration", "speed", "curvature", "torsion", "quaternion", "rate", "defined")
@@ -26,38 +27,48 @@ HEADERS = {
     "curvature": ["curvature [1/m]"],
     "torsion": ["torsion [1/m]"],
     "quaternion": ["qw", "qx", "qy", "qz"],
-    "rate": ["rate_x [rad/s]", "rate_y [rad/s]", "rate_z [rad/s]"],
 }
-"""Columns of the CSV file; `qtraj.read_track` knows those of time, position, velocity and attitude by these names."""
+"""Columns of the CSV file, besides those of the frame.
+
+`qtraj.read_track` knows those of time, position, velocity and attitude by these names."""
 
 MOTION = {"time": ["t"], "position": ["x", "y", "z"], "speed": ["speed"], "curvature": ["κ"], "torsion": ["χ"]}
-ATTITUDE = {"time": ["t"], "quaternion": ["λ0", "λ1", "λ2", "λ3"], "rate": ["ω_τ", "ω_n", "ω_b"]}
-BLOCKS = (
-    ("t [s], position [m], speed [m/s], curvature κ and torsion χ [1/m]", MOTION),
-    ("t [s], quaternion λ (body to world) and rate ω of the trihedral [rad/s]", ATTITUDE),
-)
-"""The columns do not fit 80 characters side by side: two tables."""
-
-FRAME_ONLY = ("torsion", "quaternion", "rate")
-"""What does not exist where the natural trihedral does not."""
+MISSING = {
+    NATURAL: "the natural trihedral does not exist (no motion or no bend)",
+    UPRIGHT: "the upright frame does not exist (no motion, or straight up or down)",
+    MINIMIZING: "the rotation-minimizing frame does not exist (no motion)",
+}
+"""What a dash in a table means."""
 
 
 def table_content(
-    path: SpiralHelix, table: Table, scenario: dict[str, Any], fit: dict[str, Any] | None
+    path: SpiralHelix, table: Table, bends: np.ndarray, scenario: dict[str, Any], fit: dict[str, Any] | None
 ) -> dict[str, Any]:
-    """The table of a path, of JSON's types only."""
+    """The table of a path, of JSON's types only; `bends` (n,) is where it has a torsion."""
     names = [name for name in CHANNELS if name in table.values]
     content = {
         "qtraj": __version__,
         "command": "evaluate",
         "scenario": scenario,
         "fit": fit,
+        "frame": table.frame,
         "path": {"duration": float(path.duration), "length": float(path.length()), "turn": float(path.turn)},
         "units": {"time": "s"} | {name: CHANNELS[name].unit for name in names},
         "columns": {name: np.asarray(getattr(table, name)).tolist() for name in ("time", *names)},
+        "bends": bends.tolist(),
         "files": [],
     }
     return finite(content)
+
+
+def _blocks(frame: str) -> tuple[tuple[str, dict[str, list[str]]], ...]:
+    """Titles and columns of two tables: side by side they would not fit 80 characters."""
+    rates = [f"ω_{symbol}" for symbol in axes_of(frame).symbols]
+    attitude = {"time": ["t"], "quaternion": ["λ0", "λ1", "λ2", "λ3"], "rate": rates}
+    return (
+        ("t [s], position [m], speed [m/s], curvature κ and torsion χ [1/m]", MOTION),
+        (f"t [s], quaternion λ and rate ω [rad/s] of the {frame} frame", attitude),
+    )
 
 
 def print_table(console: Console, content: dict[str, Any]) -> None:
@@ -69,14 +80,15 @@ def print_table(console: Console, content: dict[str, Any]) -> None:
     if content["fit"] is not None:
         print_fit(console, content["fit"])
     columns = {name: np.array(values, dtype=float) for name, values in content["columns"].items()}
-    defined = columns["defined"].astype(bool)
-    for title, block in BLOCKS:
+    defined, frame = columns["defined"].astype(bool), content["frame"]
+    exists = {"torsion": np.array(content["bends"], dtype=bool), "quaternion": defined, "rate": defined}
+    for title, block in _blocks(frame):
         heading(console, title)
-        console.print(numbers_table(columns, block, dict.fromkeys(FRAME_ONLY, defined)))
+        console.print(numbers_table(columns, block, exists))
     if len(defined) > MOST_ROWS:
         console.print(
             Text(f"… : {len(defined) - MOST_ROWS} instants left out; --out DIR writes, --json prints them all")
         )
     if missing := int(np.sum(~defined)):
-        console.print(Text(f"- : the natural trihedral does not exist (no motion or no bend) at {missing} instants"))
+        console.print(Text(f"- : {MISSING[frame]} at {missing} instants"))
     print_files(console, content["files"])

@@ -15,9 +15,10 @@ from qtraj.cli.terminal import watching
 from qtraj.cli.tuning.job import is_saved, lay, saved_path
 from qtraj.design.fitting.facts import facts
 from qtraj.design.fitting.fitted import Fitted
-from qtraj.io.dataset import CONVENTIONS, with_fit, write_netcdf
+from qtraj.io.dataset import conventions, with_fit, write_netcdf
 from qtraj.io.scenario import content_hash, read_scenario
 from qtraj.io.scenario_model import Scenario
+from qtraj.motion.programs.rotation_minimizing import Frame
 from qtraj.path.spiral_helix import SpiralHelix
 
 SAMPLES = 25
@@ -26,7 +27,7 @@ MOST = 1_000_000
 
 
 def run(
-    file: Path, samples: int | None, step: float | None, out: Path | None, also: Sequence[str] = ()
+    file: Path, samples: int | None, step: float | None, out: Path | None, also: Sequence[str], frame: Frame
 ) -> dict[str, Any]:
     """Evaluate the path of a file, and write it where a folder is given: what there is to say.
 
@@ -39,16 +40,18 @@ def run(
         path, about, fitted = _path(file)
         times = instants(float(path.duration), samples, step)
         watch.say("evaluating")
-        table = evaluate(path, times, (*OUTPUTS, *also), continuous=True)
-        content = table_content(path, table, about, None if fitted is None else facts(fitted))
+        table = evaluate(path, times, (*OUTPUTS, *also), frame, continuous=True)
+        bends = np.asarray(evaluate(path, times, ("defined",)).defined)
+        content = table_content(path, table, bends, about, None if fitted is None else facts(fitted))
         if out is not None:
             dataset = table.to_xarray()
-            headers = HEADERS | {name: csv_headers(dataset)[name] for name in also if name not in HEADERS}
+            known = csv_headers(dataset)
+            headers = HEADERS | {name: known[name] for name in ("rate", *also) if name not in HEADERS}
             columns = {name: np.asarray(getattr(table, name)) for name in headers}
-            known: dict[str, Any] = {}
-            texts = {} if fitted is None else with_fit(known, fitted)
-            dataset = dataset.assign(known)
-            dataset.attrs |= {k: v for k, v in CONVENTIONS.items() if k != "layout"} | provenance(file, about) | texts
+            found: dict[str, Any] = {}
+            texts = {} if fitted is None else with_fit(found, fitted)
+            dataset = dataset.assign(found)
+            dataset.attrs |= conventions(table.frame) | provenance(file, about) | texts
             writers = {
                 "table.nc": lambda file: write_netcdf(dataset, file),
                 "table.csv": lambda file: write_csv(columns, headers, file),

@@ -5,12 +5,14 @@ from pathlib import Path
 
 import xarray
 
-from qtraj.design.limits import Limits
 from qtraj.design.tuning.outcome import Tuned
-from qtraj.io.dataset import path_dataset
 from qtraj.io.dataset_file import SUFFIXES, load_dataset
 from qtraj.io.stored import load
+from qtraj.motion.programs.rotation_minimizing import Frame, name_of
+from qtraj.path.frame_axes import NATURAL
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.trihedral import Upright
+from qtraj.viz.drawable import drawable
 
 DATASETS = ("paths.nc", "table.nc")
 """What the commands write into their folders, each of which can be drawn."""
@@ -27,7 +29,7 @@ class Job:
     tuned: Tuned | None = None
 
 
-def find(result: Path) -> Job:
+def find(result: Path, frame: Frame | None = None) -> Job:
     """The dataset of a result: of a folder, a dataset's file, or a saved path.
 
     **Raises:** OSError where nothing is there or it cannot be read; ValueError, naming the file, for what is no result.
@@ -35,9 +37,11 @@ def find(result: Path) -> Job:
     if not result.exists():
         raise FileNotFoundError(f"{result}: there is no such result; 'qtraj tune' writes one into qtraj-out")
     if result.suffix in DOCUMENTS:
-        return _saved(result)
+        return _saved(result, Upright() if frame is None else frame)
     file = _within(result) if is_folder(result) else result
     dataset = load_dataset(file)
+    if frame is not None:
+        _require_frame(file, dataset, frame)
     return Job(file, dataset, _tuning(file.parent / TUNED, dataset))
 
 
@@ -57,7 +61,19 @@ def _within(folder: Path) -> Path:
     return found[0]
 
 
-def _saved(file: Path) -> Job:
+def _require_frame(file: Path, dataset: xarray.Dataset, frame: Frame) -> None:
+    """Raise a ValueError where a dataset, whose attitudes stand in one frame, is asked for another."""
+    if "position" not in dataset:
+        raise ValueError(f"{file}: --frame belongs to a path, but this result is one of attitudes alone")
+    held, wanted = dataset.attrs.get("frame", NATURAL), name_of(frame)
+    if held != wanted:
+        raise ValueError(
+            f"{file}: the attitudes in this dataset are those of the {held} frame: name the saved path beside it "
+            f"(path.toml, tuning.toml), or run the command that wrote it with --frame {wanted}"
+        )
+
+
+def _saved(file: Path, frame: Frame) -> Job:
     """The dataset of a saved path, or of a saved tuning and its path."""
     stored = load(file)
     tuned = stored if isinstance(stored, Tuned) else None
@@ -67,14 +83,8 @@ def _saved(file: Path) -> Job:
             f"{file}: a saved path or tuning was expected, but the file holds a {type(stored).__name__}: name the "
             "table.nc beside it"
         )
-    name, limits = ("path", None) if tuned is None else ("after", _limits(tuned))
-    notes = {"title": file.name} | ({} if tuned is None else {"tuning_result": tuned.result})
-    return Job(file, path_dataset({name: path}, limits, attributes=notes), tuned)
-
-
-def _limits(tuned: Tuned) -> Limits:
-    """The limits that a tuning was given, as far as its certificate knows them."""
-    return Limits(**{name: limit for name, (_, _, limit) in tuned.certificate.worst.items()})
+    dataset = drawable(path if tuned is None else tuned, frame)
+    return Job(file, dataset.assign_attrs(title=file.name), tuned)
 
 
 def _tuning(file: Path, dataset: xarray.Dataset) -> Tuned | None:

@@ -7,13 +7,16 @@ from qtraj.cli.output import check_folder, write_all
 from qtraj.cli.reporting.content import report_content
 from qtraj.cli.reporting.job import DATASETS, find, is_folder
 from qtraj.cli.terminal import watching
+from qtraj.motion.programs.rotation_minimizing import Frame
 
 PAGE = "report.html"
 """The page of a folder, and of the dataset in it that stands for the folder."""
 
 
-def run(result: Path, out: Path | None) -> dict[str, Any]:
+def run(result: Path, out: Path | None, frame: Frame | None = None) -> dict[str, Any]:
     """Write the page of a result: what there is to say.
+
+    `frame` is that of a saved path; the upright one without it.
 
     **Raises:** OSError or ValueError for bad input, or a missing package, before anything is written.
     """
@@ -22,7 +25,7 @@ def run(result: Path, out: Path | None) -> dict[str, Any]:
         watch.say("reading")
         check_folder(folder)
         try:
-            job = find(result)
+            job = find(result, frame)
             from qtraj.viz.report.page import html, report_of
 
             watch.say("drawing")

@@ -64,6 +64,7 @@ def track_content(
         },
         "duration": float(job.times[-1]),
         "command_limit": limit,
+        "saturation": None if limit is None or job.actuator is None else job.actuator.saturation,
         "findings": found,
         "finished": bool(course.solution.successful),
         "result": _result(course, outcome(course, found), scenario.error.sign),

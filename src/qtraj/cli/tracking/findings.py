@@ -28,9 +28,8 @@ ROUND_OFF, COARSE = 1e-12, 1e-2
 def findings(job: Job, course: Course, settled: float) -> dict[str, Any]:
     """The figures of a closed loop at all instants of its course, in SI units; None where there is none."""
     times, angle, lengths = course.times, np.asarray(course.solution.angle), np.asarray(course.solution.norm)
-    commands = np.linalg.norm(np.asarray(course.solution.physical_command), axis=1)
-    known = np.isfinite(commands)
-    peak = int(np.argmax(np.where(known, commands, -1.0)))
+    vectors = np.asarray(course.solution.physical_command)
+    known = np.isfinite(vectors).all(axis=1)
     reason = _reason(job, course)
     time = float(course.solution.settling_time(settled))
     return {
@@ -38,7 +37,7 @@ def findings(job: Job, course: Course, settled: float) -> dict[str, Any]:
         "initial_angle": float(angle[0]),
         "final_angle": float(angle[-1]),
         "settled": {"angle": settled, "time": None if math.isnan(time) else time},
-        "peak_command": {"value": float(commands[peak]), "time": float(times[peak])} if known.any() else None,
+        "peak_command": _peak_command(times[known], vectors[known]),
         "closed_form": _closed_form(job, course, reason),
         "least_error_norm": _least_error(job, course, reason),
         "norm": {
@@ -48,6 +47,16 @@ def findings(job: Job, course: Course, settled: float) -> dict[str, Any]:
             "drift": _drift(course, lengths, reason),
         },
     }
+
+
+def _peak_command(times: np.ndarray, commands: np.ndarray) -> dict[str, Any] | None:
+    """The greatest length of the command and when, and the greatest magnitude along each body axis."""
+    if not len(commands):
+        return None
+    lengths = np.linalg.norm(commands, axis=1)
+    peak = int(np.argmax(lengths))
+    along = np.abs(commands).max(axis=0).tolist()
+    return {"value": float(lengths[peak]), "time": float(times[peak]), "axes": along}
 
 
 def outcome(course: Course, found: dict[str, Any]) -> int:

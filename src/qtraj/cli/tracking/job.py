@@ -60,14 +60,14 @@ class Job:
     flipped: bool
 
 
-def prepare(given: ScenarioFile[TrackingScenario], samples: int | None = None) -> Job:
-    """The closed loop of a scenario; `samples` goes before those that the scenario asks for.
+def prepare(given: ScenarioFile[TrackingScenario], samples: int | None = None, frame: str | None = None) -> Job:
+    """The closed loop of a scenario; `samples` and `frame` go before those that the scenario asks for.
 
     **Raises:** OSError for a file that cannot be read; ValueError for data that make no loop.
     """
     scenario = given.scenario
     scale = radians(scenario.angles)
-    program = program_of(given)
+    program = program_of(given, frame)
     times = _times(scenario, program, samples)
     with _naming("[law]: "):
         law = feedback_law(scenario.law)

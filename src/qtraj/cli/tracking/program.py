@@ -1,7 +1,6 @@
 """The program that `qtraj track` follows."""
 
 from pathlib import Path
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -21,7 +20,8 @@ from qtraj.io.turn_model import LIMITS, NEEDED, TurnPart
 from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
 from qtraj.motion.programs.frame_program import FrameProgram
-from qtraj.motion.programs.rotation_minimizing import RotationMinimizing
+from qtraj.motion.programs.rotation_minimizing import RotationMinimizing, name_of
+from qtraj.path.frame_axes import MINIMIZING, NATURAL, UPRIGHT
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.trihedral import AbstractFrame, Natural, Upright, trihedral
 
@@ -29,16 +29,23 @@ CHECKED = 257
 """Equally spaced instants at which a frame must exist."""
 
 
-def program_of(given: ScenarioFile[TrackingScenario]) -> AbstractProgram:
-    """The program of a scenario.
+WHY = {NATURAL: "no motion, or no bend", UPRIGHT: "no motion, or straight up or down"}
+OTHERS = {NATURAL: "'upright' or 'rotation-minimizing'", UPRIGHT: "'natural' or 'rotation-minimizing'"}
+"""Where a frame does not exist, and which others may."""
+
+
+def program_of(given: ScenarioFile[TrackingScenario], frame: str | None = None) -> AbstractProgram:
+    """The program of a scenario; `frame` goes before that of the scenario.
 
     **Raises:** OSError for a file that cannot be read; ValueError for data that make no program.
     """
     part = given.scenario.program
+    if frame is not None and part.path is None:
+        raise ValueError(f"--frame {frame} belongs to a program along a path, [program] path, and there is none")
     if part.turn is not None:
         return _turn(part.turn, given.scenario.angles)
     if part.path is not None:
-        return _framed(_path(given.beside(part.path)), part)
+        return _framed(_path(given.beside(part.path)), part, frame)
     return _saved(given.beside(str(part.file)))
 
 
@@ -57,7 +64,8 @@ def program_jumps(program: AbstractProgram) -> np.ndarray | None:
 def described(part: ProgramPart, program: AbstractProgram) -> str:
     """What the program is, in words."""
     if part.path is not None:
-        return f"{(part.frame or 'natural').replace('_', '-')} frame of {part.path}"
+        along = program.frame if isinstance(program, FrameProgram) else Upright()
+        return f"{name_of(along)} frame of {part.path}"
     if part.file is not None:
         return f"{type(program).__name__} of {part.file}"
     return "chain of turns" if isinstance(program, TurnChain) else "turn"
@@ -81,19 +89,18 @@ def _path(file: Path) -> SpiralHelix:
     return saved_path(file) if is_saved(file) else lay(read_scenario(file, Scenario)).path
 
 
-def _framed(path: SpiralHelix, part: ProgramPart) -> FrameProgram:
-    frame: Any = Natural()
-    if part.frame == "upright":
-        frame = Upright() if part.up is None else Upright(part.up)
-    elif part.frame == "rotation_minimizing":
+def _framed(path: SpiralHelix, part: ProgramPart, chosen: str | None) -> FrameProgram:
+    name = (chosen or part.frame or UPRIGHT).replace("_", "-")
+    if name == MINIMIZING:
         return FrameProgram(path, RotationMinimizing())
+    frame = Natural() if name == NATURAL else Upright() if part.up is None else Upright(part.up)
     times = jnp.linspace(0.0, path.duration, CHECKED)
     defined = np.asarray(_defined(path, frame, times))
     if not defined.all():
         when = float(times[int(np.argmin(defined))])
         raise ValueError(
-            f"the {part.frame or 'natural'} frame of this path does not exist at t = {when:.6g} s (no motion, or no "
-            "bend): take frame = 'upright' or 'rotation_minimizing'"
+            f"the {name} frame of this path does not exist at t = {when:.6g} s ({WHY[name]}): take frame = "
+            f"{OTHERS[name]}, or --frame with one of them"
         )
     return FrameProgram(path, frame)
 

@@ -54,8 +54,8 @@ def _motion(content: dict[str, Any]) -> list[tuple[str, str]]:
         ("error at the end", f"{degrees(found['final_angle'])}°" if found["final_angle"] is not None else "-"),
         (f"within {degrees(settled['angle'])}°", when),
         ("closed form", _closed(found["closed_form"])),
-        ("largest command", "-" if peak is None else f"{degrees(peak['value'])} {unit} at {peak['time']:.6g} s"),
-        ("limit of command", _limit(content["command_limit"], unit)),
+        ("largest command", _peak(peak, unit, content["saturation"] == "axis")),
+        ("limit of command", _limit(content["command_limit"], unit, content["saturation"])),
         ("|λ|", f"{number(norm['least'])} to {number(norm['largest'])}{_drift(norm['drift'])}"),
         ("least |μ|", _least(least)),
         ("found at", f"{found['instants']} instants, whatever the table asks for"),
@@ -64,7 +64,9 @@ def _motion(content: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _print_columns(console: Console, content: dict[str, Any]) -> None:
     columns = content["columns"]
-    headers = {name: names for name, names in HEADERS.items() if name in columns}
+    applies = content["findings"]["closed_form"]["applies"]
+    left_out = () if applies else ("closed_form_angle",)
+    headers = {name: names for name, names in HEADERS.items() if name in columns and name not in left_out}
     values = {name: np.array(columns[name], dtype=float) for name in headers}
     for name in {"angle", "closed_form_angle", "rate", "command"} & headers.keys():
         values[name] = np.degrees(values[name])
@@ -102,10 +104,23 @@ def _least(least: dict[str, Any] | None) -> str:
     return number(least["value"]) + (", at any time, by the closed form" if least["exact"] else "")
 
 
-def _limit(limit: float | list[float] | None, unit: str) -> str:
+def _peak(peak: dict[str, Any] | None, unit: str, each_axis: bool) -> str:
+    """The greatest command as its limit counts it: the length, or each component."""
+    if peak is None:
+        return "-"
+    length = f"{degrees(peak['value'])} {unit} at {peak['time']:.6g} s"
+    if not each_axis:
+        return length
+    return f"{', '.join(map(degrees, peak['axes']))} {unit} along x, y, z; length {length}"
+
+
+def _limit(limit: float | list[float] | None, unit: str, saturation: str | None) -> str:
     if limit is None:
         return "none"
-    return ", ".join(degrees(x) for x in (limit if isinstance(limit, list) else [limit])) + f" {unit}"
+    values = ", ".join(degrees(x) for x in (limit if isinstance(limit, list) else [limit])) + f" {unit}"
+    if saturation == "norm":
+        return f"{values}, of the length"
+    return f"{values} along x, y, z" if isinstance(limit, list) else f"{values} along each axis"
 
 
 def _drift(drift: float | None) -> str:

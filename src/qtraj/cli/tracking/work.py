@@ -16,7 +16,7 @@ from qtraj.io.tracking_model import TrackingScenario
 from qtraj.viz.track_figure import track_figure
 
 
-def run(file: Path | None, out: Path, samples: int | None = None) -> tuple[dict[str, Any], bool]:
+def run(file: Path | None, out: Path, samples: int | None, frame: str | None = None) -> tuple[dict[str, Any], bool]:
     """Simulate a closed loop and write it: what there is to say, and whether the integration finished.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
@@ -25,7 +25,7 @@ def run(file: Path | None, out: Path, samples: int | None = None) -> tuple[dict[
         watch.say("reading")
         check_folder(out)
         given = read_scenario(TRACK if file is None else file, TrackingScenario)
-        job, course = _simulated(given, samples, watch)
+        job, course = _simulated(given, samples, frame, watch)
         columns = track_columns(job, course)
         content = track_content(given, job, course, columns)
         watch.say("writing")
@@ -33,7 +33,10 @@ def run(file: Path | None, out: Path, samples: int | None = None) -> tuple[dict[
             "law": content["law"]["kind"],
             "result": content["result"],
         }
-        limit = content["command_limit"]
+        closed = content["findings"]["closed_form"]
+        notes["closed_form"] = "applies" if closed["applies"] else f"does not apply: {closed['reason']}"
+        limit, saturation = content["command_limit"], content["saturation"]
+        notes |= {} if saturation is None else {"saturation": saturation}
         dataset = instants_dataset(job.times, columns, notes, {} if limit is None else {"command": limit})
         figure = track_figure(dataset, content["findings"]["settled"]["angle"], limit)
         writers: dict[str, Writer] = {
@@ -44,11 +47,13 @@ def run(file: Path | None, out: Path, samples: int | None = None) -> tuple[dict[
     return content, content["finished"]
 
 
-def _simulated(given: ScenarioFile[TrackingScenario], samples: int | None, watch: Watch) -> tuple[Job, Course]:
+def _simulated(
+    given: ScenarioFile[TrackingScenario], samples: int | None, frame: str | None, watch: Watch
+) -> tuple[Job, Course]:
     """The closed loop of a scenario and its motion; a ValueError names the file."""
     try:
         watch.say("preparing the program and the law")
-        job = prepare(given, samples)
+        job = prepare(given, samples, frame)
         watch.say("simulating")
         return job, solve(job)
     except ValueError as error:

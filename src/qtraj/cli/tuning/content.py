@@ -36,6 +36,7 @@ def tune_content(
         "command": "tune",
         "scenario": scenario_content(given),
         "fit": None if job.fitted is None else facts(job.fitted),
+        "frame": dataset.attrs["frame"],
         "limits": {name: _limit(name, before, best.certificate, given.scenario.purpose) for name in before.status},
         "boundary": _boundary(job, best),
         "departure": departure(now[0], was[0]),

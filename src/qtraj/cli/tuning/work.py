@@ -18,9 +18,10 @@ from qtraj.design.tuning.tune import tune
 from qtraj.io.dataset import path_dataset, write_netcdf
 from qtraj.io.scenario import DEFAULT, ScenarioFile, read_scenario
 from qtraj.io.scenario_model import Scenario
+from qtraj.motion.programs.rotation_minimizing import Frame
 
 
-def run(file: Path | None, out: Path, choice: Choice) -> tuple[dict[str, Any], bool]:
+def run(file: Path | None, out: Path, choice: Choice, frame: Frame) -> tuple[dict[str, Any], bool]:
     """Tune a scenario and write its results: what there is to say, and whether all limits were met.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
@@ -34,7 +35,7 @@ def run(file: Path | None, out: Path, choice: Choice) -> tuple[dict[str, Any], b
             )
         given = read_scenario(DEFAULT if file is None else file, Scenario)
         job, before, best = solve(given, choice, watch)
-        dataset = _dataset(given, job, best)
+        dataset = _dataset(given, job, before, best, frame)
         content = tune_content(given, job, before, best, dataset)
         dataset.attrs |= _remarks(content)
         watch.say("writing")
@@ -62,8 +63,8 @@ def solve(given: ScenarioFile[Scenario], choice: Choice, watch: Watch) -> tuple[
     return job, before, best
 
 
-def _dataset(given: ScenarioFile[Scenario], job: Job, best: Tuned) -> xarray.Dataset:
-    """Both paths, sampled."""
+def _dataset(given: ScenarioFile[Scenario], job: Job, before: Certificate, best: Tuned, frame: Frame) -> xarray.Dataset:
+    """Both paths, sampled, with the largest values that their certificates know."""
     attributes = provenance(given.file, scenario_content(given)) | {
         "tuning_objective": job.objective,
         "tuning_motion": job.motion,
@@ -71,7 +72,10 @@ def _dataset(given: ScenarioFile[Scenario], job: Job, best: Tuned) -> xarray.Dat
         "tuning_result": best.result,
     }
     paths = {"before": job.path, "after": best.path}
-    return path_dataset(paths, job.limits, job.track, attributes=attributes, fitted=job.fitted)
+    findings = {"before": before, "after": best.certificate}
+    return path_dataset(
+        paths, job.limits, job.track, attributes=attributes, fitted=job.fitted, frame=frame, findings=findings
+    )
 
 
 def _remarks(content: dict[str, Any]) -> dict[str, str]:

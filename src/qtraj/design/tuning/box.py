@@ -5,6 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from typing_extensions import TypeAliasType
 
 from qtraj.design.tuning.motions.motion import COMPONENTS, ENDS, HEADINGS, VELOCITIES, AbstractMotion
 from qtraj.design.tuning.objectives.objective import AbstractObjective
@@ -17,7 +18,7 @@ LARGEST_CHANGE, LARGEST_LOGARITHM = 10.0, 3.0
 
 AT_WALL = 1e-6
 
-Bounds = Mapping[str, tuple[ArrayInput | None, ArrayInput | None]]
+Bounds = TypeAliasType("Bounds", Mapping[str, tuple[ArrayInput | None, ArrayInput | None]])
 
 
 def require_names(motion: AbstractMotion, objective: AbstractObjective, fixed: Sequence[str], bounds: Bounds) -> None:

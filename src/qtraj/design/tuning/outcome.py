@@ -2,7 +2,7 @@
 
 import dataclasses
 import os
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -16,12 +16,16 @@ from qtraj.design.tuning.verdict import verdict
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_array, as_float, concrete, part, require_lane
 from qtraj.foundation.document import reads_older, storable
+from qtraj.foundation.drawing import drawing
 from qtraj.foundation.outcome import ILL_POSED, AbstractOutcome, ResultCode, known_codes, names_of, renumbered
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import counted, extent, in_lanes
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.spiral_helix import SpiralHelix
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 CONVERGED, INFEASIBLE, NOT_CONVERGED = ResultCode.successful, ResultCode.infeasible, ResultCode.not_converged
 
@@ -139,6 +143,16 @@ class Tuned(AbstractOutcome):
         if self.code.ndim == 0:
             raise TypeError("this is the outcome of one problem: only that of many has a length")
         return self.code.shape[0]
+
+    def plot(self, frame: Any = None) -> "Figure":
+        """The tuned path in space, and what its limits bound over time, as a matplotlib figure (extra `viz`).
+
+        `frame` is that of the trihedra, as for `qtraj.evaluate`: the natural one unless it says otherwise.
+
+        **Raises:** ModuleNotFoundError, naming the extra, where matplotlib is missing; ValueError for the outcome of
+        many problems.
+        """
+        return drawing("tuned_plot", self, frame)
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the outcome to a TOML or JSON file, exactly; `qtraj.load` reads it.

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient
 from jaxtyping import Array, Float
+from typing_extensions import TypeAliasType
 
 from qtraj.algebra import quaternion, rotation
 from qtraj.algebra.vector import norm, unit
@@ -18,8 +19,9 @@ from qtraj.foundation.arrays import as_float, concrete, real_vector
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Mat3, Quat, Scalar, Vec3
 from qtraj.motion.attitude import Attitude
+from qtraj.path.frame_axes import MINIMIZING
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.trihedral import trihedral
+from qtraj.path.trihedral import AbstractFrame, trihedral
 
 GAUSS = 6
 """Quadrature nodes between two nodes of the frame: order 12."""
@@ -59,6 +61,15 @@ class RotationMinimizing(eqx.Module):
         known = concrete(self.initial)
         if known is not None and not known.any():
             raise ValueError("the initial attitude of a rotation-minimizing frame must not be zero")
+
+
+Frame = TypeAliasType("Frame", AbstractFrame | RotationMinimizing)
+"""Whatever frame can be hung on a whole path."""
+
+
+def name_of(frame: Frame) -> str:
+    """What the frame is called in labelled data."""
+    return MINIMIZING if isinstance(frame, RotationMinimizing) else frame.name
 
 
 def attitude(path: AbstractHodograph, t: Scalar, node: Scalar, at_node: Quat) -> Attitude:

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
+from typing_extensions import TypeAliasType
 
 from qtraj.foundation.arrays import as_float, require_positive
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
@@ -23,7 +24,7 @@ TOLERANCE = 1e-12
 TOLERANCE_FLOAT32 = 1e-5
 """[rad] The same in float32, about a hundred roundings."""
 
-Rate = Callable[..., Any]
+Rate = TypeAliasType("Rate", Callable[..., Any])
 
 
 class Problem(eqx.Module):

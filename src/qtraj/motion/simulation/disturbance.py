@@ -1,6 +1,7 @@
 """What acts on a body besides its command."""
 
 import abc
+import inspect
 import math
 from collections.abc import Callable
 from typing import Any
@@ -56,6 +57,8 @@ class DisturbanceAcceleration(AbstractDisturbance):
     """An angular acceleration in body axes: a function t [s] → (3,) [rad/s²], or a constant (3,).
 
     A constant one and a `Sinusoid` can be stored.
+
+    **Raises:** ValueError for a function that cannot be called with the time alone, or another shape.
     """
 
     course: Course
@@ -74,7 +77,8 @@ class DisturbanceTorque(AbstractDisturbance):
     `inertia` [kg m²]: a scalar, (3,) principal moments or (3, 3). The gyroscopic torque ω×Jω is the commanded
     torque's business: see `dynamics.torque`. A constant torque and a `Sinusoid` can be stored.
 
-    **Raises:** ValueError for an inertia that is not symmetric and positive.
+    **Raises:** ValueError for an inertia that is not symmetric and positive, a function that cannot be called with the
+    time alone, or another shape.
     """
 
     course: Course
@@ -92,7 +96,22 @@ class DisturbanceTorque(AbstractDisturbance):
 def _course(course: Callable[[Scalar], Vec3] | ArrayInput, name: str) -> Any:
     if not callable(course):
         return real_vector(course, name, 3)
+    _require_function_of_time(course, name)
     return course if isinstance(course, eqx.Module | jax.tree_util.Partial) else jax.tree_util.Partial(course)
+
+
+def _require_function_of_time(course: Callable[..., Any], name: str) -> None:
+    """Raise a ValueError where a function cannot be called with the time alone."""
+    try:
+        signature = inspect.signature(course)
+    except (TypeError, ValueError):  # some functions written in C have none: the call itself will tell
+        return
+    try:
+        signature.bind(0.0)
+    except TypeError as error:
+        raise ValueError(
+            f"{name} must be a function of the time alone, t [s] -> (3,), but the function given takes {signature}"
+        ) from error
 
 
 def _at(course: Course, t: Scalar) -> Vec3:

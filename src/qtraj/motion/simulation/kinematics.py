@@ -9,6 +9,7 @@ from typing import Any
 
 import equinox as eqx
 from jaxtyping import Array, Float
+from typing_extensions import TypeAliasType
 
 from qtraj.algebra.quaternion import derivative
 from qtraj.foundation.arrays import as_float
@@ -19,7 +20,7 @@ from qtraj.motion.simulation.ode import MAX_STEPS, Method
 from qtraj.motion.simulation.solution import Solution
 from qtraj.motion.simulation.task import Scale, Task, checked
 
-Acceleration = Callable[[Scalar, Quat, Quat], Quat]
+Acceleration = TypeAliasType("Acceleration", Callable[[Scalar, Quat, Quat], Quat])
 
 
 def integrate(

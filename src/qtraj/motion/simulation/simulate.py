@@ -58,7 +58,8 @@ def simulate(
     Every `command` is the one the actuator gives, without the disturbance, and at a renewal the new one. The body is
     assumed to supply the commanded acceleration: `dynamics.torque` tells the torque for that.
 
-    **Raises:** ValueError as `integrate`; for parts that are none; for a disturbance or a strapdown computer with a
+    **Raises:** ValueError as `integrate`; for parts that are none, or a disturbance that is no function of the time
+    alone; for a disturbance or a strapdown computer with a
     rate law; where sensor and actuator sample differently; for a period that is traced or much too short. RuntimeError
     with `throw`.
     """

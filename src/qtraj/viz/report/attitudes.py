@@ -1,6 +1,8 @@
 """The report of attitudes over time: of a turn, of a closed loop, of anything with a quaternion over `time`."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import xarray
@@ -8,6 +10,7 @@ import xarray
 from qtraj.viz.report.frames import cosines
 from qtraj.viz.report.model import Arrow, Body, Panel, Report, Series, Table, number, unit, words
 from qtraj.viz.report.provenance import provenance_table
+from qtraj.viz.report.ranges import offsets, shifted
 from qtraj.viz.style import COMPONENTS, SUBSCRIPTS, title
 
 DASHES = {"w": "dash", "x": "solid", "y": "dashdot", "z": "dot"}
@@ -44,6 +47,8 @@ TITLES = {
     "command": "command, body axes",
     "norm": "length of the quaternion",
 }
+APPLIES = "applies"
+"""What the attribute `closed_form` of a dataset says where the motion has it; else why it has not."""
 LETTERS = {"quaternion": "λ", "error": "μ", "rate": "ω", "acceleration": "ε", "command": "u"}
 
 
@@ -65,12 +70,18 @@ def attitude_report(dataset: xarray.Dataset) -> Report:
     return Report(
         title=title(dataset) or "Attitude",
         kind="attitude",
-        facts=[words(str(notes["result"]))] if "result" in notes else [],
+        facts=_facts(notes),
         arrows=[Arrow(name, f"body axis {name}", COMPONENTS[name]) for name in "xyz"],
         bodies=bodies,
         panels=[_panel(dataset, name) for name in _shown(dataset)],
         tables=[_peaks(dataset), _ends(dataset), provenance_table(dataset)],
     )
+
+
+def _facts(notes: Mapping[str, Any]) -> list[str]:
+    """How it ended, and why there is no closed form beside the motion."""
+    reason, found = notes.get("closed_form", APPLIES), [words(str(notes["result"]))] if "result" in notes else []
+    return found if reason == APPLIES else [*found, f"The closed form is not drawn, as it {reason}."]
 
 
 def _shown(dataset: xarray.Dataset) -> list[str]:
@@ -85,17 +96,22 @@ def _panel(dataset: xarray.Dataset, name: str) -> Panel:
     values, symbol = _in_degrees(dataset, name)
     error = name == "angle" and "error" in dataset
     labels = _labels(dataset, name)
+    near = offsets(values) if name in ("quaternion", "error") else [0.0] * len(labels)
     series = []
     for k, label in enumerate(labels):
         symbol_of = LETTERS.get(name, name.replace("_", " "))
-        shown = f"{symbol_of}{_index(label)}" if dataset[name].ndim > 1 else label
-        series.append(Series(shown, 0, values[:, k], COMPONENTS.get(label, PLAIN), DASHES.get(label, "solid")))
-    if name == "command":
+        shown = shifted(f"{symbol_of}{_index(label)}" if dataset[name].ndim > 1 else label, near[k])
+        style = (COMPONENTS.get(label, PLAIN), DASHES.get(label, "solid"))
+        series.append(Series(shown, 0, values[:, k] - near[k], *style, offset=near[k]))
+    if name == "command" and not _of_each_axis(dataset):
         series.append(Series("length", 0, np.linalg.norm(values, axis=1), "#333333", reference=True))
-    if name in BESIDE and BESIDE[name][0] in dataset:
+    if name in BESIDE and BESIDE[name][0] in dataset and _applies(dataset, BESIDE[name][0]):
         other, text = BESIDE[name]
         compared, _ = _in_degrees(dataset, other)
-        series += [Series(text, 0, column, REFERENCE, "dot", reference=True) for column in compared.T]
+        series += [
+            Series(text, 0, column - apart, REFERENCE, "dot", reference=True, offset=apart)
+            for column, apart in zip(compared.T, near, strict=True)
+        ]
     if error:
         series = [replace(line, values=np.where(line.values > LEAST_ANGLE, line.values, np.nan)) for line in series]
     bounds = _limits(dataset, name)
@@ -103,6 +119,16 @@ def _panel(dataset: xarray.Dataset, name: str) -> Panel:
     limits = [(sign * bound, text) for bound in bounds for sign in _signs(values)]
     heading = "error angle" if error else TITLES.get(name, name.replace("_", " "))
     return Panel(heading, symbol, series, limits, logarithmic=error)
+
+
+def _applies(dataset: xarray.Dataset, beside: str) -> bool:
+    """Whether the closed form is that of this motion; of a disturbed one it is another's."""
+    return not beside.startswith("closed_form") or dataset.attrs.get("closed_form", APPLIES) == APPLIES
+
+
+def _of_each_axis(dataset: xarray.Dataset) -> bool:
+    """Whether the limit of the command is that of each component, not of the length."""
+    return dataset.attrs.get("saturation") == "axis"
 
 
 def _signs(values: np.ndarray) -> tuple[float, ...]:
@@ -150,8 +176,14 @@ def _peaks(dataset: xarray.Dataset) -> Table:
         worst = int(np.nanargmax(size))
         bound = ", ".join(map(number, _limits(dataset, name))) or "–"
         when = number(float(dataset["time"].values[worst]))
-        rows.append([f"{name.replace('_', ' ')} [{symbol}]", number(float(size[worst])), when, bound])
-    note = "Of vectors their length; at the instants of the table alone."
+        largest, heading = number(float(size[worst])), name.replace("_", " ")
+        if name == "command" and _of_each_axis(dataset):
+            given = np.ravel(dataset[name].attrs.get("limit", [])).astype(float)
+            bound = ", ".join(number(x) for x in _scale(dataset, name) * given) or "–"
+            largest, heading = ", ".join(number(x) for x in np.nanmax(np.abs(values), axis=0)), f"{heading}, each axis"
+            when = "–"
+        rows.append([f"{heading} [{symbol}]", largest, when, bound])
+    note = "Of vectors their length, unless each axis has its limit; at the instants of the table alone."
     return Table("Largest values", ["quantity", "largest", "at [s]", "limit"], rows, note=note)
 
 

@@ -10,7 +10,7 @@ async function show() {
     let drawn;
     do {
       drawn = [state.time, state.looked];
-      await moveSpace();
+      await Promise.all([moveSpace(), movePlan()]);
     } while (drawn[0] !== state.time || drawn[1] !== state.looked);
   } finally {
     busy = false;
@@ -66,6 +66,7 @@ function look(k) {
     }
   }
   drawSpace();
+  drawPlan();
   show();
 }
 
@@ -159,6 +160,7 @@ controls();
 legend();
 drawPanels();
 drawNow();
+drawPlan(); // first: it takes its part of the width from the scene
 drawSpace()
   .then(() => setTime(start))
   .then(() => {

@@ -45,8 +45,9 @@ class Body:
 class Series:
     """One line of a panel: values (n,) over the instants of body number `body`.
 
-    A series that `follows` is shown while its body is the one looked at; a `reference` is drawn thin, to compare with,
-    and only the first of several has its name in the legend.
+    `offset` was taken from the values, to show what would be a flat line near it. A series that `follows` is shown
+    while its body is the one looked at; a `reference` is drawn thin, to compare with, and only the first of several has
+    its name in the legend.
     """
 
     name: str
@@ -56,6 +57,7 @@ class Series:
     dash: str = "solid"
     follows: bool = False
     reference: bool = False
+    offset: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,8 @@ from html import escape
 from importlib.resources import files
 from typing import Any
 
-import xarray
-
 from qtraj.design.tuning.outcome import Tuned
+from qtraj.viz.drawable import drawable
 from qtraj.viz.report.attitudes import attitude_report, is_of_attitudes
 from qtraj.viz.report.model import Report, Table
 from qtraj.viz.report.paths import is_of_paths, path_report
@@ -22,7 +21,7 @@ from qtraj.viz.report.payload import payload
 
 FIRST, LAST = ("path", "sample", "time", "record"), ("body", "world")
 """The order of dimensions that the report relies on."""
-SCRIPTS = ("motion.js", "arrows.js", "scene.js", "panels.js", "clock.js")
+SCRIPTS = ("motion.js", "arrows.js", "scene.js", "plan.js", "panels.js", "clock.js")
 VERDICTS = {
     "proved": "good",
     "within": "good",
@@ -35,20 +34,22 @@ VERDICTS = {
 """How a verdict in a table is coloured; its text says it as well."""
 
 
-def report_page(dataset: xarray.Dataset, tuned: Tuned | None = None) -> str:
-    """The HTML of a report on a dataset over time: paths, a turn, or a closed loop (extras `io` and `viz`).
+def report_page(dataset: Any, tuned: Tuned | None = None) -> str:
+    """The HTML of a report on paths, a turn, or a closed loop (extras `io` and `viz`).
 
-    `dataset` is one that the commands write, of `qtraj.io.dataset.path_dataset`, or `Table.to_xarray()`. `tuned` adds
-    the certificate of the path called "after".
+    `dataset` is one that the commands write, of `qtraj.io.dataset.path_dataset`, or the `to_xarray()` of a table, a
+    solution, a path, or a result of `tune` or `fit`; or one of these themselves. `tuned` adds the certificate of the
+    path called "after".
 
-    **Raises:** ValueError for a dataset that holds neither positions nor a quaternion over time; ModuleNotFoundError
+    **Raises:** ValueError for what holds neither a path, positions nor a quaternion over time; ModuleNotFoundError
     where plotly is missing.
     """
     return html(report_of(dataset, tuned))
 
 
-def report_of(dataset: xarray.Dataset, tuned: Tuned | None = None) -> Report:
-    """What there is to report on a dataset, as data."""
+def report_of(given: Any, tuned: Tuned | None = None) -> Report:
+    """What there is to report on a dataset, or on a result, as data."""
+    tuned, dataset = given if isinstance(given, Tuned) else tuned, drawable(given)
     if any(size == 0 for size in dataset.sizes.values()):
         raise ValueError("there is nothing to report: the dataset has a dimension without entries")
     ordered = dataset.transpose(*FIRST, ..., *LAST, missing_dims="ignore")

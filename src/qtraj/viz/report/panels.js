@@ -68,6 +68,8 @@ function drawKey(panel, key) {
     .forEach((limit) =>
       lines.push([limit.text + (limit.drawn ? "" : ", above the picture"), LIMIT.color, LIMIT.dash, LIMIT.width]),
     );
+  const more = panel.note ? [document.createElement("li")] : [];
+  if (panel.note) more[0].textContent = panel.note;
   key.replaceChildren(
     ...(lines.length < 2 ? [] : lines).map(([name, colour, dash, width]) => {
       const item = document.createElement("li"),
@@ -90,6 +92,7 @@ function drawKey(panel, key) {
       item.append(svg, " " + name);
       return item;
     }),
+    ...more,
   );
 }
 
@@ -118,6 +121,7 @@ function panelLayout(panel, drawn) {
         type: panel.logarithmic ? "log" : "linear",
         exponentformat: panel.logarithmic ? "e" : "power",
         nticks: 5,
+        range: panel.range ?? undefined,
         rangemode: panel.logarithmic ? "normal" : levelled(panel) ? "tozero" : "normal",
       },
       axis,
@@ -187,7 +191,8 @@ function showNow() {
     const parts = panel.series.filter((series) => shown(series) && (series.follows || series.body === state.looked));
     const values = parts
       .filter((series) => !series.reference)
-      .map((series) => number(between(series.values, place(bodies[series.body].time, state.time))));
+      .map((series) => [between(series.values, place(bodies[series.body].time, state.time)), series.offset])
+      .map(([value, offset]) => number(value === null || value === undefined ? value : value + offset));
     const units = panel.unit === "–" ? "" : " " + panel.unit;
     cells[k].textContent = values.length > 1 ? "(" + values.join(", ") + ")" + units : values.join("") + units;
   });

@@ -6,6 +6,7 @@ import numpy as np
 import xarray
 
 from qtraj.design.fitting.facts import FACTS, TITLE, fact_rows
+from qtraj.design.proof.certificate import BINDING
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset import MAGNITUDES
 from qtraj.path.boundary import BoundaryState, cylindrical
@@ -47,11 +48,10 @@ def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
         for label, path in paths.items():
             if name in path and "limit" in path[name].attrs:
                 certified = tuned is not None and label == "after" and limit_name in tuned.certificate.names
-                found = _certified(tuned, limit_name) if tuned is not None and certified else _sampled(path, name)
+                found = _certified(tuned, limit_name) if tuned is not None and certified else _known(path, name)
                 heading = f"{limit_name.replace('_', ' ')} [{unit(path[name].attrs['units'])}]"
                 rows.append([heading, label, *found])
-    findings = {} if tuned is None else tuned.certificate.status
-    known = [f"{status}: {PROOFS[status]}" for status in dict.fromkeys(findings.values())]
+    known = [f"{status}: {PROOFS[status]}" for status in dict.fromkeys(row[-1] for row in rows) if status in PROOFS]
     note = "; ".join(
         [*known, "without a certificate the largest value, within and broken are those of the sampled instants"]
     )
@@ -63,6 +63,18 @@ def _certified(tuned: Tuned, name: str) -> list[str]:
     time, value, limit = certificate.worst[name]
     margin = "binds" if name in certificate.binding else number(limit - value, 3)
     return [number(value), number(limit), margin, number(time, 4), certificate.status[name]]
+
+
+def _known(path: xarray.Dataset, name: str) -> list[str]:
+    """By the findings that stand in the dataset; of a path without, at the sampled instants."""
+    finding = str(path[f"finding_{name}"].values) if f"finding_{name}" in path else ""
+    if finding not in PROOFS:
+        return _sampled(path, name)
+    value, time = (float(path[f"largest_{name}{suffix}"]) for suffix in ("", "_time"))
+    limit = float(path[name].attrs["limit"])
+    binds = finding in ("proved", "sampled") and limit - value <= BINDING * limit
+    margin = "binds" if binds else number(limit - value, 3)
+    return [number(value), number(limit), margin, number(time, 4), finding]
 
 
 def _sampled(path: xarray.Dataset, name: str) -> list[str]:

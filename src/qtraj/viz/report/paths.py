@@ -1,16 +1,19 @@
 """The report of paths: trihedra along them, limited magnitudes, rates, attitude."""
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 import xarray
 
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset import MAGNITUDES
+from qtraj.path.frame_axes import AXES, UPRIGHT, FrameAxes
+from qtraj.viz.report.angles import heading_pitch_roll
 from qtraj.viz.report.frames import cosines
 from qtraj.viz.report.model import Arrow, Body, Panel, Report, Series, unit, words
 from qtraj.viz.report.path_tables import path_tables
-from qtraj.viz.style import AXIS_COLOURS, COLOURS, COMPONENTS, SPARE, STYLES, SUBSCRIPTS, SYMBOLS, title
+from qtraj.viz.report.ranges import offsets, shifted
+from qtraj.viz.style import AXIS_COLOURS, COLOURS, COMPONENTS, SPARE, STYLES, SUBSCRIPTS, body_axes, title
 
 ALWAYS = ("speed", "curvature", "lateral_acceleration", "angular_rate")
 """Panels of every report of paths, where the variable is there."""
@@ -19,7 +22,15 @@ MOST_PATHS = 8
 ONLY, ALONE = "path", "#0072B2"
 """Name and colour of a path that has no others beside it."""
 DASHES = {"w": "dash", "x": "solid", "y": "dashdot", "z": "dot"}
+AXIS_DASHES = ("solid", "dash", "dashdot")
+"""Of the body axes x, y, z."""
 SYMBOL_OF = {"rate": "ω", "angular_acceleration": "ε"}
+ANGLES = ("heading", "pitch", "roll")
+TITLES = {
+    "rate": "rate of the frame, body axes",
+    "angular_acceleration": "angular acceleration of the frame, body axes",
+    "quaternion": "quaternion, body to world",
+}
 
 
 def is_of_paths(dataset: xarray.Dataset) -> bool:
@@ -39,7 +50,7 @@ def path_report(dataset: xarray.Dataset, tuned: Tuned | None = None) -> Report:
     """
     if not {"dcm", "quaternion"} & set(dataset.data_vars):
         raise ValueError("a report needs the attitude along the path: the variable quaternion, or dcm, is missing")
-    paths = separate(dataset)
+    paths, frame = separate(dataset), body_axes(dataset)
     drawn = dict(list(paths.items())[:MOST_PATHS])
     notes = [str(dataset.attrs["tuning_warning"])] if "tuning_warning" in dataset.attrs else []
     notes += [f"{len(drawn)} of {len(paths)} paths are shown."] if len(drawn) < len(paths) else []
@@ -49,9 +60,9 @@ def path_report(dataset: xarray.Dataset, tuned: Tuned | None = None) -> Report:
         title=title(dataset) or "Path",
         kind="path",
         facts=_facts(dataset),
-        arrows=[Arrow(SYMBOLS[name], name, colour) for name, colour in AXIS_COLOURS.items()],
+        arrows=[Arrow(*about) for about in zip(frame.symbols, frame.names, AXIS_COLOURS, strict=True)],
         bodies=bodies,
-        panels=_panels(bodies, list(drawn.values())),
+        panels=_panels(bodies, list(drawn.values()), frame),
         tables=path_tables(dataset, drawn, tuned),
         recorded=recorded,
         notes=notes,
@@ -84,16 +95,39 @@ def _body(name: str, k: int, path: xarray.Dataset) -> Body:
     return Body(name, path["time"].values, path["position"].values, axes, colour, dash)
 
 
-def _panels(bodies: list[Body], paths: list[xarray.Dataset]) -> list[Panel]:
+def _panels(bodies: list[Body], paths: list[xarray.Dataset], frame: FrameAxes) -> list[Panel]:
     """Magnitudes of every path: what a limit bounds, and some in any case; then components of the one looked at."""
     first = paths[0]
     limited = [name for name in MAGNITUDES.values() if name in first and "limit" in first[name].attrs]
     others = [name for name in ALWAYS if name in first and name not in limited]
     panels = [_magnitude(name, bodies, paths) for name in (*limited, *others)]
-    for name, labels in (("rate", AXIS_COLOURS), ("angular_acceleration", AXIS_COLOURS), ("quaternion", COMPONENTS)):
+    for name, symbol in SYMBOL_OF.items():
         if name in first:
-            panels.append(_components(name, labels, paths))
+            labels = [f"{symbol} {letter}" for letter in frame.symbols]
+            panels.append(_components(name, list(zip(labels, AXIS_COLOURS, AXIS_DASHES, strict=True)), paths))
+    if "quaternion" in first:
+        lines = [(f"λ{SUBSCRIPTS[label]}", colour, DASHES[label]) for label, colour in COMPONENTS.items()]
+        panels.append(_components("quaternion", lines, paths))
+    if frame is AXES[UPRIGHT]:
+        panels += _angles(bodies)
     return panels
+
+
+def _angles(bodies: list[Body]) -> list[Panel]:
+    """Heading, and pitch with roll, of the upright frame that is looked at."""
+    found = [heading_pitch_roll(body.axes) for body in bodies]
+
+    def lines(columns: Sequence[int]) -> list[Series]:
+        return [
+            Series(ANGLES[c], k, angles[:, c], AXIS_COLOURS[c], AXIS_DASHES[c], follows=True)
+            for k, angles in enumerate(found)
+            for c in columns
+        ]
+
+    return [
+        Panel("heading, from x towards y", "°", lines([0])),
+        Panel("pitch (nose up), roll (left side up)", "°", lines([1, 2])),
+    ]
 
 
 def _magnitude(name: str, bodies: list[Body], paths: list[xarray.Dataset]) -> Panel:
@@ -106,18 +140,16 @@ def _magnitude(name: str, bodies: list[Body], paths: list[xarray.Dataset]) -> Pa
     return Panel(name.removesuffix("_magnitude").replace("_", " "), unit(notes.get("units", "")), series, limits)
 
 
-def _components(name: str, labels: dict[str, Any], paths: list[xarray.Dataset]) -> Panel:
+def _components(name: str, lines: list[tuple[str, str, str]], paths: list[xarray.Dataset]) -> Panel:
     """Components of one variable, of the path that is looked at."""
     series = []
     for k, path in enumerate(paths):
         here = _where_defined(path, path[name].values)
-        for column, (label, colour) in enumerate(labels.items()):
-            symbol = f"λ{SUBSCRIPTS[label]}" if name == "quaternion" else f"{SYMBOL_OF[name]} {SYMBOLS[label]}"
-            dash = DASHES.get(label, "solid")
-            series.append(Series(symbol, k, here[:, column], colour, dash, follows=True))
-    text = {"rate": "rate of the trihedral, body axes", "quaternion": "quaternion, body to world"}
-    title = text.get(name, "angular acceleration of the trihedral, body axes")
-    return Panel(title, unit(paths[0][name].attrs.get("units", "")), series)
+        near = offsets(here) if name == "quaternion" else [0.0] * here.shape[1]
+        for column, (symbol, colour, dash) in enumerate(lines):
+            shown, name_shown = here[:, column] - near[column], shifted(symbol, near[column])
+            series.append(Series(name_shown, k, shown, colour, dash, follows=True, offset=near[column]))
+    return Panel(TITLES[name], unit(paths[0][name].attrs.get("units", "")), series)
 
 
 def _where_defined(path: xarray.Dataset, values: np.ndarray) -> np.ndarray:

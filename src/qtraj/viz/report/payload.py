@@ -5,11 +5,10 @@ from typing import Any
 import numpy as np
 
 from qtraj.viz.report.model import Body, Panel, Report, plain, thinned
+from qtraj.viz.report.ranges import HEADROOM, spike
 
 ARROW = 0.17
 """Length of a trihedron's arrows, of the largest extent of the paths."""
-HEADROOM = 3.0
-"""A limit further above what is drawn than this would only squeeze what there is to see."""
 THICK, THIN = 2.0, 1.3
 LEAST_HEIGHT = 0.3
 """Least extent of a coordinate, of the largest: a flat path leaves room for its arrows."""
@@ -60,10 +59,14 @@ def _body(body: Body, rows: np.ndarray, centre: np.ndarray) -> dict[str, Any]:
 
 def _panel(panel: Panel, drawn: list[np.ndarray]) -> dict[str, Any]:
     peak = max((float(np.nanmax(np.abs(line.values), initial=0.0)) for line in panel.series), default=0.0)
+    cut = None if panel.logarithmic else spike([line.values for line in panel.series])
+    peak = peak if cut is None else cut[0] / HEADROOM
     return {
         "title": panel.title,
         "unit": panel.unit,
         "logarithmic": panel.logarithmic,
+        "range": None if cut is None else _shown(panel, cut[0]),
+        "note": "" if cut is None else f"values up to {cut[1]:.3g} lie outside the picture",
         "limits": [
             {"value": value, "text": text, "drawn": abs(value) <= HEADROOM * peak} for value, text in panel.limits
         ],
@@ -77,8 +80,15 @@ def _panel(panel: Panel, drawn: list[np.ndarray]) -> dict[str, Any]:
                 "width": THIN if line.reference else THICK,
                 "follows": line.follows,
                 "reference": line.reference,
+                "offset": line.offset,
                 "listed": line.name not in [other.name for other in panel.series[:k] if other.reference],
             }
             for k, line in enumerate(panel.series)
         ],
     }
+
+
+def _shown(panel: Panel, most: float) -> list[float]:
+    """The range of an axis that holds all but the spikes."""
+    negative = any(float(np.nanmin(line.values, initial=0.0)) < 0 for line in panel.series)
+    return [-most if negative else 0.0, most]

@@ -2,14 +2,30 @@
 
 const RECORDED = "#737373";
 /** Whether the picture has a legend of its paths. */
+const VISIBLE = 2; // of plotly's units between the lower and the upper edge of the picture
+const ROOM = narrow ? 130 : 90; // [px] for the labels of the axes
 const listed = data.kind === "path" && (bodies.length > 1 || data.recorded !== null);
 
-// Where the scene is first looked at from, and what is to the right and upwards on the screen then.
-const EYE = [-0.75, -1.1, 1.3];
-const RIGHT = unit(cross([0, 0, 1], EYE));
-const UP = unit(cross(EYE, RIGHT));
-const VISIBLE = 2; // of plotly's units between the lower and the upper edge of the picture
-const ROOM = 90; // [px] for the labels of the axes
+// Where the scene is first looked at from: from above, and from the side from which it fills its picture best.
+const HEIGHT_OF_EYE = 1.3,
+  DISTANCE_OF_EYE = 1.33;
+const SIDES_SEEN = [-105, -120, -135, -150, -165, -75, -60, -45, -30, -15]; // [°]; along no axis: else nothing has depth
+const extentOf = () => space.range.map(([low, high]) => high - low);
+const eyeAt = (degrees) => {
+  const turn = (degrees * Math.PI) / 180;
+  return [DISTANCE_OF_EYE * Math.cos(turn), DISTANCE_OF_EYE * Math.sin(turn), HEIGHT_OF_EYE];
+};
+const rightOf = (eye) => unit(cross([0, 0, 1], eye));
+const upOf = (eye) => unit(cross(eye, rightOf(eye)));
+const EYE = data.kind === "attitude" ? [-0.75, -1.1, 1.3] : bestEye();
+const RIGHT = rightOf(EYE);
+const UP = upOf(EYE);
+
+function bestEye() {
+  const found = SIDES_SEEN.map(eyeAt);
+  const zooms = found.map((eye) => zoom(extentOf(), rightOf(eye), upOf(eye)));
+  return found[zooms.findIndex((z) => z >= 0.98 * Math.max(...zooms))]; // the first of those that are nearly the best
+}
 
 const column = (rows, k) => rows.map((row) => (row === null ? null : row[k]));
 const line3d = (rows, style) =>
@@ -173,23 +189,27 @@ function movingTraces() {
 }
 
 /** What the box of the axes is multiplied by to fill the picture, first seen, with room for labels; a sphere is round. */
-function zoom(extent) {
+function zoom(extent, right = RIGHT, up = UP) {
   const { clientWidth: width, clientHeight: height } = byId("space");
   const seen = (side) =>
     data.kind === "attitude" ? extent[0] : extent.reduce((sum, size, k) => sum + size * Math.abs(side[k]), 0);
-  return (VISIBLE / height) * Math.min((width - ROOM) / seen(RIGHT), (height - ROOM) / seen(UP));
+  return (VISIBLE / height) * Math.min((width - ROOM) / seen(right), (height - ROOM) / seen(up));
+}
+
+/** The name of an axis of the world, which says where the common centre is. */
+function titleOf(letter, k) {
+  const offset = space.centre[k];
+  return letter + (offset === 0 ? "" : offset > 0 ? " − " + offset : " + " + -offset) + " [m]";
 }
 
 function spaceLayout() {
   const attitude = data.kind === "attitude";
-  const extent = space.range.map(([low, high]) => high - low);
+  const extent = extentOf();
   const [wide, deep, high] = extent.map((size) => zoom(extent) * size);
   const axis = (letter, k) => {
     if (attitude) return { visible: false, range: space.range[k] };
-    const offset = space.centre[k];
-    const shift = offset === 0 ? "" : offset > 0 ? " − " + offset : " + " + -offset;
     return {
-      title: { text: letter + shift + " [m]" },
+      title: { text: titleOf(letter, k) },
       range: space.range[k],
       nticks: 6,
       tickangle: 0, // along the axis long numbers reach into its title
@@ -206,7 +226,7 @@ function spaceLayout() {
     margin: { l: 0, r: 0, t: 0, b: 0 },
     uirevision: "space",
     paper_bgcolor: "#fff",
-    legend: { x: 0.01, y: 0.01, yanchor: "bottom", itemsizing: "constant", bgcolor: "rgba(255,255,255,0.8)" },
+    legend: { x: 0.01, y: 0.99, yanchor: "top", itemsizing: "constant", bgcolor: "rgba(255,255,255,0.8)" },
     showlegend: listed,
     modebar: { orientation: "v", bgcolor: "rgba(255,255,255,0)", color: "#5b6b7a", activecolor: "#0072b2" },
     scene: {

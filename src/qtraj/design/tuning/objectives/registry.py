@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
+from typing_extensions import TypeAliasType
+
 from qtraj.design.tuning.objectives.custom import Custom
 from qtraj.design.tuning.objectives.fastest import Fastest
 from qtraj.design.tuning.objectives.nearest import Nearest
@@ -13,7 +15,7 @@ OBJECTIVES: dict[str, AbstractObjective] = {
     objective.name: objective for objective in (Nearest(), Fastest(), Smoothest())
 }
 
-Objective = str | AbstractObjective | Callable[..., Any]
+Objective = TypeAliasType("Objective", str | AbstractObjective | Callable[..., Any])
 
 
 def objective_of(given: Objective) -> AbstractObjective:

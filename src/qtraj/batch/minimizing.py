@@ -1,0 +1,66 @@
+"""Outputs of paths with a rotation-minimizing frame, which no formula of one instant gives.
+
+The frame is followed along each path by `FrameProgram`; what belongs to the path alone comes from the common blocks.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.algebra import rotation
+from qtraj.batch.task import Task
+from qtraj.motion.programs.frame_program import FrameProgram
+from qtraj.motion.programs.rotation_minimizing import RotationMinimizing
+from qtraj.path.frenet import Invariants
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.regularity import moves
+
+HUNG = ("dcm", "quaternion", "gibbs", "rate", "angular_acceleration", "defined")
+"""The outputs that depend on the frame."""
+
+
+def hung(
+    task: Task, paths: AbstractHodograph, frame: RotationMinimizing, times: Float[Array, "*rows n"]
+) -> dict[str, Array]:
+    """The outputs of the frame that a task names; the quaternion's sign is continuous on each path."""
+    names = tuple(name for name in HUNG if name in task.names)
+    if not names:
+        return {}
+    if not task.batched:
+        return _ordered(task, _along(FrameProgram(paths, frame), times, names), 1)
+    rows = jnp.broadcast_to(times, (paths.duration.shape[0], times.shape[-1]))
+    return _ordered(task, _many(paths, frame, rows, names), 2)
+
+
+def _ordered(task: Task, values: dict[str, Array], lead: int) -> dict[str, Array]:
+    """Components in front where the task asks for that."""
+    if task.components == "last":
+        return values
+    return {name: jnp.moveaxis(x, range(lead, x.ndim), range(x.ndim - lead)) for name, x in values.items()}
+
+
+@eqx.filter_jit
+def _many(paths: AbstractHodograph, frame: RotationMinimizing, times: Array, names: tuple[str, ...]) -> dict[str, Any]:
+    return eqx.filter_vmap(lambda path, t: _along(FrameProgram(path, frame), t, names))(paths, times)
+
+
+@eqx.filter_jit
+def _along(program: FrameProgram, times: Float[Array, " n"], names: tuple[str, ...]) -> dict[str, Any]:
+    at = jax.vmap(program)(times)
+    formulas = {
+        "dcm": lambda: jax.vmap(rotation.to_dcm)(at.quaternion),
+        "quaternion": lambda: at.quaternion,
+        "gibbs": lambda: jax.vmap(rotation.to_gibbs)(at.quaternion),
+        "rate": lambda: at.rate,
+        "angular_acceleration": lambda: at.acceleration,
+        "defined": lambda: jax.vmap(lambda t: _defined(program.path, t))(times),
+    }
+    return {name: formulas[name]() for name in names}
+
+
+def _defined(path: AbstractHodograph, t: Array) -> Array:
+    """Whether the path moves."""
+    return moves(Invariants(path.derivatives(t.astype(path.duration.dtype), 3)), path.duration)

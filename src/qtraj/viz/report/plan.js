@@ -1,0 +1,98 @@
+// The plan view: the paths from above, with equal axes, and where each body is and points.
+
+const planned = data.kind === "path";
+
+function planStill() {
+  const traces = [];
+  if (data.recorded) {
+    traces.push({
+      type: "scatter",
+      mode: "markers",
+      name: "recorded",
+      x: column(data.recorded, 0),
+      y: column(data.recorded, 1),
+      marker: { size: 3, color: RECORDED },
+      hoverinfo: "skip",
+    });
+  }
+  for (const body of bodies) {
+    traces.push({
+      type: "scatter",
+      mode: "lines",
+      name: text(body.name),
+      x: column(body.position, 0),
+      y: column(body.position, 1),
+      line: { color: body.colour, width: 2.2, dash: body.dash, simplify: false },
+      hoverinfo: "name",
+    });
+  }
+  return traces;
+}
+
+/** The axes of the body that is looked at, seen from above, and a dot for every body. */
+function planMoving() {
+  const { origin, axes } = pose(bodies[state.looked], state.time);
+  const updates = arrows.map((_, k) => {
+    if (axes === null) return { x: [], y: [] };
+    const tip = plus(origin, axes[k], space.length);
+    return { x: [origin[0], tip[0]], y: [origin[1], tip[1]] };
+  });
+  const dots = bodies.map((body) => pose(body, state.time).origin).map((at) => (known(at) ? at : [null, null, null]));
+  updates.push({ x: column(dots, 0), y: column(dots, 1) });
+  return updates;
+}
+
+let planMovers = [];
+function drawPlan() {
+  byId("planview").hidden = !planned;
+  document.querySelector(".views").classList.toggle("single", !planned);
+  if (!planned) return;
+  const fixed = planStill(),
+    updates = planMoving();
+  const lines = arrows.map((arrow, k) =>
+    Object.assign(
+      { type: "scatter", mode: "lines", name: "axis " + text(arrow.symbol), hoverinfo: "skip", line: { color: arrow.colour, width: 3 } },
+      updates[k],
+    ),
+  );
+  const dots = Object.assign(
+    {
+      type: "scatter",
+      mode: "markers",
+      name: "now",
+      hoverinfo: "skip",
+      marker: { size: 8, color: bodies.map((body) => body.colour), line: { color: "#1c2733", width: 1.2 } },
+    },
+    updates[arrows.length],
+  );
+  planMovers = updates.map((_, k) => fixed.length + k);
+  const axis = (k) => ({
+    title: { text: titleOf("xy"[k], k), standoff: 4 },
+    range: space.range[k],
+    nticks: 5,
+    gridcolor: "#e6ebf0",
+    zerolinecolor: "#c9d2da",
+    tickfont: { size: 10.5 },
+    automargin: true,
+  });
+  Plotly.react(
+    byId("plan"),
+    [...fixed, ...lines, dots],
+    {
+      font: FONT,
+      margin: { l: 46, r: 8, t: 6, b: 36 },
+      showlegend: false,
+      paper_bgcolor: "#fff",
+      plot_bgcolor: "#fff",
+      xaxis: axis(0),
+      yaxis: Object.assign({ scaleanchor: "x", scaleratio: 1 }, axis(1)),
+    },
+    { responsive: true, displayModeBar: false },
+  );
+}
+
+function movePlan() {
+  if (!planned) return undefined;
+  const updates = planMoving();
+  return Plotly.restyle(byId("plan"), { x: updates.map((u) => u.x), y: updates.map((u) => u.y) }, planMovers);
+}

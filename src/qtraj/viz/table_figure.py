@@ -1,0 +1,89 @@
+"""The figure of a table: its outputs against time, one panel each."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import xarray
+from matplotlib.figure import Figure
+
+from qtraj.foundation.units import symbol
+from qtraj.viz.style import AXIS_COLOURS, COMPONENTS, RC, SERIES, WIDTH, above, frame
+
+PANEL, REST = 1.55, 0.75  # [inch] of height: of a panel, and of all else
+MOST_PATHS = 8
+LEFT_OUT = ("dcm", "defined")
+"""Outputs that make no picture of their own, unless they are asked for."""
+PALE = 0.55
+
+
+def table_figure(dataset: xarray.Dataset, names: Sequence[str] = ()) -> Figure:
+    """Outputs of `qtraj.evaluate` against time, one panel each: `names`, or all but `dcm` and `defined`.
+
+    `dataset` is a table's `to_xarray()`. Components are labelled as its frame is; of many paths the first eight are
+    drawn, the components of all but the first pale. Where the frame does not exist, what hangs on it is not drawn.
+
+    **Raises:** ValueError for an output that is not in the dataset, or where nothing is left to draw.
+    """
+    if unknown := [name for name in names if name not in dataset.data_vars]:
+        raise ValueError(f"the table has no {unknown[0]!r}; it has {', '.join(map(str, dataset.data_vars))}")
+    drawn = list(names) or [str(name) for name in dataset.data_vars if name not in LEFT_OUT]
+    if not drawn:
+        raise ValueError(f"there is nothing to plot in a table of {', '.join(map(str, dataset.data_vars))} alone")
+    with mpl.rc_context(RC):
+        height = PANEL * len(drawn) + REST
+        figure = Figure(figsize=(0.75 * WIDTH, height))
+        grid = figure.add_gridspec(
+            len(drawn), 1, hspace=0.35, left=0.12, right=0.98, top=1 - 0.3 / height, bottom=0.45 / height
+        )
+        axes: list[Any] = []
+        for row, name in enumerate(drawn):
+            axes.append(figure.add_subplot(grid[row], sharex=axes[0] if axes else None))
+            _panel(axes[-1], dataset, name)
+            axes[-1].tick_params(labelbottom=row == len(drawn) - 1)
+        axes[-1].set_xlabel("time from the start of the path [s]")
+        figure.align_ylabels(axes)
+    return figure
+
+
+def _panel(axes: Any, dataset: xarray.Dataset, name: str) -> None:
+    variable = dataset[name]
+    along = dataset["time"].dims[-1]
+    inner = [dim for dim in variable.dims if dim not in ("path", along)]
+    labels = _labels(dataset, inner)
+    paths = range(min(dataset.sizes.get("path", 1), MOST_PATHS))
+    for k in paths:
+        one, time = (x.isel(path=k) if "path" in x.dims else x for x in (variable, dataset["time"]))
+        values = one.transpose(along, *inner).values.reshape(time.size, -1).astype(float)
+        values = np.where(_exists(dataset, variable, k)[:, None], values, np.nan)
+        for column, label in enumerate(labels):
+            colour = _colour(label, column) if inner else SERIES[k % len(SERIES)]
+            text = label if inner and k == 0 else f"path {k + 1}" if not inner and len(paths) > 1 else None
+            axes.plot(
+                time.values, values[:, column], color=colour, lw=1.5, alpha=PALE if inner and k else 1, label=text
+            )
+    axes.set_ylabel(f"{name.replace('_', ' ')}\n[{symbol(variable.attrs.get('units', '1')) or '–'}]")
+    frame(axes)
+    if axes.get_legend_handles_labels()[1]:
+        above(axes, 9)
+
+
+def _labels(dataset: xarray.Dataset, inner: list[Any]) -> list[str]:
+    labels = [""]
+    for dim in inner:
+        labels = [f"{head} {label}".strip() for head in labels for label in dataset[dim].values]
+    return labels
+
+
+def _colour(label: str, column: int) -> str:
+    return COMPONENTS.get(label, (*AXIS_COLOURS, *SERIES)[column % (len(AXIS_COLOURS) + len(SERIES))])
+
+
+def _exists(dataset: xarray.Dataset, variable: xarray.DataArray, k: int) -> np.ndarray:
+    """Where the frame exists, for what has components along its axes; everywhere for what has not."""
+    hangs = {"body", "quaternion_component"} & set(variable.dims)
+    if "defined" not in dataset or not hangs:
+        return np.ones(dataset["time"].shape[-1], bool)
+    known = dataset["defined"]
+    return (known.isel(path=k) if "path" in known.dims else known).values.astype(bool)

@@ -1,0 +1,56 @@
+"""What a user sees first in a terminal: names, signatures, values."""
+
+import inspect
+import io
+import pydoc
+import types
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+import qtraj as qt
+
+LONGEST = 750
+"""Characters of a signature, on nine lines of a terminal."""
+NAMES = [n for n in qt.__all__ if callable(getattr(qt, n)) and not isinstance(getattr(qt, n), types.ModuleType)]
+
+
+def test_dir_lists_the_public_names_alone():
+    assert dir(qt) == sorted(qt.__all__)
+    assert not {"Any", "importlib", "TYPE_CHECKING", "_HOMES"} & set(dir(qt))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_signatures_name_their_types(name):
+    text = str(inspect.signature(getattr(qt, name)))
+    assert "ndarray" not in text
+    assert len(text) <= LONGEST
+
+
+def test_help_of_tune_begins_with_what_it_takes():
+    out = io.StringIO()
+    pydoc.Helper(output=out).help(qt.tune)
+    head = out.getvalue().partition("fixed:")[0]
+    assert "duration: Optional[ArrayInput] = None" in head
+    assert len(head) < 500
+
+
+def test_limits_show_values_and_units():
+    assert repr(qt.Limits(curvature=0.1)) == "Limits(curvature=0.1 1/m)"
+    assert repr(qt.Limits(speed=5, slope=0.06, jerk=2.5)) == "Limits(speed=5 m/s, slope=0.06 -, jerk=2.5 m/s³)"
+    assert repr(qt.Limits()) == "Limits()"
+
+
+def test_stacked_and_traced_limits_can_be_shown():
+    stacked = jax.vmap(lambda k: qt.Limits(curvature=k))(jnp.array([0.1, 0.2]))
+    assert repr(stacked) == "Limits(curvature=[0.1, 0.2] 1/m)"
+    seen = []
+    jax.jit(lambda k: seen.append(repr(qt.Limits(curvature=k))) or k)(0.1)
+    assert seen == ["Limits(curvature=weak_f64[])"]
+
+
+def test_placements_and_frames_show_their_values():
+    placed = repr(qt.Placement([1.0, 2.0, 0.5]))
+    assert placed == "Placement(origin=[1, 2, 0.5] m, orientation=[1, 0, 0, 0])"
+    assert repr(qt.Upright()) == "Upright(up=[0, 0, 1])"

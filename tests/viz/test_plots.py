@@ -1,0 +1,94 @@
+"""`plot()` of paths, tables and tuned paths: what is drawn, and what is said where it cannot be."""
+
+import importlib.util
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import qtraj as qt
+from qtraj.foundation import extras
+
+HELIX = qt.SpiralHelix([10.0, 0.0], [0.2, 0.4], [1.0, 0.5], 6.0)
+CURVE = qt.Curve(lambda t: jnp.stack([8 * jnp.cos(t), 9 * jnp.sin(t), 0.5 * t]), 4.0)
+TIMES = np.linspace(0.0, 6.0, 13)
+
+
+@pytest.fixture(scope="module")
+def tuned():
+    """An outcome put together by hand: a plot needs no search."""
+    limits = qt.Limits(curvature=0.2, slope=0.2)
+    start = end = qt.BoundaryState([10.0, 0.0, 0.0], [0.0, 4.0, 0.5])
+    return qt.Tuned(HELIX, start, end, 0.0, qt.certify(HELIX, limits), 0, 3)
+
+
+def labels(axes):
+    return axes.get_legend_handles_labels()[1]
+
+
+@pytest.mark.parametrize("path", [HELIX, CURVE], ids=["helix", "curve"])
+def test_a_path_draws_itself_with_the_axes_of_its_frame(path):
+    natural, upright = path.plot().axes[0], path.plot(frame=qt.Upright(), trihedra=3).axes[0]
+    assert labels(natural) == ["path", "τ (tangent)", "n (normal)", "b (binormal)"]
+    assert labels(upright) == ["path", "forward", "left", "up"]
+    assert len(upright.collections[0]._segments3d) == 3 * 5
+    minimizing = path.plot(frame=qt.RotationMinimizing()).axes[0]
+    assert labels(minimizing)[1:] == ["τ (tangent)", "u (first)", "v (second)"]
+
+
+def test_a_tuned_path_draws_itself_with_its_limits(tuned):
+    space, *panels = tuned.plot(frame=qt.Upright()).axes
+    assert labels(space) == ["after", "forward", "left", "up"]
+    limits = [text for axes in panels for text in labels(axes) if text.startswith("limit")]
+    assert limits == ["limit 0.2", "limit 0.2"]
+
+
+def test_a_table_draws_what_was_asked_for():
+    table = qt.evaluate(HELIX, TIMES, ("position", "curvature", "rate", "dcm", "defined"), frame=qt.Upright())
+    axes = table.plot().axes
+    assert [a.get_ylabel() for a in axes] == ["position\n[m]", "curvature\n[1/m]", "rate\n[rad/s]"]
+    assert [labels(a) for a in axes] == [["x", "y", "z"], [], ["forward", "left", "up"]]
+    assert np.array_equal(axes[2].lines[2].get_ydata(), np.asarray(table.rate)[:, 2])
+    assert axes[-1].get_xlabel() == "time from the start of the path [s]"
+    assert [a.get_ylabel() for a in table.plot("rate").axes] == ["rate\n[rad/s]"]
+
+
+def test_many_paths_are_drawn_beside_each_other_also_with_times_of_their_own():
+    stack = jax.vmap(lambda k: qt.SpiralHelix(jnp.stack([10 + k, 0 * k]), [0.2, 0.4], [1.0, 0.5], 6.0))(jnp.arange(3.0))
+    for times in (TIMES, np.linspace(0.0, [5.0, 6.0, 7.0], 9, axis=1)):
+        curvature, rate = qt.evaluate(stack, times, ("curvature", "rate")).plot().axes
+        assert labels(curvature) == ["path 1", "path 2", "path 3"]
+        assert labels(rate) == ["tangent", "normal", "binormal"]
+        assert len(rate.lines) == 9
+    first = qt.evaluate(stack, TIMES, ("rate",), components="first").plot().axes[0].lines[2].get_ydata()
+    assert np.array_equal(first, qt.evaluate(stack, TIMES, ("rate",)).plot().axes[0].lines[2].get_ydata())
+
+
+def test_what_does_not_exist_is_not_drawn():
+    bend = qt.Curve(lambda t: jnp.stack([t, (t - 1) ** 3, 0 * t]), 2.0)  # straight at t = 1
+    [axes] = qt.evaluate(bend, [0.0, 0.5, 1.0, 1.5, 2.0], ("rate", "defined")).plot().axes
+    assert np.isnan(axes.lines[0].get_ydata()).tolist() == [False, False, True, False, False]
+
+
+def test_what_cannot_be_plotted_is_explained(tuned):
+    table = qt.evaluate(HELIX, TIMES, ("curvature",))
+    with pytest.raises(ValueError, match="no 'rate'; it has curvature"):
+        table.plot("rate")
+    with pytest.raises(ValueError, match="nothing to plot in a table of dcm alone"):
+        qt.evaluate(HELIX, TIMES, ("dcm",)).plot()
+    with pytest.raises(ValueError, match="one path was expected, but 2 stacked ones"):
+        jax.tree.map(lambda x: jnp.stack([x, x]), HELIX).plot()
+    many = qt.Tuned(
+        *jax.tree.map(lambda x: jnp.stack([x, x]), (HELIX, tuned.start, tuned.end)), 0.0, tuned.certificate, [0, 0], 3
+    )
+    with pytest.raises(ValueError, match=r"take one of them, outcome\[k\]"):
+        many.plot()
+
+
+@pytest.mark.parametrize(("package", "extra"), [("matplotlib", "viz"), ("xarray", "io")])
+def test_a_missing_package_names_its_extra(package, extra, monkeypatch):
+    found = importlib.util.find_spec
+    monkeypatch.setattr(extras.importlib.util, "find_spec", lambda name: None if name == package else found(name))
+    with pytest.raises(ModuleNotFoundError, match=rf"a plot needs {package}: pip install 'qtraj\[{extra}\]'"):
+        HELIX.plot()
