@@ -20,7 +20,6 @@ from qtraj.cli.app import app
 from qtraj.cli.content import finite
 from qtraj.cli.evaluation import work as evaluation
 from qtraj.cli.layout import column_table
-from qtraj.foundation.progress import Progress
 
 SOURCE = Path(__file__).parents[2] / "src"
 HELIX = Path(__file__).parents[2] / "examples" / "helix.toml"
@@ -110,16 +109,6 @@ def test_progress_is_shown_on_a_terminal_and_wiped(monkeypatch):
     text = shown(monkeypatch, is_terminal=True)
     assert "tuning: 3 of 8 searches" in text
     assert text.rpartition("searches")[2].endswith("\x1b[2K")  # the line is erased, and nothing comes after
-
-
-def test_a_tuning_that_reports_thousands_of_times_is_shown_a_few_times(monkeypatch):
-    shown = []
-    monkeypatch.setattr(terminal.Bars, "update", lambda self, task, **what: shown.append(what))
-    watch = terminal.Watch(terminal.Bars())
-    for done in range(5000):
-        watch.tuning(Progress("searches", done, 5000))
-    assert shown[0] == {"description": "tuning: 0 of 5000 searches", "completed": 0, "total": 5000}
-    assert len(shown) < 20
 
 
 def test_progress_is_silent_where_stderr_is_no_terminal(monkeypatch):

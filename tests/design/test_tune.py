@@ -3,6 +3,7 @@
 import itertools
 import math
 import re
+import time
 from functools import lru_cache
 from pathlib import Path
 
@@ -206,6 +207,13 @@ def test_progress_is_told():
     qt.tune(START, END, LIMITS, progress=told.append)
     assert str(told[0]).endswith(" of 8 searches")
     assert 0 < told[0].fraction <= 1
+
+
+def test_progress_of_many_is_told_a_few_times_a_second():
+    told = []
+    begun = time.monotonic()
+    qt.tune(*stacked(40), starts=4, progress=told.append)
+    assert 1 <= len(told) <= 2 + (time.monotonic() - begun) / 0.25
 
 
 def test_an_impossible_limit_is_explained():

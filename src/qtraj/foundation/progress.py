@@ -4,6 +4,8 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
+from typing_extensions import TypeAliasType
+
 INTERVAL = 0.25
 """[s] Least time between two reports."""
 
@@ -24,7 +26,7 @@ class Progress(NamedTuple):
         return self.text if self.total is None else f"{self.done} of {self.total} {self.text}"
 
 
-Report = Callable[[Progress], None]
+Report = TypeAliasType("Report", Callable[[Progress], None])
 """What is told of progress."""
 
 
