@@ -20,6 +20,7 @@ from qtraj.cli.app import app
 from qtraj.cli.content import finite
 from qtraj.cli.evaluation import work as evaluation
 from qtraj.cli.layout import column_table
+from qtraj.foundation.progress import Progress
 
 SOURCE = Path(__file__).parents[2] / "src"
 HELIX = Path(__file__).parents[2] / "examples" / "helix.toml"
