@@ -26,7 +26,7 @@ from qtraj.motion.programs.rotation_minimizing import Frame
 from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantity import QUANTITIES, quantity
 from qtraj.path.track import Track, known, known_elapsed
 from qtraj.path.trihedral import Natural, Upright
 
@@ -104,8 +104,8 @@ def path_dataset(
 def with_fit(variables: dict[str, Any], fitted: Fitted) -> dict[str, str]:
     """Add what is known of a fit to the variables of a dataset; the attributes that say the rest."""
     known_of_it, attributes = labelled(fitted)
-    for name, quantity in known_of_it.items():
-        variables[name] = (quantity.axes, quantity.values, notes(quantity.unit, quantity.meaning))
+    for name, fact in known_of_it.items():
+        variables[name] = (fact.axes, fact.values, notes(fact.unit, fact.meaning))
     return attributes
 
 
@@ -113,12 +113,18 @@ def _findings(paths: list[str], certificates: Mapping[str, Certificate]) -> dict
     """The largest value of each limited quantity on each path, when it is, and what is known of it."""
     found: dict[str, Any] = {}
     for name in dict.fromkeys(name for certificate in certificates.values() for name in certificate.names):
-        variable, unit = MAGNITUDES[name], QUANTITIES[name].unit
+        entry = quantity(name)
+        variable, unit = entry.variable, entry.unit
         known = [certificates.get(path) for path in paths]
         rows = [(np.nan, np.nan, "") if c is None else (*c.worst[name][:2], c.status[name]) for c in known]
         times, values, texts = zip(*rows, strict=True)
-        about = f"of the {QUANTITIES[name].meaning} on the whole path"
-        found[f"largest_{variable}"] = (("path",), np.array(values, float), notes(unit, f"largest value {about}"))
+        limit = {"limit": float(next(c.worst[name][2] for c in known if c is not None))}
+        about = f"of the {entry.meaning} on the whole path"
+        found[f"largest_{variable}"] = (
+            ("path",),
+            np.array(values, float),
+            notes(unit, f"largest value {about}") | limit,
+        )
         found[f"largest_{variable}_time"] = (("path",), np.array(times, float), notes("s", f"time of the peak {about}"))
         found[f"finding_{variable}"] = (("path",), np.array(texts, str), {"long_name": f"finding on the limit {about}"})
     return found

@@ -164,6 +164,11 @@ class TunePart(Part):
         description="a table [tune.bounds] of [low, high] in m/s or s: duration = [4.0, 8.0], or of one of them alone: "
         'duration = {max = 8.0}, or {min = 4.0}; a name with a dot stands in quotes: "end.V_h" = [-0.5, 0.5]',
     )
+    corridor: Positive | None = Field(
+        default=None,
+        title="largest distance from the given path, at equal parts of the durations and counted along the arc",
+        description="a positive finite number [m]",
+    )
     starts: Counts = Field(
         default=8, title="searches, from the given states and about them", description="a whole number, 1 or more"
     )

@@ -254,11 +254,39 @@ QUANTITIES: dict[str, PathQuantity] = {entry.name: entry for entry in _ENTRIES}
 """By the names of `Limits`; their order here is the order everywhere."""
 
 
+class Offset(NamedTuple):
+    """How far a path is from another, its reference, at equal parts of the durations, about one axis.
+
+    `outwards` ρ − ρ₀, `angle` φ − φ₀, `up` h − h₀, and the `radius` ρ₀ of the reference; over any arithmetic.
+    """
+
+    outwards: Any
+    angle: Any
+    up: Any
+    radius: Any
+
+
+CORRIDOR = PathQuantity(
+    "corridor",
+    "d",
+    "m",
+    0,
+    "distance from the given path at equal parts of the durations, counted along the arc",
+    numerator=lambda p: (
+        p.outwards * p.outwards + (p.outwards + p.radius) * p.radius * (p.angle * p.angle) + p.up * p.up
+    ),
+)
+"""A quantity of two paths, whose `Offset` takes the place of the invariants. Where both radii are positive the square,
+(ρ − ρ₀)² + ρρ₀(φ − φ₀)² + (h − h₀)², is a polynomial and no smaller than that of the distance, whose chord is shorter
+than the arc."""
+
+
 def quantity(name: str) -> PathQuantity:
     """The entry of this name.
 
     **Raises:** ValueError for an unknown name.
     """
-    if name not in QUANTITIES:
-        raise ValueError(f"unknown path quantity {name!r}; known are {', '.join(QUANTITIES)}")
-    return QUANTITIES[name]
+    known = QUANTITIES | {CORRIDOR.name: CORRIDOR}
+    if name not in known:
+        raise ValueError(f"unknown path quantity {name!r}; known are {', '.join(known)}")
+    return known[name]

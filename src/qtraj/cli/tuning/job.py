@@ -51,6 +51,7 @@ class Job:
     fixed: tuple[str, ...] = ()
     bounds: dict[str, tuple[float | None, float | None]] = field(default_factory=dict)
     turn: float | None = None
+    corridor: float | None = None
     method: str = "sqp"
     options: dict[str, Any] = field(default_factory=dict)
     track: Track | None = None
@@ -70,6 +71,7 @@ class Job:
             "starts": self.starts,
             "fixed": self.fixed,
             "bounds": self.bounds,
+            "corridor": self.corridor,
             "placement": self.path.placement,
             **_search(self.method, self.options),
         }
@@ -187,6 +189,7 @@ def _along(
         fixed=tuple(scenario.tune.fixed),
         bounds=_bounds(scenario),
         turn=turn,
+        corridor=scenario.tune.corridor,
         **_method(scenario),
         track=track,
         fitted=fitted,
@@ -203,7 +206,7 @@ def _between(scenario: Scenario, limits: Limits, objective: str, motion: str, st
     turns = scenario.tune.turns or scenario.turns or 0
     path = given_path(start, end, objective, motion, duration, turns, placement)
     fixed, bounds = tuple(scenario.tune.fixed), _bounds(scenario)
-    more = _method(scenario)
+    more = {"corridor": scenario.tune.corridor, **_method(scenario)}
     return Job(path, start, end, limits, objective, motion, duration, turns, starts, fixed, bounds, **more)
 
 

@@ -14,12 +14,17 @@ from jaxtyping import Array, Float
 from qtraj.algebra.quaternion import conjugate, rotate
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import Certificate
+from qtraj.design.proof.corridor import distance, within
 from qtraj.design.proof.inequalities import Parts, Vectors, parts
 from qtraj.design.proof.judge import COUNT, LIMITS, Along, Findings, Scale, judge, present
 from qtraj.foundation import cores
+from qtraj.foundation.arrays import as_float
+from qtraj.foundation.types import ArrayInput
 from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials
+from qtraj.path.quantity import CORRIDOR
+from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.values import turned, value
 
 TOGETHER = 64
@@ -36,7 +41,14 @@ class Known(eqx.Module):
     orientation: Float[Array, "paths 4"]
 
 
-def certify(path: AbstractHodograph, limits: Limits, *, throw: bool = False) -> Certificate:
+def certify(
+    path: AbstractHodograph,
+    limits: Limits,
+    *,
+    corridor: ArrayInput | None = None,
+    reference: SpiralHelix | None = None,
+    throw: bool = False,
+) -> Certificate:
     """What is known of `path` against `limits`, on the whole of it.
 
     Of a path with polynomials every limit is a polynomial inequality in t (paper S; see `inequalities`), whose sign is
@@ -51,11 +63,40 @@ def certify(path: AbstractHodograph, limits: Limits, *, throw: bool = False) -> 
     differentiable in the path (envelope theorem). They are the largest values found: of a limit with a wide margin a
     needle between the samples may be missed, its proof is not.
 
+    `corridor` [m] bounds the distance of a spiral-helix from `reference`, another one about the same axis, at equal
+    fractions of their durations, counted along the arc: one more limit, the last of the certificate.
+
     **Raises:** ValueError in float32, whose rounding exceeds the margins that matter here, and for a batch in which not
     every array has the batch in front. RuntimeError with `throw` where a limit is broken, undecided or undefined.
     """
     found = _certified(path, limits)
+    if corridor is not None:
+        found = _with_corridor(found, path, reference, as_float(corridor))
     return found.check() if throw else found
+
+
+def _with_corridor(found: Certificate, path: Any, reference: Any, width: Array) -> Certificate:
+    """Findings with one more, on the distance from a reference."""
+    if not (isinstance(path, SpiralHelix) and isinstance(reference, SpiralHelix)):
+        raise ValueError(
+            "a corridor needs a spiral-helix and its reference, another one: pass reference= beside corridor="
+        )
+    placements = path.placement, reference.placement
+    traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((path, reference, width)))
+    if not traced and not bool(eqx.tree_equal(*placements)):
+        raise ValueError("a corridor needs a path and a reference about the same axis, but their placements differ")
+    require_float64(path)
+    batch = path.duration.shape
+    rows = lambda x: x.reshape(-1, *x.shape[len(batch) :])  # noqa: E731
+    width = jnp.broadcast_to(width, batch).astype(path.duration.dtype)
+    numbers = [eqx.tree_at(lambda p: p.placement, p, None, is_leaf=lambda x: x is None) for p in (path, reference)]
+    own, given = jax.tree.map(lambda x: rows(jnp.asarray(x)), numbers)
+    codes, times, values = within(*jax.lax.stop_gradient((own, given, rows(width))))
+    if traced:
+        values = jax.vmap(distance)(own, given, times)
+    columns = [x.reshape(*batch, 1) for x in (codes, times, values)]
+    both = (found.codes, found.times, found.values, found.limits), (*columns, width[..., None])
+    return Certificate((*found.names, CORRIDOR.name), *(jnp.concatenate(x, axis=-1) for x in zip(*both, strict=True)))
 
 
 def _certified(path: AbstractHodograph, limits: Limits) -> Certificate:

@@ -71,7 +71,7 @@ def parts(path: MovingPolynomials, duration: PerPath) -> Parts:
     length = _power_of_two(jnp.max(sizes, axis=0))
     lengths = [c / length[None, None] for c in scaled[:3]]
     # The magnitudes of all coefficients go along, as further paths: what is summed up bounds what is rounded.
-    x, y, z, angle = (_centred(jnp.concatenate([c, jnp.abs(c)], axis=-1)) for c in (*lengths, scaled[3]))
+    x, y, z, angle = (centred(jnp.concatenate([c, jnp.abs(c)], axis=-1)) for c in (*lengths, scaled[3]))
     signs = jnp.concatenate([jnp.full_like(unit, -1.0), jnp.ones_like(unit)])
     degrees = [c.shape[0] - 1 for c in scaled]
     normal = _normal(unit) & _normal(unit ** max(degrees)) & (length > UNDERFLOW) & (length < 1 / UNDERFLOW)
@@ -133,8 +133,8 @@ def _roundings(degree: int, turning: int, order: int) -> int:
 
 
 @jax.jit
-def _centred(coefficients: Float[Array, "k 1 paths"]) -> Array:
-    """Coefficients in s of Σ a_k (1 + s)^k."""
+def centred(coefficients: Float[Array, "k 1 paths"]) -> Array:
+    """Coefficients in s of Σ a_k (1 + s)^k; of n + 1 coefficients each term has at most n + 1 roundings."""
     n = coefficients.shape[0] - 1
     weights = [[math.comb(k, i) for k in range(n + 1)] for i in range(n + 1)]
     return jnp.sum(

@@ -32,7 +32,7 @@ from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress import Report
 from qtraj.foundation.types import Scalar
 from qtraj.foundation.units import with_unit
-from qtraj.path.quantity import quantity
+from qtraj.path.quantity import CORRIDOR, quantity
 
 RELAXED = 1e6
 """A limit times this limits nothing."""
@@ -72,13 +72,13 @@ class Advisor:
         self,
         tasks: Task,
         which: Present,
-        limits: Limits,
+        names: Sequence[str],
         found: Found,
         starts: int,
         most_steps: int,
         bounded: Collection[str],
     ):
-        self._given = tasks, limits, found
+        self._given = tasks, names, found
         self._search = which, starts, most_steps
         self._bounded = bounded
         self._known: dict[int, str] = {}
@@ -90,23 +90,23 @@ class Advisor:
         return self._known[place]
 
     def _words(self, place: int, code: ResultCode, tell: Report | None) -> list[str]:
-        tasks, limits, found = self._given
+        tasks, names, found = self._given
         one, at = take(tasks, slice(place, place + 1)), take(found, slice(place, place + 1))
         search = _Search(*self._search, tell)
         words = [at_the_wall(tasks.problem.names, np.asarray(at.z[0]), self._bounded)]
         if code != ResultCode.successful:
-            words = [at_a_stop(take(one.problem, 0), limits), *words]
+            words = [at_a_stop(take(one.problem, 0), names), *words]
         if code == ResultCode.infeasible:
-            return [advice(one, limits, at, search), *words]
+            return [advice(one, names, at, search), *words]
         if code == ResultCode.not_converged and not words[0]:
             more = "a larger max_steps, " if int(at.steps[0]) >= search.most_steps else ""
             words.append(f"Try {more}more starts, other starting velocities, or wider limits.")
         return words
 
 
-def at_a_stop(problem: Problem, limits: Limits) -> str:
+def at_a_stop(problem: Problem, names: Sequence[str]) -> str:
     """What to say where a given state stands still, of limits that divide by the speed."""
-    divided = [name for name in limits.given() if quantity(name).divisor not in (None, "level")]
+    divided = [name for name in names if quantity(name).divisor not in (None, "level")]
     ends = [x for x in ("start", "end") if not np.any(np.asarray(getattr(problem, x).velocity))]
     if not (divided and ends):
         return ""
@@ -138,19 +138,21 @@ class _Search(NamedTuple):
         found = self.solved(tasks)
         if float(found.violation[0]) > FEASIBLE:
             return False
-        path = _path(take(tasks.problem, 0), jnp.asarray(found.z[0]))
+        problem, z = take(tasks.problem, 0), jnp.asarray(found.z[0])
         limits = dict(zip(names, np.asarray(tasks.limits, float)[0] / AIM, strict=False))
-        return certify(path, Limits(**limits)).met
+        corridor = limits.pop(CORRIDOR.name, None)
+        reference = None if corridor is None else _path(problem, jnp.zeros_like(z))
+        return certify(_path(problem, z), Limits(**limits), corridor=corridor, reference=reference).met
 
 
 _path = eqx.filter_jit(lambda problem, z: problem.path(z))
 
 
-def advice(tasks: Task, limits: Limits, found: Found, search: _Search) -> str:
+def advice(tasks: Task, names: Sequence[str], found: Found, search: _Search) -> str:
     """What to do about the limits of one problem (a batch of one), from where it violates them least."""
     tasks = without_objective(tasks)
     # As the search sees them: a limit that is next to nothing counts as more.
-    given = dict(zip(limits.given(), np.asarray(tasks.limits, float)[0] / AIM, strict=False))
+    given = dict(zip(names, np.asarray(tasks.limits, float)[0] / AIM, strict=False))
     worst = dict(zip(given, _ratios(found)[0], strict=False))
     violated = [name for name, ratio in worst.items() if ratio > 1 + FEASIBLE]
     alone = worst

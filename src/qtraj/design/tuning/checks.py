@@ -20,7 +20,7 @@ from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import Scalar
 from qtraj.path.boundary import BoundaryState, Cylindrical
 from qtraj.path.boundary_problem import axis_between
-from qtraj.path.quantity import QUANTITIES, quantity
+from qtraj.path.quantity import CORRIDOR, QUANTITIES, quantity
 
 BOUNDING = tuple(name for name, entry in QUANTITIES.items() if entry.per_time > 0 and entry.bounds_speed)
 """Limits of which a fastest path needs one, not to arrive at once."""
@@ -73,29 +73,31 @@ class _Data(NamedTuple):
     xp: Any
 
 
-def ill_posed(problem: Problem, turn: Scalar | None, limits: Limits, placed: bool) -> Int[Array | np.ndarray, "*batch"]:
+def ill_posed(
+    problem: Problem, turn: Scalar | None, limits: Limits, corridor: Array | None, placed: bool
+) -> Int[Array | np.ndarray, "*batch"]:
     """The code of what is wrong with each problem, or `successful`; it can be traced.
 
     `turn` is the given one, and `placed` tells whether a placement was given.
     """
-    data = _data(problem, turn, limits, placed)
+    data = _data(problem, turn, limits, corridor, placed)
     code = data.xp.full(data.problem.speed.shape, ResultCode.successful, np.int32)
     for fault in reversed(FAULTS):
         code = data.xp.where(fault.found(data), fault.code, code)
     return code
 
 
-def require_sound(problem: Problem, turn: Scalar | None, limits: Limits, placed: bool) -> None:
+def require_sound(problem: Problem, turn: Scalar | None, limits: Limits, corridor: Array | None, placed: bool) -> None:
     """Raise a ValueError where the data of one problem, which must be known, make none; see `ill_posed`."""
-    data = _data(problem, turn, limits, placed)
+    data = _data(problem, turn, limits, corridor, placed)
     for fault in FAULTS:
         if np.any(fault.found(data)):
             raise ValueError(fault.message(data))
 
 
-def _data(problem: Problem, turn: Scalar | None, limits: Limits, placed: bool) -> _Data:
+def _data(problem: Problem, turn: Scalar | None, limits: Limits, corridor: Array | None, placed: bool) -> _Data:
     parts = (problem.start, problem.end, problem.duration, problem.speed, problem.scale, problem.turn)
-    given = limits.given()
+    given = limits.given() | ({} if corridor is None else {CORRIDOR.name: corridor})
     if any(concrete(leaf) is None for leaf in jax.tree.leaves((parts, turn, given))):
         return _Data(problem, turn, given, placed, jnp)
     problem, turn, given = jax.tree.map(

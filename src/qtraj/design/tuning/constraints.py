@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from qtraj.design.tuning import monomials
+from qtraj.design.tuning import corridor, monomials
 from qtraj.design.tuning.curves import Curves, along_u
 from qtraj.design.tuning.monomials import Table
 from qtraj.design.tuning.world_axes import upright
@@ -29,11 +29,12 @@ Places = Float[Array, " places"]
 
 
 class Setting(NamedTuple):
-    """A path in unit time, ln T, and the rotation from the axes of its placement to the world's."""
+    """A path in unit time, ln T, the rotation from the axes of its placement to the world's, and the given path."""
 
     curves: Curves
     log_duration: Scalar
     axes: Float[Array, "3 3"]
+    given: Float[Array, "terms 3"]
 
 
 class Group(NamedTuple):
@@ -98,14 +99,19 @@ GROUPS = (
 FIRST_HINT = len(QUANTITIES)
 """The places after the last limit: minus the invariants of `HINTS`, whose peaks are where these are least."""
 
-HINT = np.asarray([int(entry.divisor == "cross_norm") for entry in QUANTITIES.values()], np.int32)
-"""Of each quantity the hint that concerns it."""
+HINT = np.asarray(
+    [*(int(entry.divisor == "cross_norm") for entry in QUANTITIES.values()), *[0] * (len(HINTS) + 1)], np.int32
+)
+"""Of each place the hint that concerns it."""
+
+CORRIDOR_AT = FIRST_HINT + len(HINTS)
+"""The place of the corridor, which is a group of its own."""
 
 _PLACES = [_place(entry) for entry in QUANTITIES.values()]
 _BEHIND = range(len(_ENTRIES[0]), len(_ENTRIES[0]) + len(HINTS))
-GROUP = np.asarray([*_PLACES, *[0] * len(HINTS)], np.int32)
-MEMBER = np.asarray([*(_PLACES[:k].count(g) for k, g in enumerate(_PLACES)), *_BEHIND], np.int32)
-PER_TIME = np.asarray([*(entry.per_time for entry in QUANTITIES.values()), *[0] * len(HINTS)], np.int32)
+GROUP = np.asarray([*_PLACES, *[0] * len(HINTS), len(GROUPS)], np.int32)
+MEMBER = np.asarray([*(_PLACES[:k].count(g) for k, g in enumerate(_PLACES)), *_BEHIND, 0], np.int32)
+PER_TIME = np.asarray([*(entry.per_time for entry in QUANTITIES.values()), *[0] * (len(HINTS) + 1)], np.int32)
 
 
 def values(setting: Setting, index: Int[Array, ""], limit: Scalar, u: Places) -> Places:
@@ -124,7 +130,7 @@ def values(setting: Setting, index: Int[Array, ""], limit: Scalar, u: Places) ->
 
         return branch
 
-    return 0.5 * (scale * by_group(index, of) - 1)
+    return 0.5 * (scale * by_group(index, of, lambda: corridor.value(curves.place, setting.given, u)) - 1)
 
 
 def scaling(setting: Setting, index: Int[Array, ""], limit: Scalar) -> tuple[Array, Array]:
@@ -133,5 +139,5 @@ def scaling(setting: Setting, index: Int[Array, ""], limit: Scalar) -> tuple[Arr
     return jnp.exp(per_log * setting.log_duration) / limit**2, per_log
 
 
-def by_group(index: Int[Array, ""], of: Callable[[Group], Callable[[], Any]]) -> Any:
-    return jax.lax.switch(jnp.asarray(GROUP)[index], [of(group) for group in GROUPS])
+def by_group(index: Int[Array, ""], of: Callable[[Group], Callable[[], Any]], of_corridor: Callable[[], Any]) -> Any:
+    return jax.lax.switch(jnp.asarray(GROUP)[index], [*(of(group) for group in GROUPS), of_corridor])

@@ -21,13 +21,18 @@ ANGLE = 1  # the place of φ among ρ, φ and h
 
 
 class Curves(NamedTuple):
-    """Ascending coefficients of r', r'', r''' and r'''' in u, and those of φ; derivatives of these with axes in front.
+    """Ascending coefficients of r', r'', r''' and r'''' in u, and of ρ, φ, h; derivatives of these with axes in front.
 
     Where φ' is constant degrees stay; otherwise each order has two more.
     """
 
     derivatives: Float[Array, "*more orders terms 3"]
-    angle: Float[Array, "*more terms"]
+    place: Float[Array, "*more terms 3"]
+
+    @property
+    def angle(self) -> Float[Array, "*more terms"]:
+        """The coefficients of φ."""
+        return self.place[..., ANGLE]
 
     def up_to(self, order: int) -> Float[Array, "*more order terms 3"]:
         """The coefficients of the first derivatives, without those that vanish for want of degree."""
@@ -49,11 +54,21 @@ class Changes(NamedTuple):
     log_duration: Float[Array, " n"]
 
 
-def curve(problem: Problem, slopes: Float[Array, "2 3"]) -> Curves:
-    """The path with these slopes of ρ, φ and h in u at its ends."""
+def cubics(problem: Problem, slopes: Float[Array, "2 3"]) -> Float[Array, "4 3"]:
+    """The coefficients of ρ, φ and h in u, with these slopes at the ends."""
     first, last = problem.ends
     rise = last - first
-    cubic = jnp.stack([first, slopes[0], 3 * rise - 2 * slopes[0] - slopes[1], slopes[0] + slopes[1] - 2 * rise])
+    return jnp.stack([first, slopes[0], 3 * rise - 2 * slopes[0] - slopes[1], slopes[0] + slopes[1] - 2 * rise])
+
+
+def given(problem: Problem) -> Float[Array, "4 3"]:
+    """The coefficients of ρ, φ and h in u of the path from which the search starts."""
+    return cubics(problem, problem.slopes(jnp.zeros(problem.size, problem.speed.dtype))[0])
+
+
+def curve(problem: Problem, slopes: Float[Array, "2 3"]) -> Curves:
+    """The path with these slopes of ρ, φ and h in u at its ends."""
+    cubic = cubics(problem, slopes)
     uniform = problem.motion.is_uniform
     turning = (cubic[1:, ANGLE] * jnp.arange(1, TERMS, dtype=cubic.dtype))[: 1 if uniform else None]
     terms = TERMS if uniform else TERMS + (TERMS - 2) * ORDERS
@@ -66,7 +81,7 @@ def curve(problem: Problem, slopes: Float[Array, "2 3"]) -> Curves:
         for k in range(turning.shape[0]):
             x = x + turning[k] * (across if k == 0 else jnp.pad(across[:-k], ((k, 0), (0, 0))))
         rows.append(x)
-    return Curves(jnp.stack(rows), cubic[:, ANGLE])
+    return Curves(jnp.stack(rows), cubic)
 
 
 def changes(problem: Problem, z: Float[Array, " n"], slopes: Float[Array, "2 3"]) -> tuple[Curves, Changes]:

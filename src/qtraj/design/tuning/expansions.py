@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from qtraj.design.tuning import monomials
+from qtraj.design.tuning import corridor, monomials
 from qtraj.design.tuning.constraints import LEVEL, MEMBER, Group, Places, Setting, by_group, scaling
 from qtraj.design.tuning.curves import Changes, along_u, angle_at, unpacked
 from qtraj.design.tuning.world_axes import in_world, spun, turned
@@ -46,7 +46,8 @@ def slopes(
 
         return branch
 
-    G, of_slopes = by_group(index, of)
+    places = curves.place, changes.first.place, setting.given
+    G, of_slopes = by_group(index, of, lambda: corridor.slopes(*places, u))
     slope = changes.slopes.T @ of_slopes + (per_log * changes.log_duration)[:, None] * G[None]
     return 0.5 * (scale * G - 1), 0.5 * scale * slope
 
@@ -54,7 +55,13 @@ def slopes(
 def expansions(setting: Setting, changes: Changes, index: Int[Array, ""], limit: Scalar, u: Places) -> Expansion:
     """g at the places `u`, with first and second derivatives in the variables and in u."""
     scale, per_log = scaling(setting, index, limit)
-    G = Expansion(*by_group(index, lambda group: lambda: _expanded(group, setting, changes, index, u)))
+    places = setting.curves.place, changes.first.place, setting.given
+    found = by_group(
+        index,
+        lambda group: lambda: _expanded(group, setting, changes, index, u),
+        lambda: corridor.expanded(*places, u),
+    )
+    G = Expansion(*found)
     # The slopes are T times velocities: what is linear in the velocities is so in T, too.
     J, e = changes.slopes, changes.log_duration[:, None]
     slope, mixed = J.T @ G.slope, J.T @ G.mixed

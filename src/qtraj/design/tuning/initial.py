@@ -42,7 +42,7 @@ def given_path(
         # A callable objective may hold arrays, which are constants of the problem: it is not traced.
         posed = _posed_once if aim.is_smooth else pose
         problem = posed(start, end, aim, kind, duration, whole_turns(turns), placement, turn)
-        require_sound(problem, turn, any_limit, placement is not None)
+        require_sound(problem, turn, any_limit, None, placement is not None)
         path = _unmoved(problem.without_objective())
         return path if placement is not None else eqx.tree_at(lambda path: path.placement, path, None)
     if kind.is_uniform or duration is None:

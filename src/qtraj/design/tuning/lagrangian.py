@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.design.tuning.constraints import Setting, values
-from qtraj.design.tuning.curves import changes
+from qtraj.design.tuning.curves import changes, given
 from qtraj.design.tuning.expansions import slopes
 from qtraj.design.tuning.model import setting
 from qtraj.design.tuning.peaks import ABSENT, PEAKS, TOO_MUCH, Peaks, find_peaks, hand_over
@@ -98,7 +98,7 @@ def expand(task: Task, which: Present, held: Held, times: OfParts, y: Variables)
     cost, of_cost = jax.value_and_grad(task.problem.cost)(z)
     ends, log_duration = task.problem.slopes(z)
     at, changed = changes(task.problem, z, ends)
-    here = Setting(at, log_duration, task.problem.axes)
+    here = Setting(at, log_duration, task.problem.axes, given(task.problem))
     m, penalty = held.multipliers, held.penalty
 
     def of_slot(slot: Int[Array, ""], found: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.tuning.constraints import Setting, values
-from qtraj.design.tuning.curves import Changes, changes, curve
+from qtraj.design.tuning.curves import Changes, changes, curve, given
 from qtraj.design.tuning.expansions import expansions, slopes
 from qtraj.design.tuning.peaks import ABSENT, NODES, PEAKS, Peaks
 from qtraj.design.tuning.problem import Problem, Variables
@@ -52,7 +52,7 @@ class Model(NamedTuple):
 def setting(problem: Problem, z: Variables) -> Setting:
     """The path of the variables, in unit time."""
     slopes, log_duration = problem.slopes(z)
-    return Setting(curve(problem, slopes), log_duration, problem.axes)
+    return Setting(curve(problem, slopes), log_duration, problem.axes, given(problem))
 
 
 def build(task: Task, which: Present, z: Variables, peaks: Peaks) -> Model:
@@ -60,7 +60,7 @@ def build(task: Task, which: Present, z: Variables, peaks: Peaks) -> Model:
     _, slope, curvature = with_derivatives(task.problem.cost, z)
     slopes, log_duration = task.problem.slopes(z)
     at, changed = changes(task.problem, z, slopes)
-    here = Setting(at, log_duration, task.problem.axes)
+    here = Setting(at, log_duration, task.problem.axes, given(task.problem))
     nodes = jnp.linspace(0.0, 1.0, NODES, dtype=z.dtype)[STRIDE:-1:STRIDE]
     n = z.shape[0]
 

@@ -16,16 +16,22 @@ import jax.flatten_util
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from qtraj.design.tuning import corridor
+from qtraj.design.tuning.curves import cubics, given
 from qtraj.design.tuning.problem import Problem, Variables
 from qtraj.design.tuning.search import Found
 from qtraj.design.tuning.subproblem import ACTIVE, AT_BOUND
 from qtraj.design.tuning.task import Task
 from qtraj.foundation.types import Scalar
+from qtraj.path.quantity import CORRIDOR
 from qtraj.path.values import squared
 
 
 def constraint(problem: Problem, z: Variables, u: Scalar, name: str, limit: Scalar) -> Scalar:
     """g = ½((value/limit)² − 1) of one limit at the fraction `u` of the duration, by its definition."""
+    if name == CORRIDOR.name:
+        place = cubics(problem, problem.slopes(z)[0])
+        return 0.5 * (corridor.value(place, given(problem), u[None])[0] / limit**2 - 1.0)
     path = problem.path(z)
     return 0.5 * (squared(path, u * path.duration, name) / limit**2 - 1.0)
 

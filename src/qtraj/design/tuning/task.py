@@ -1,5 +1,6 @@
 """What one search is about."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -8,12 +9,13 @@ import numpy as np
 from jaxtyping import Array
 
 from qtraj.design.limits import Limits
+from qtraj.design.tuning.constraints import CORRIDOR_AT
 from qtraj.design.tuning.problem import Problem
 from qtraj.foundation.arrays import concrete
-from qtraj.path.quantity import QUANTITIES
+from qtraj.path.quantity import CORRIDOR, QUANTITIES
 
-SLOTS = len(QUANTITIES)
-"""Room for every limit there is: one compiled search serves every set of them."""
+SLOTS = len(QUANTITIES) + 1
+"""Room for every limit there is, and a corridor: one compiled search serves every set of them."""
 
 AIM = 1 - 4e-9
 """Tuning aims at this part of each limit, so that round-off at a peak does not violate the limit that was given."""
@@ -42,20 +44,26 @@ class Task(eqx.Module):
     weight: Any  # Float["*batch"]
 
 
-def present(limits: Limits) -> Present:
+def names_of(limits: Limits, corridor: Any = None) -> tuple[str, ...]:
+    """The limits that are given, in the order of their slots; a corridor is the last."""
+    return (*limits.given(), *(() if corridor is None else (CORRIDOR.name,)))
+
+
+def present(names: Sequence[str]) -> Present:
     """Which limits are given."""
-    places = [place for place, name in enumerate(QUANTITIES) if getattr(limits, name) is not None]
+    known = [*QUANTITIES]
+    places = [CORRIDOR_AT if name == CORRIDOR.name else known.index(name) for name in names]
     index = np.zeros(SLOTS, np.int32)
     index[: len(places)] = places
     return Present(index, np.asarray(len(places), np.int32))
 
 
-def by_slots(limits: Limits, count: int) -> Array | np.ndarray:
+def by_slots(limits: Limits, corridor: Array | None, count: int) -> Array | np.ndarray:
     """The limits that are given, as the search aims at them, for each of so many problems: (count, slots).
 
     In NumPy arrays where they are known. A slot without a limit holds one.
     """
-    given = limits.given()
+    given = limits.given() | ({} if corridor is None else {CORRIDOR.name: corridor})
     known = all(concrete(x) is not None for x in given.values())
     xp: Any = np if known else jnp
     aims = [xp.maximum(AIM * (np.asarray(x) if known else x), LEAST_LIMIT) for x in given.values()]

@@ -28,7 +28,7 @@ from qtraj.design.tuning.problem import Problem, pose
 from qtraj.design.tuning.search import Found
 from qtraj.design.tuning.sensitivity import solution
 from qtraj.design.tuning.sqp import FEASIBLE
-from qtraj.design.tuning.task import Task, by_slots, present
+from qtraj.design.tuning.task import Task, by_slots, names_of, present
 from qtraj.foundation.arrays import as_array, as_float, part
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress import Report, throttled
@@ -56,6 +56,7 @@ def tune(
     fixed: Sequence[str] = (),
     bounds: Bounds | None = None,
     weights: Mapping[str, float] | None = None,
+    corridor: ArrayInput | None = None,
     starts: int = 8,
     method: Method | None = None,
     max_steps: int = 300,
@@ -79,6 +80,10 @@ def tune(
     given value, and also takes "start.heading" and "end.heading": there the direction of the horizontal velocity stays
     and its magnitude is free, so that a turn can be driven slower on the same street. `bounds` maps names to (lowest,
     highest), either of which may be None; `weights` multiplies the squared changes that "nearest" sums.
+
+    `corridor` [m] bounds how far the path departs from the given one, from which the search starts: the distance at
+    equal fractions of the two durations, counted along the arc (which is no shorter), is at most that. It is one more
+    limit, proved like the others, and stands last in the certificate.
 
     `starts` searches begin at the given states and about them, and the best is kept. Where no path meets the limits,
     the one that breaks them least is given, with advice. `progress` is called with a `Progress` a few times a second.
@@ -109,12 +114,12 @@ def tune(
     if starts < 1:
         raise ValueError(f"starts must be 1 or more, but {starts} was given")
     weighed = weights_of(weights or {}, aim, motion)
-    duration, turn = (None if x is None else as_float(x) for x in (duration, turn))
+    duration, turn, corridor = (None if x is None else as_float(x) for x in (duration, turn, corridor))
 
     start, end, batch = _stacked(start, end)
     known = (duration, turn, Placement() if placement is None else placement, _as_floats(bounds))
-    _require_batch((*known, limits), batch)
-    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((start, end, known, limits)))
+    _require_batch((*known, limits, corridor), batch)
+    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((start, end, known, limits, corridor)))
     count = start.position.shape[0]
     size = count if traced or not batch else _bucket(count)
     data, axes = _filled((start, end, *known), batch, size)
@@ -122,24 +127,25 @@ def tune(
     posed = _posed_once if aim.is_smooth else _posed
     problem, low, high = posed(data, axes, aim, motion, whole_turns(turns), tuple(fixed), weighed)
     xp: Any = jnp if traced else np
-    aims = by_slots(limits, count)
+    aims = by_slots(limits, corridor, count)
     aims = xp.concatenate([aims, xp.repeat(aims[-1:], size - count, axis=0)])
     tasks = Task(problem, aims, low, high, xp.ones(size))
-    which = present(limits)
+    names = names_of(limits, corridor)
+    which = present(names)
     given = take(problem, slice(0, count) if batch else 0)
     if not (traced or batch):
-        require_sound(given, turn, limits, placement is not None)
-    faults = ill_posed(given, turn, limits, placement is not None)
+        require_sound(given, turn, limits, corridor, placement is not None)
+    faults = ill_posed(given, turn, limits, corridor, placement is not None)
     if traced:
         found = multistart.best_of(search, jax.lax.stop_gradient(tasks), which, starts)
-        outcome = _outcome(tasks, limits, found, start, end, batch, placement, faults)
+        outcome = _outcome(tasks, limits, corridor, found, start, end, batch, placement, faults)
         return outcome.check() if throw else outcome
     own = jax.tree.map(lambda x: np.asarray(x)[:count], tasks)
     tell = None if progress is None else throttled(progress)
     found = multistart.best_of_each(search, own, which, starts, max_steps, tell)
     filled = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], size - count, axis=0)]), found)
-    outcome = _outcome(tasks, limits, filled, data[0], data[1], batch, placement, faults)
-    advisor = Advisor(own, which, limits, found, starts, max_steps, bounds)
+    outcome = _outcome(tasks, limits, corridor, filled, data[0], data[1], batch, placement, faults)
+    advisor = Advisor(own, which, names, found, starts, max_steps, bounds)
     if batch:
         outcome = dataclasses.replace(outcome, advisor=advisor, place=np.arange(count))
     else:
@@ -234,6 +240,7 @@ def _filled(parts: tuple[Any, ...], batch: tuple[int, ...], size: int) -> tuple[
 def _outcome(
     tasks: Task,
     limits: Limits,
+    corridor: Array | None,
     found: Found,
     start: BoundaryState,
     end: BoundaryState,
@@ -244,20 +251,23 @@ def _outcome(
     """The outcome, from a batch that may be filled up; `faults` are the codes of what is ill-posed."""
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tasks))
     if traced:
-        names, at = tuple(limits.given()), jax.lax.stop_gradient(found)
+        names, at = names_of(limits, corridor), jax.lax.stop_gradient(found)
         z = jax.vmap(lambda task, at: solution(task, at, names))(tasks, at)
     else:
         z = found.z
     # A callable objective may hold arrays, which are constants of the problem: it is not traced.
-    reached = (_reached if tasks.problem.objective.is_smooth else _paths)(tasks.problem, z, start, end)
+    reached = _reached if tasks.problem.objective.is_smooth else _paths
     own = lambda x: part(x, slice(0, batch[0]) if batch else 0)  # noqa: E731
-    path, objective, first, last = jax.tree.map(own, reached)
+    path, objective, first, last = jax.tree.map(own, reached(tasks.problem, z, start, end))
+    reference = None
+    if corridor is not None:
+        reference = jax.tree.map(own, reached(tasks.problem, 0.0 * z, start, end)[0])
     if placement is None:
-        path = eqx.tree_at(lambda path: path.placement, path, None)
+        path, reference = (eqx.tree_at(lambda p: p.placement, p, None) if p else None for p in (path, reference))
     bad = faults != ResultCode.successful
     if traced or np.any(bad):
         path, objective, first, last = _without((path, objective, first, last), bad)
-    certificate = certify(path, limits)
+    certificate = certify(path, limits, corridor=corridor, reference=reference)
     code = _code(own(found.settled), own(found.violation), certificate.codes <= SAMPLED)
     xp: Any = jnp if traced else np
     code = xp.where(bad, faults, code).astype(np.int32)

@@ -11,6 +11,7 @@ from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset import MAGNITUDES
 from qtraj.path.boundary import BoundaryState, cylindrical
 from qtraj.path.departure import departure
+from qtraj.path.quantity import CORRIDOR
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.viz.report.model import Table, number, unit
 from qtraj.viz.report.provenance import provenance_table
@@ -51,6 +52,9 @@ def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
                 found = _certified(tuned, limit_name) if tuned is not None and certified else _known(path, name)
                 heading = f"{limit_name.replace('_', ' ')} [{unit(path[name].attrs['units'])}]"
                 rows.append([heading, label, *found])
+    for label, path in paths.items():
+        if str(path.get(f"finding_{CORRIDOR.name}", "")):
+            rows.append([f"{CORRIDOR.name} [{CORRIDOR.label}]", label, *_known(path, CORRIDOR.name)])
     known = [f"{status}: {PROOFS[status]}" for status in dict.fromkeys(row[-1] for row in rows) if status in PROOFS]
     note = "; ".join(
         [*known, "without a certificate the largest value, within and broken are those of the sampled instants"]
@@ -71,7 +75,7 @@ def _known(path: xarray.Dataset, name: str) -> list[str]:
     if finding not in PROOFS:
         return _sampled(path, name)
     value, time = (float(path[f"largest_{name}{suffix}"]) for suffix in ("", "_time"))
-    limit = float(path[name].attrs["limit"])
+    limit = float(path[f"largest_{name}"].attrs["limit"])
     binds = finding in ("proved", "sampled") and limit - value <= BINDING * limit
     margin = "binds" if binds else number(limit - value, 3)
     return [number(value), number(limit), margin, number(time, 4), finding]

@@ -1,0 +1,95 @@
+"""The distance of a path from another one, its reference, proved to stay within a corridor.
+
+At equal parts of the two durations, s = 2t/duration − 1, the square of the distance, counted along the arc, is a
+polynomial in s wherever both radii are positive (see `CORRIDOR`), and that they are is proved as well.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
+from qtraj.algebra.cells import Cells, PerPath
+from qtraj.algebra.chebyshev_model import AXIS, TINY, ChebyshevModel, after, multiple
+from qtraj.algebra.positivity import NEGATIVE, POSITIVE, positive
+from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
+from qtraj.design.proof.inequalities import centred, squared_bound
+from qtraj.design.proof.search import highest
+from qtraj.foundation.types import Scalar
+from qtraj.path.quantity import CORRIDOR, Offset
+from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.values import root
+
+WIDEST = 2.0
+CHUNKS = 8
+"""Of 30 intervals in which the largest distance is sought."""
+
+
+@jax.jit
+def within(
+    path: SpiralHelix, reference: SpiralHelix, width: Float[Array, " paths"]
+) -> tuple[Int[Array, " paths"], PerPath, PerPath]:
+    """What is known of paths (a batch in front) about the axes of their references: code, time [s], distance [m]."""
+    offset, radii = _offsets(path, reference)
+    bound = squared_bound(width, jnp.ones_like(width))
+
+    def slack(centre: Cells, half: Cells) -> ChebyshevModel:
+        p, radius = offset.on(centre, half), radii.on(centre, half)[1]
+        return multiple(radius.one(), *bound) - CORRIDOR.numerator(Offset(p[0], p[1], p[2], radius))
+
+    def apart(centre: Cells, half: Cells) -> ChebyshevModel:
+        p = radii.on(centre, half)
+        return p[0] * p[1]
+
+    widest = jnp.full_like(width, WIDEST)
+    answer, apart_from_axis = positive(slack, widest), positive(apart, widest)
+    square, at = highest(
+        lambda s: CORRIDOR.numerator(Offset(*offset.at(s), radii.at(s)[1])),
+        jnp.stack([answer.at] * 3),
+        jnp.asarray(CHUNKS),
+    )
+    proved = (answer.code == POSITIVE) & (apart_from_axis.code == POSITIVE)
+    code = jnp.where(proved, PROVED, jnp.where(answer.code == NEGATIVE, BROKEN, UNDECIDED))
+    return code.astype(jnp.int32), (at + 1) * 0.5 * path.duration, root(square)
+
+
+def distance(path: SpiralHelix, reference: SpiralHelix, t: Scalar) -> Scalar:
+    """The distance at time t [s] of a path, as `within` measures it; it can be differentiated."""
+    u = t / jax.lax.stop_gradient(path.duration)
+    own, given = (
+        [jnp.polyval(c[::-1], u * p.duration) for c in (p.radius, p.angle, p.height)] for p in (path, reference)
+    )
+    apart = [a - b for a, b in zip(own, given, strict=True)]
+    return root(CORRIDOR.numerator(Offset(*apart, given[0])))
+
+
+def _offsets(path: SpiralHelix, reference: SpiralHelix) -> tuple[CellPolynomial, CellPolynomial]:
+    """How far the paths are apart in ρ, φ and h, and both radii, as polynomials in s: small numbers beside large."""
+    own = [_scaled(c, path.duration) for c in (path.radius, path.angle, path.height)]
+    given = [_scaled(c, reference.duration) for c in (reference.radius, reference.angle, reference.height)]
+    terms = max(c.shape[0] for c in (*own, *given))
+    own, given = (jnp.stack([_filled(c, terms) for c in each]) for each in (own, given))
+    radii = jnp.stack([own[0], given[0]])
+    return _polynomial(own - given, jnp.abs(own) + jnp.abs(given)), _polynomial(radii, jnp.abs(radii))
+
+
+def _polynomial(numbers: Float[Array, "axes k paths"], sizes: Float[Array, "axes k paths"]) -> CellPolynomial:
+    """Polynomials in s of coefficients in 1 + s, with the rounding of what was scaled, subtracted and centred."""
+    whole = jax.vmap(lambda c: centred(c[:, None]))
+    count = 3 * numbers.shape[1] + 6
+    size = jnp.max(jnp.sum(whole(sizes), axis=AXIS), axis=0)
+    return cell_polynomial(whole(numbers), after(jnp.full_like(size, TINY), count, size))
+
+
+def _scaled(c: Float[Array, "paths k"], duration: PerPath) -> Float[Array, "k paths"]:
+    """Coefficients in 1 + s = 2t/duration."""
+    powers = [jnp.ones_like(duration)]
+    for _ in range(c.shape[1] - 1):
+        powers.append(powers[-1] * (0.5 * duration))
+    return c.T * jnp.stack(powers)
+
+
+def _filled(c: Float[Array, "k paths"], terms: int) -> Any:
+    return jnp.pad(c, ((0, terms - c.shape[0]), (0, 0)))
