@@ -43,13 +43,13 @@ def within(
         p = radii.on(centre, half)
         return p[0] * p[1]
 
+    def measured(s: Cells) -> Cells:
+        outwards, angle, up = offset.at(s)
+        return CORRIDOR.numerator(Offset(outwards, angle, up, radii.at(s)[1]))
+
     widest = jnp.full_like(width, WIDEST)
     answer, apart_from_axis = positive(slack, widest), positive(apart, widest)
-    square, at = highest(
-        lambda s: CORRIDOR.numerator(Offset(*offset.at(s), radii.at(s)[1])),
-        jnp.stack([answer.at] * 3),
-        jnp.asarray(CHUNKS),
-    )
+    square, at = highest(measured, jnp.stack([answer.at] * 3), jnp.asarray(CHUNKS))
     proved = (answer.code == POSITIVE) & (apart_from_axis.code == POSITIVE)
     code = jnp.where(proved, PROVED, jnp.where(answer.code == NEGATIVE, BROKEN, UNDECIDED))
     return code.astype(jnp.int32), (at + 1) * 0.5 * path.duration, root(square)
@@ -61,8 +61,8 @@ def distance(path: SpiralHelix, reference: SpiralHelix, t: Scalar) -> Scalar:
     own, given = (
         [jnp.polyval(c[::-1], u * p.duration) for c in (p.radius, p.angle, p.height)] for p in (path, reference)
     )
-    apart = [a - b for a, b in zip(own, given, strict=True)]
-    return root(CORRIDOR.numerator(Offset(*apart, given[0])))
+    outwards, angle, up = (a - b for a, b in zip(own, given, strict=True))
+    return root(CORRIDOR.numerator(Offset(outwards, angle, up, given[0])))
 
 
 def _offsets(path: SpiralHelix, reference: SpiralHelix) -> tuple[CellPolynomial, CellPolynomial]:

@@ -263,7 +263,8 @@ def _outcome(
     if corridor is not None:
         reference = jax.tree.map(own, reached(tasks.problem, 0.0 * z, start, end)[0])
     if placement is None:
-        path, reference = (eqx.tree_at(lambda p: p.placement, p, None) if p else None for p in (path, reference))
+        path = eqx.tree_at(lambda path: path.placement, path, None)
+        reference = None if reference is None else eqx.tree_at(lambda path: path.placement, reference, None)
     bad = faults != ResultCode.successful
     if traced or np.any(bad):
         path, objective, first, last = _without((path, objective, first, last), bad)
