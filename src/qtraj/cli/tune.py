@@ -3,28 +3,23 @@
 import json
 from enum import StrEnum
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from qtraj.cli.frame_option import FrameName, frame_of, frame_option
 from qtraj.cli.terminal import guarded, stdout
+from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES, either
 
 NOT_MET = 1
 
 
-class Motion(StrEnum):
-    """The motions that tuning knows."""
-
-    uniform = "uniform"
-    hermite = "hermite"
-
-
-class Objective(StrEnum):
-    """The objectives that tuning knows."""
-
-    nearest = "nearest"
-    fastest = "fastest"
-    smoothest = "smoothest"
+if TYPE_CHECKING:  # a checker of types takes no names that are read from a registry
+    Motion = StrEnum
+    Objective = StrEnum
+else:  # for completion by the Tab key, too
+    Motion = StrEnum("Motion", {name: name for name in MOTIONS})
+    Objective = StrEnum("Objective", {name: name for name in OBJECTIVES})
 
 
 def tune(
@@ -32,10 +27,10 @@ def tune(
     out: Path = typer.Option(Path("qtraj-out"), help="Folder for the results.", metavar="DIR"),
     as_json: bool = typer.Option(False, "--json", help="Print the outcome as JSON instead."),
     motion: Motion | None = typer.Option(
-        None, metavar="MOTION", help="In place of the scenario's: uniform or hermite."
+        None, metavar="MOTION", help=f"In place of the scenario's: {either(MOTIONS, '')}."
     ),
     objective: Objective | None = typer.Option(
-        None, metavar="OBJECTIVE", help="In place of the scenario's: nearest, fastest or smoothest."
+        None, metavar="OBJECTIVE", help=f"In place of the scenario's: {either(OBJECTIVES, '')}."
     ),
     starts: int | None = typer.Option(
         None, min=1, metavar="N", help="In place of the scenario's: searches, from the given states and about them."

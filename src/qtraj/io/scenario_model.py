@@ -1,10 +1,11 @@
 """The keys of a path scenario, for `qtraj tune` and `qtraj evaluate`, each with what it may hold."""
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, create_model, model_validator
 
 from qtraj.design.fitting.fit import BOUNDS, POSITION_SIGMA, VELOCITY_SIGMA
+from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES, either
 from qtraj.io.scenario_part import (
     ABOUT,
     NAME,
@@ -23,13 +24,17 @@ from qtraj.io.scenario_part import (
 )
 from qtraj.path.quantity import QUANTITIES, PathQuantity
 
-Motion = Literal["uniform", "hermite"]
-Objective = Literal["nearest", "fastest", "smoothest"]
+if TYPE_CHECKING:  # a checker of types takes no names that are read from a registry
+    Motion = str
+    Objective = str
+else:
+    Motion = Literal[tuple(MOTIONS)]
+    Objective = Literal[tuple(OBJECTIVES)]
 Method = Literal["sqp", "lbfgs", "adam"]
 
-MOTION = "'uniform' or 'hermite'"
+MOTION = either(MOTIONS)
 VARIABLES = "'start.V_rho', 'start.V_phi' (hermite), 'start.V_h', the same of 'end', 'duration'"
-OBJECTIVE = "'nearest', 'fastest' or 'smoothest'"
+OBJECTIVE = either(OBJECTIVES)
 METHOD = "'sqp', 'lbfgs' or 'adam'"
 
 

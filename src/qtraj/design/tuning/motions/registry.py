@@ -1,10 +1,9 @@
 """The motions by their names."""
 
-from qtraj.design.tuning.motions.hermite import Hermite
+from qtraj.design.tuning import choices
 from qtraj.design.tuning.motions.motion import AbstractMotion
-from qtraj.design.tuning.motions.uniform import Uniform
 
-MOTIONS: dict[str, AbstractMotion] = {motion.name: motion for motion in (Uniform(), Hermite())}
+MOTIONS: dict[str, AbstractMotion] = choices.instances("motions", choices.MOTIONS)
 
 
 def motion_of(given: str | AbstractMotion) -> AbstractMotion:
@@ -15,5 +14,5 @@ def motion_of(given: str | AbstractMotion) -> AbstractMotion:
     if isinstance(given, AbstractMotion):
         return given
     if given not in MOTIONS:
-        raise ValueError(f"motion must be {' or '.join(map(repr, MOTIONS))}, but {given!r} was given")
+        raise ValueError(f"motion must be {choices.either(MOTIONS)}, but {given!r} was given")
     return MOTIONS[given]

@@ -5,15 +5,11 @@ from typing import Any
 
 from typing_extensions import TypeAliasType
 
+from qtraj.design.tuning import choices
 from qtraj.design.tuning.objectives.custom import Custom
-from qtraj.design.tuning.objectives.fastest import Fastest
-from qtraj.design.tuning.objectives.nearest import Nearest
 from qtraj.design.tuning.objectives.objective import AbstractObjective
-from qtraj.design.tuning.objectives.smoothest import Smoothest
 
-OBJECTIVES: dict[str, AbstractObjective] = {
-    objective.name: objective for objective in (Nearest(), Fastest(), Smoothest())
-}
+OBJECTIVES: dict[str, AbstractObjective] = choices.instances("objectives", choices.OBJECTIVES)
 
 Objective = TypeAliasType("Objective", str | AbstractObjective | Callable[..., Any])
 
@@ -29,7 +25,7 @@ def objective_of(given: Objective) -> AbstractObjective:
         return Custom(given)
     if given not in OBJECTIVES:
         raise ValueError(
-            f"objective must be one of {', '.join(map(repr, OBJECTIVES))} or a callable of a path, "
-            f"but {given!r} was given"
+            f"objective must be one of {', '.join(map(repr, OBJECTIVES))} or a callable of a path, but {given!r} was "
+            "given"
         )
     return OBJECTIVES[given]
