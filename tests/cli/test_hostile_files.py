@@ -8,11 +8,14 @@ import pytest
 
 import qtraj as qt
 from qtraj.foundation import untrusted
+from qtraj.io.flat import FORMAT
 
 DEEP = 100_000
 NESTED = untrusted.DEEPEST + 1
 
-DATASET = "# " + json.dumps({"format": "qtraj-table/1", "variables": {}})
+HEADER = {"format": FORMAT, "rows": ["time"], "dimensions": {"time": 1}, "attributes": {}, "variables": {}}
+DATASET = "# " + json.dumps(HEADER)
+LONG = 1_000_000
 FILES = {
     "deep.json": "[" * DEEP + "]" * DEEP,
     "deep.toml": "a = " + "[" * DEEP + "]" * DEEP,
@@ -25,6 +28,10 @@ FILES = {
     "deep.csv": "# {" + '"a": ' + "[" * DEEP + "]" * DEEP + "}\nt\n1\n",
     "wide.csv": DATASET + "\nt,x\n1," + "9" * 200_000 + "\n",
     "wide_text.csv": "t,x,y,z\n0," + "9" * 200_000 + ",0,0\n" + "\n".join(f"{k},{k},0,0" for k in range(1, 12)),
+    "list.csv": "# " + json.dumps(HEADER | {"variables": []}) + "\nt\n1\n",
+    "number.csv": "# " + json.dumps(HEADER | {"variables": {"t": 3}}) + "\nt\n1\n",
+    "numbers.csv": "# " + json.dumps(HEADER | {"numbers": 3}) + "\nt\n1\n",
+    "long.toml": "x = '" + "a" * LONG + "'",
     "empty.json": "",
     "null.toml": "\0",
 }
@@ -58,11 +65,19 @@ def test_load_refuses_what_it_cannot_take(tmp_path, name):
         qt.load(tmp_path / name)
 
 
+def test_a_long_text_is_no_deep_table():
+    """Neither slow nor refused: a megabyte of letters, and parts with dots in a text."""
+    texts = {"note": "1." * 100, "long": "a" * LONG}
+    assert untrusted.parse_toml("\n".join(f"{name} = '{text}'" for name, text in texts.items())) == texts
+    with pytest.raises(ValueError, match="nested deeper than 64 levels"):
+        untrusted.parse_toml("[" + ".".join("a" * 66) + "]\nb = 1")
+
+
 @pytest.mark.parametrize("name", ["a.toml", "a.csv"])
 def test_a_file_over_the_limit_is_not_read(tmp_path, monkeypatch, name):
     monkeypatch.setattr(untrusted, "LARGEST", 10)
     (tmp_path / name).write_text("x" * 11)
-    with pytest.raises(ValueError, match="GiB, but at most"):
+    with pytest.raises(ValueError, match="larger than"):
         qt.load(tmp_path / name) if name.endswith("toml") else qt.read_track(tmp_path / name)
 
 

@@ -2,6 +2,7 @@
 
 import json
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import mpmath
@@ -92,6 +93,43 @@ def test_a_corridor_is_proved_or_broken_down_to_rounding(margin):
     found = qt.certify(path, LIMITS, corridor=peak * (1 + margin), reference=given)
     assert found.names[-1] == "corridor"
     assert found.status["corridor"] == ("proved" if margin > 0 else "broken")
+
+
+def test_an_ill_posed_element_is_a_result_with_a_corridor_too():
+    both = jax.tree.map(lambda x: jnp.stack([x, x]), (START, END))
+    bad = eqx.tree_at(lambda s: s.velocity, both[0], both[0].velocity.at[1].set(jnp.nan))
+    many = qt.tune(bad, both[1], LIMITS, corridor=1.2, placement=qt.Placement())
+    assert list(many.status) == ["converged", "ill-posed"]
+
+
+def test_what_is_known_of_a_corridor_does_not_depend_on_how_paths_are_given():
+    reference = given_path(START, END)
+    path = qt.tune(START, END, LIMITS).path
+    one = qt.certify(path, LIMITS, corridor=2.0, reference=reference)
+    turned = eqx.tree_at(lambda p: p.angle, path, path.angle.at[0].add(2 * jnp.pi))
+    placed = qt.SpiralHelix(path.radius, path.angle, path.height, path.duration, qt.Placement())
+    many = jax.tree.map(lambda x: jnp.stack([x, x]), path)
+    assert one.status["corridor"] == "proved"
+    for other in (turned, placed):
+        found = qt.certify(other, LIMITS, corridor=2.0, reference=reference)
+        assert found.status == one.status
+        assert found.worst["corridor"][1] == pytest.approx(one.worst["corridor"][1], rel=1e-12)
+    found = qt.certify(many, LIMITS, corridor=2.0, reference=reference)
+    assert found[1].status == one.status
+    for bad in (-1.0, float("nan"), [1.0, 2.0]):
+        with pytest.raises(ValueError, match="corridor"):
+            qt.certify(path, LIMITS, corridor=bad, reference=reference)
+    with pytest.raises(ValueError, match="without a corridor"):
+        qt.certify(path, LIMITS, reference=reference)
+
+
+def test_a_tuning_in_a_corridor_is_drawn(tmp_path):
+    best = qt.tune(START, END, LIMITS, corridor=1.0)
+    assert len(best.plot().axes) > 0
+    best.save(tmp_path / "tuning.toml")
+    report = CliRunner().invoke(app, ["report", str(tmp_path / "tuning.toml")])
+    assert report.exit_code == 0, report.output
+    assert "corridor [m]" in (tmp_path / "tuning.html").read_text(encoding="utf-8")
 
 
 def test_a_corridor_about_another_axis_is_refused():

@@ -187,7 +187,7 @@ def test_a_fixed_heading_stays_while_the_speed_moves(motion):
         limits = qt.Limits(curvature=0.06, lateral_acceleration=limit)
         return qt.tune(START, END, limits, motion=motion, fixed=("start.heading", "end.heading")).path.duration
 
-    slope = jax.jit(jax.grad(lambda x: objective(x)))(1.2)
+    slope = jax.jit(jax.grad(objective))(1.2)
     h = 1e-4
     assert slope == pytest.approx(float(objective(1.2 + h) - objective(1.2 - h)) / (2 * h), rel=1e-5)
 
@@ -454,6 +454,10 @@ def test_advice_on_one_of_many_is_worked_out_when_it_is_asked_for():
     assert many[1].result == many.result[1]
     assert re.sub(r"[\d.]+", "", many.result[1]) == re.sub(r"[\d.]+", "", one.result)
     assert jax.tree.map(lambda x: x[::-1], many).result[0] == many.result[1]
+    # Batches can be joined; of what another one found there is no advice any more.
+    both = jax.tree.map(lambda *x: jnp.concatenate(x), many, qt.tune(starts, ends, limits, starts=2))
+    assert both.result[1] == many.result[1]
+    assert "Tune this problem alone" in both.result[3]
 
 
 def test_what_is_ill_posed_in_a_batch_is_a_result_of_its_element():

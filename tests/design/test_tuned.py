@@ -71,8 +71,8 @@ def test_a_limit_missed_by_a_hair_says_by_how_much():
     _, peak, _ = qt.certify(path, LIMITS).worst["curvature"]
     hair = qt.certify(path, qt.Limits(curvature=peak * (1 - 2e-9)))
     assert hair.status == {"curvature": "broken"}
-    assert "(larger by 2.0e-09 of it)" in hair.result
-    assert "larger by" not in qt.certify(path, qt.Limits(curvature=0.9 * peak)).result
+    assert "(above it by a part of 2.0e-09)" in hair.result
+    assert "above it" not in qt.certify(path, qt.Limits(curvature=0.9 * peak)).result
 
 
 def test_a_stop_is_named_where_a_limit_divides_by_the_speed():

@@ -69,8 +69,9 @@ def load(file: str | os.PathLike[str]) -> Any:
     """
     path = Path(file)
     read = _by_suffix(path, {".toml": parse_toml, ".json": parse_json})
+    text = read_text(path)
     try:
-        data = read(read_text(path))
+        data = read(text)
     except ValueError as error:
         raise ValueError(f"{path}: not valid {path.suffix[1:].upper()}: {error}") from error
     if not isinstance(data, dict) or data.pop("format", None) != FORMAT:

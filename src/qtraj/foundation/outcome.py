@@ -89,7 +89,7 @@ class ResultCode(enum.IntEnum):
         "no boundary velocities were found that meet the limits. Raise the limits that are broken, or move the ends.",
     )
     poor_fit = (
-        FAILURES + 7,
+        FAILURES + 11,
         "the path does not follow its recording. Choose a window with one clear bend in which the vehicle keeps "
         "moving; motion='hermite' follows it more closely than 'uniform', and wider radius_bounds may help.",
     )

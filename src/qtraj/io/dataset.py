@@ -115,7 +115,8 @@ def _findings(paths: list[str], certificates: Mapping[str, Certificate]) -> dict
     for name in dict.fromkeys(name for certificate in certificates.values() for name in certificate.names):
         entry = quantity(name)
         variable, unit = entry.variable, entry.unit
-        known = [certificates.get(path) for path in paths]
+        given = [certificates.get(path) for path in paths]
+        known = [c if c is not None and name in c.names else None for c in given]
         rows = [(np.nan, np.nan, "") if c is None else (*c.worst[name][:2], c.status[name]) for c in known]
         times, values, texts = zip(*rows, strict=True)
         limit = {"limit": float(next(c.worst[name][2] for c in known if c is not None))}

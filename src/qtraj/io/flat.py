@@ -79,6 +79,20 @@ def unflatten(flat: Flat) -> xarray.Dataset:
     return xarray.Dataset(variables, coordinates, flat.header["attributes"])
 
 
+def require_header(header: Any) -> None:
+    """Raise a ValueError where a header lacks what `unflatten` reads, or holds other kinds of values."""
+    expected = {"rows": list, "dimensions": dict, "variables": dict, "attributes": dict}
+    known = isinstance(header, dict) and all(isinstance(header.get(key), kind) for key, kind in expected.items())
+    if not known or not isinstance(header.get("numbers", {}), dict):
+        raise ValueError(f"the header must be a table with {', '.join(expected)}")
+    for name, about in header["variables"].items():
+        parts = {"dims": list, "dtype": str, "coordinate": bool, "attributes": dict}
+        if not isinstance(about, dict) or not all(isinstance(about.get(key), kind) for key, kind in parts.items()):
+            raise ValueError(f"the header must tell of {name!r}: {', '.join(parts)}")
+        if not isinstance(about.get("columns", about.get("values")), list):
+            raise ValueError(f"the header must tell the columns or values of {name!r}")
+
+
 def kinds(header: dict[str, Any]) -> dict[str, str]:
     """What the values of each column are, by the header of a table."""
     found = {column: about["dtype"] for about in header["variables"].values() for column in about.get("columns", [])}

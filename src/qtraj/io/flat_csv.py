@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from qtraj.foundation.untrusted import parse_json, read_text
-from qtraj.io.flat import FORMAT, TEXT, Flat, kinds
+from qtraj.io.flat import FORMAT, TEXT, Flat, kinds, require_header
 
 MARK = "# "
 TRUTH = {"True": True, "False": False}
@@ -51,10 +51,11 @@ def read_csv(file: Path) -> Flat:
     if wrong := next((k for k, row in enumerate(rows, 1) if len(row) != len(names)), None):
         raise ValueError(f"{file}: row {wrong} has {len(rows[wrong - 1])} columns, but expected {len(names)}")
     try:
+        require_header(header)
         of = kinds(header)
         parts = zip(names, zip(*rows, strict=True), strict=True) if rows else ((name, ()) for name in names)
         return Flat({name: _parsed(texts, of[name]) for name, texts in parts}, header)
-    except (KeyError, ValueError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{file}: the table does not fit its header ({error})") from error
 
 

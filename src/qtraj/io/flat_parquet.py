@@ -8,7 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from qtraj.foundation.untrusted import parse_json
-from qtraj.io.flat import FORMAT, Flat
+from qtraj.io.flat import FORMAT, Flat, require_header
 
 KEY = b"qtraj"
 NUMBER = {"attributes": {"units": "1", "long_name": "number, from 0"}}
@@ -43,6 +43,10 @@ def read_parquet(file: Path) -> Flat:
         raise ValueError(f"{file}: the header cannot be read ({error})") from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise ValueError(f"{file}: this Parquet file holds no dataset of qtraj; pandas.read_parquet reads its columns")
+    try:
+        require_header(header)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from error
     return Flat({name: _values(table.column(name)) for name in table.column_names}, header)
 
 

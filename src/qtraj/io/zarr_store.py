@@ -36,8 +36,9 @@ def read_zarr(folder: Path) -> xarray.Dataset:
 def _metadata(folder: Path) -> list[Any]:
     found = []
     for file in sorted(file for name in METADATA for file in folder.rglob(name)):
+        text = read_text(file)
         try:
-            found.append(parse_json(read_text(file)))
+            found.append(parse_json(text))
         except ValueError as error:
             raise ValueError(f"{file}: cannot be read: {error}") from error
     return found

@@ -6,7 +6,7 @@ found, which is differentiated in forward and reverse mode and knows nothing of 
 
 from collections.abc import Callable
 
-import equinox.internal as eqxi
+import equinox.internal as eqxi  # for a loop whose length one batch shares; JAX offers it to nobody else
 import jax
 import jax.numpy as jnp
 import numpy as np

@@ -23,12 +23,13 @@ class Bend(NamedTuple):
     turn: float
 
 
-def bends(track: Track, least: float, spacing: float) -> list[Bend]:
-    """The bends that turn by at least `least` [rad], in order; neighbours turn opposite ways. None where it stands.
+def bends(track: Track, least: float, spacing: float, standstill: float = STANDSTILL) -> list[Bend]:
+    """The bends that turn by at least `least` [rad], in order; neighbours turn opposite ways.
 
-    Without recorded velocities the directions are those of chords of about `spacing` [m].
+    A track that stays within `standstill` [m] of its middle has none. Without recorded velocities the directions are
+    those of chords of about `spacing` [m].
     """
-    if reach(track) <= STANDSTILL:
+    if reach(track) <= standstill:
         return []
     times, direction = _travel(track, spacing)
     turning = _turning_points(direction, least)

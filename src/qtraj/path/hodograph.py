@@ -57,11 +57,11 @@ class AbstractHodograph(eqx.Module):
         return BoundaryState(r[0], r[1])
 
     def length(self) -> Scalar:
-        """Arc length ∫|ṙ|dt over the duration [m], to a relative 1e-9 (in float32, to 32 roundings).
+        """Arc length ∫|ṙ|dt over the duration [m], to a relative 1e-9 where the speed is smooth, and to 1e-6 at worst.
 
-        By Gauss–Legendre quadrature on panels that are halved until the length changes by no more than that. A million
-        speeds are the most: where they leave a change of more than 1e-6 the length is NaN. What happens between the
-        first thousand instants goes unseen.
+        By Gauss–Legendre quadrature on panels that are halved until the length changes by no more than 1e-9 (in float32
+        by 32 roundings). A million speeds are the most: where they leave a change of more than 1e-6 the length is NaN.
+        What happens between the first thousand instants goes unseen.
         """
         return _length(self)
 

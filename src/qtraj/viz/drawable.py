@@ -38,7 +38,7 @@ def drawable(given: Any, frame: Frame | None = None) -> xarray.Dataset:
             {"after": path}, limits, attributes=notes, frame=frame, findings={"after": given.certificate}
         )
     if isinstance(given, Fitted):
-        return path_dataset({"fitted": _one(given.path)}, frame=frame)
+        return path_dataset({"fitted": _one(given.path)}, frame=frame, fitted=given)
     if isinstance(given, AbstractHodograph):
         return path_dataset({"path": _one(given)}, frame=frame)
     if isinstance(given, AbstractResult):
@@ -66,8 +66,8 @@ def of_paths(given: Any) -> xarray.Dataset:
 
 
 def limits_of(tuned: Tuned) -> Limits:
-    """The limits that a tuning was given, as its certificate knows them."""
-    return Limits(**{name: limit for name, (_, _, limit) in tuned.certificate.worst.items()})
+    """The limits that a tuning was given, as its certificate knows them; a corridor is none of a path alone."""
+    return Limits(**{name: limit for name, (_, _, limit) in tuned.certificate.worst.items() if name in QUANTITIES})
 
 
 def _one(path: AbstractHodograph) -> Any:

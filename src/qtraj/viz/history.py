@@ -91,8 +91,13 @@ def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> 
     if (limit := variable.attrs.get("limit")) is not None:
         axes.axhline(limit, label=f"limit {limit:.4g}", **BOUND)
     drawn = [y for line in axes.lines for y in line.get_ydata()]
-    if (cut := spike([np.asarray(drawn)])) is not None:  # one stop would else scale the axis
-        axes.set_ylim(-0.03 * cut[0], max(cut[0], 1.08 * (limit or 0.0) if (limit or 0.0) <= cut[0] else 0.0))
+    sampled = [y for line in axes.lines if len(line.get_ydata()) > 2 for y in line.get_ydata()]
+    if (cut := spike([np.asarray(sampled)])) is not None:  # one stop would else scale the axis
+        top = max(cut[0], 1.08 * (limit or 0.0))
+        axes.set_ylim(-0.03 * top, top)
+        if max(sampled) > top:
+            note = f"values up to {max(sampled):.3g} lie outside"
+            axes.text(0.99, 0.97, note, transform=axes.transAxes, ha="right", va="top", fontsize="x-small")
     elif min(drawn) < FLAT * max(drawn):
         axes.set_ylim(-0.03 * max(drawn), 1.08 * max(drawn))  # lines at both ends are seen
     if limit is not None:

@@ -1,4 +1,4 @@
-"""What there is to say of a fit, as plain data and in words: one table for the terminal, JSON, datasets and reports."""
+"""The facts about a fit, as plain data and in words: one table for the terminal, JSON, datasets and reports."""
 
 import math
 from collections.abc import Mapping
@@ -44,7 +44,7 @@ def facts(fitted: Fitted) -> dict[str, Any]:
     code = ResultCode(int(fitted.code))
     return {
         "samples": int(found.samples),
-        **{name: None if value is None else float(value) for name, value in numbers.items()},
+        **{name: _known(value) for name, value in numbers.items()},
         "axis": np.asarray((path.placement or Placement()).origin)[:2].tolist(),
         "status": code.name,
         "successful": bool(fitted.successful),
@@ -87,6 +87,10 @@ def fact_rows(fit: Mapping[str, Any]) -> list[tuple[str, str]]:
     else:
         found.append(("velocities", "not recorded: those of the fitted path"))
     return found
+
+
+def _known(value: Any) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(value)
 
 
 def _percent(part: float | None) -> str:

@@ -129,7 +129,7 @@ def _in_the_plane(
 
 
 def _best(misfit: np.ndarray, outside: np.ndarray) -> int:
-    """The search with the least misfit and what leaves the bounds."""
+    """The search with the least penalised misfit: what leaves the bounds counts by its square."""
     cost = misfit + PENALTY**2 * np.maximum(outside, 0.0) ** 2
     return int(np.argmin(np.where(np.isfinite(cost), cost, np.inf)))
 

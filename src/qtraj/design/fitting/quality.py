@@ -19,7 +19,7 @@ class Quality(NamedTuple):
 
 
 LOOSE, POOR = Quality(0.03, 0.25), Quality(0.10, 0.50)
-"""Beyond the first a fit is loose, which is a warning, and beyond the second poor, which is none that succeeded."""
+"""Beyond the first a fit is loose, which is a warning; beyond the second it is poor, which is a failure."""
 
 
 def speed_misfit(path: SpiralHelix, track: Track) -> float:

@@ -46,7 +46,7 @@ class TurnProblem(eqx.Module):
     def errors(self, unknowns: Float[Array, " m"], shifts: Float[Array, "2 p"]) -> Float[Array, " k"]:
         """Weighted errors of position and velocity, and how far ρ leaves its bounds, in one vector.
 
-        `shifts` are the multipliers of the lower and the upper bound: how far outside ρ is taken to be besides.
+        `shifts` are the multipliers of the lower and the upper bound, as lengths that are added to the violation.
         """
         axis, of_radius, of_angle = unknowns[:2], unknowns[2 : 2 + TERMS], unknowns[2 + TERMS :]
         both, rates = jnp.stack([of_radius, of_angle]), jnp.stack([self.basis, self.slope])

@@ -43,7 +43,8 @@ def turn_of(track: Track, sigma: float) -> Turn:
     if count < FEWEST_SAMPLES:
         raise ValueError(f"a fit needs at least {FEWEST_SAMPLES} samples, but the window holds {count}: widen it")
     length = _moving_length(track, sigma)
-    turn, found = travel_turn(track, _standstill(sigma)), bends(track, LEAST_TURN, SPACING * sigma)
+    standstill = _standstill(sigma)
+    turn, found = travel_turn(track, standstill), bends(track, LEAST_TURN, SPACING * sigma, standstill)
     if abs(turn) < LEAST_TURN:
         raise ValueError(_winding(turn, length, found) if len(found) > 1 else _straight(turn, length))
     return Turn(length / abs(turn), length / max(abs(turn), sum(abs(bend.turn) for bend in found)))

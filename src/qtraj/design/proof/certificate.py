@@ -65,7 +65,7 @@ class Finding(NamedTuple):
             return f"without a value at t = {self.time:.4g} s, where the path stops or straightens"
         texts = f"{self.value:.6g}", with_unit(self.limit, quantity(self.name).unit)
         told = not self.met and self.value > self.limit and f"{self.limit:.6g}" == texts[0]
-        beyond = f" (larger by {self.value / self.limit - 1:.1e} of it)" if told else ""
+        beyond = f" (above it by a part of {self.value / self.limit - 1:.1e})" if told else ""
         return f"{texts[0]} of {texts[1]}{beyond} at t = {self.time:.4g} s"
 
 

@@ -4,7 +4,7 @@ At equal parts of the two durations, s = 2t/duration − 1, the square of the di
 polynomial in s wherever both radii are positive (see `CORRIDOR`), and that they are is proved as well.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -27,9 +27,28 @@ CHUNKS = 8
 """Of 30 intervals in which the largest distance is sought."""
 
 
+class Coefficients(NamedTuple):
+    """Of ρ, φ and h in t, and the duration [s]: of one spiral-helix, or of many with a batch in front."""
+
+    radius: Array
+    angle: Array
+    height: Array
+    duration: Array
+
+
+def coefficients(path: SpiralHelix, batch: tuple[int, ...]) -> Coefficients:
+    """The coefficients of paths with this batch, in rows; one path stands for all."""
+    own = len(path.duration.shape)
+
+    def rows(x: Array) -> Array:
+        return jnp.broadcast_to(x, (*batch, *x.shape[own:])).reshape(-1, *x.shape[own:])
+
+    return Coefficients(*map(rows, (path.radius, path.angle, path.height, path.duration)))
+
+
 @jax.jit
 def within(
-    path: SpiralHelix, reference: SpiralHelix, width: Float[Array, " paths"]
+    path: Coefficients, reference: Coefficients, width: Float[Array, " paths"]
 ) -> tuple[Int[Array, " paths"], PerPath, PerPath]:
     """What is known of paths (a batch in front) about the axes of their references: code, time [s], distance [m]."""
     offset, radii = _offsets(path, reference)
@@ -55,24 +74,32 @@ def within(
     return code.astype(jnp.int32), (at + 1) * 0.5 * path.duration, root(square)
 
 
-def distance(path: SpiralHelix, reference: SpiralHelix, t: Scalar) -> Scalar:
+def distance(path: Coefficients, reference: Coefficients, t: Scalar) -> Scalar:
     """The distance at time t [s] of a path, as `within` measures it; it can be differentiated."""
     u = t / jax.lax.stop_gradient(path.duration)
     own, given = (
         [jnp.polyval(c[::-1], u * p.duration) for c in (p.radius, p.angle, p.height)] for p in (path, reference)
     )
     outwards, angle, up = (a - b for a, b in zip(own, given, strict=True))
+    angle = angle - _whole_turns(path, reference)
     return root(CORRIDOR.numerator(Offset(outwards, angle, up, given[0])))
 
 
-def _offsets(path: SpiralHelix, reference: SpiralHelix) -> tuple[CellPolynomial, CellPolynomial]:
+def _offsets(path: Coefficients, reference: Coefficients) -> tuple[CellPolynomial, CellPolynomial]:
     """How far the paths are apart in ρ, φ and h, and both radii, as polynomials in s: small numbers beside large."""
     own = [_scaled(c, path.duration) for c in (path.radius, path.angle, path.height)]
     given = [_scaled(c, reference.duration) for c in (reference.radius, reference.angle, reference.height)]
     terms = max(c.shape[0] for c in (*own, *given))
     own, given = (jnp.stack([_filled(c, terms) for c in each]) for each in (own, given))
     radii = jnp.stack([own[0], given[0]])
+    given = given.at[1, 0].add(_whole_turns(path, reference))
     return _polynomial(own - given, jnp.abs(own) + jnp.abs(given)), _polynomial(radii, jnp.abs(radii))
+
+
+def _whole_turns(path: Coefficients, reference: Coefficients) -> Array:
+    """By which whole turns [rad] the azimuths of two paths begin apart: they mean the same place."""
+    turns = jnp.round((path.angle[..., 0] - reference.angle[..., 0]) / (2 * jnp.pi))
+    return 2 * jnp.pi * jax.lax.stop_gradient(turns)
 
 
 def _polynomial(numbers: Float[Array, "axes k paths"], sizes: Float[Array, "axes k paths"]) -> CellPolynomial:

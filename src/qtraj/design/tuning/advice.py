@@ -1,11 +1,12 @@
 """What would help where limits cannot be met: which to relax, or which boundary number to move, and how far.
 
 The least excess is a smooth function of the boundary data, whose gradient is that of the rows weighed by their
-multipliers (envelope theorem). A move is taken along it. Whatever is named as a help was solved, as `tune` does it, and
-its limits were met on the whole path.
+multipliers (envelope theorem). A move is taken along it. Whatever is named as a help was solved by
+sequential quadratic programming, from the same starts, and its limits were met on the whole path.
 """
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
@@ -38,7 +39,7 @@ RELAXED = 1e6
 """A limit times this limits nothing."""
 
 MARGINS = (1.0001, 1.01, 1.1)
-"""A limit raised to the least peak is raised so much more, until it is seen to be met."""
+"""A limit is raised to the least peak times the first of these with which the problem can be solved."""
 
 MOVES, TRIED, OVERSHOT = 5, 2, 1.3
 """Steps of one number, numbers tried, and how much farther than the tangent says a step goes."""
@@ -66,7 +67,13 @@ NUMBERS = (
 
 
 class Advisor:
-    """Advice on the problems of a batch, worked out once for each that is asked about."""
+    """Advice on the problems of a batch, worked out once for each that is asked about.
+
+    All advisors are equal: they are no part of what is compiled for a batch, nor of its structure. A batch keeps the
+    `number` of its own beside the place of each element, since JAX may hand on another one.
+    """
+
+    _numbers = itertools.count(1)
 
     def __init__(
         self,
@@ -78,10 +85,17 @@ class Advisor:
         most_steps: int,
         bounded: Collection[str],
     ):
+        self.number = next(self._numbers)
         self._given = tasks, names, found
         self._search = which, starts, most_steps
         self._bounded = bounded
         self._known: dict[int, str] = {}
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Advisor)
+
+    def __hash__(self) -> int:
+        return hash(Advisor)
 
     def __call__(self, place: int, code: ResultCode, tell: Report | None = None) -> str:
         """What to do about one problem that ended so: what would help, and which variable went too far."""
@@ -129,12 +143,12 @@ class _Search(NamedTuple):
         return least_violation(tasks, self.which, found, self.most_steps, self.tell)
 
     def solved(self, tasks: Task) -> Found:
-        """The best of searches from all starts, as `tune` does it."""
+        """The best of searches from all starts, by sequential quadratic programming."""
         method = SequentialQuadratic(self.most_steps)
         return best_of_each(method, tasks, self.which, self.starts, self.most_steps, self.tell)
 
     def can_be_met(self, tasks: Task, names: Sequence[str]) -> bool:
-        """Whether `tune` meets the limits of one problem (a batch of one), on the whole path."""
+        """Whether searches meet the limits of one problem (a batch of one), on the whole path."""
         found = self.solved(tasks)
         if float(found.violation[0]) > FEASIBLE:
             return False
@@ -185,7 +199,7 @@ def _raise(
 ) -> list[str]:
     """To what the violated limits may be raised, in words; nothing where no such limits were seen to be met."""
     for margin in MARGINS:
-        raised = {name: margin * worst[name] * given[name] for name in violated}
+        raised = {name: float(f"{margin * worst[name] * given[name]:.6g}") for name in violated}
         new = np.array(tasks.limits, float)
         new[0, : len(given)] = [AIM * raised.get(name, limit) for name, limit in given.items()]
         if search.can_be_met(dataclasses.replace(tasks, limits=new), [*given]):

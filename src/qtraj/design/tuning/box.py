@@ -29,7 +29,10 @@ def require_names(motion: AbstractMotion, objective: AbstractObjective, fixed: S
             continue
         if name not in names:
             hint = " (uniform motion has V_phi = rho·turn/duration: bound the duration)" if name in VELOCITIES else ""
-            raise ValueError(f"{name!r} is no variable of this problem{hint}: its variables are {', '.join(names)}")
+            raise ValueError(
+                f"{name!r} is no variable of this problem{hint}: its variables are {', '.join(names)}; fixed also "
+                f"takes {', '.join(HEADINGS)}"
+            )
         if name in fixed and name in bounds:
             raise ValueError(f"{name} is both fixed and bounded: leave one out")
     for name in (held_by(x) for x in fixed if x in HEADINGS):
@@ -79,7 +82,19 @@ def box(problem: Problem, fixed: Sequence[str], bounds: Bounds) -> tuple[Variabl
         # What is not bounded reaches far, and from a bound that is itself far as far again.
         low.append(below if below is not None else jnp.minimum(-farthest, (0.0 if above is None else above) - farthest))
         high.append(above if above is not None else jnp.maximum(farthest, (0.0 if below is None else below) + farthest))
+    forwards = [_forwards(problem, name, fixed) for name in problem.names]
+    low = [below if way is None else jnp.maximum(below, way[0]) for below, way in zip(low, forwards, strict=True)]
+    high = [above if way is None else jnp.minimum(above, way[1]) for above, way in zip(high, forwards, strict=True)]
     return _stacked(low, problem), _stacked(high, problem)
+
+
+def _forwards(problem: Problem, name: str, fixed: Sequence[str]) -> tuple[Scalar, Scalar] | None:
+    """Between which values V_φ keeps its sign, where the heading is fixed: else the vehicle would drive backwards."""
+    end, _, component = name.partition(".")
+    if component != "V_phi" or f"{end}.heading" not in fixed:
+        return None
+    zero = _variable(problem, name, 0.0)
+    return jnp.where(zero < 0, zero, -jnp.inf), jnp.where(zero > 0, zero, jnp.inf)
 
 
 def at_the_wall(names: Sequence[str], z: Float[np.ndarray, " n"], named: Collection[str]) -> str:

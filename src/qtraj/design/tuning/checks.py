@@ -25,8 +25,9 @@ from qtraj.path.quantity import CORRIDOR, QUANTITIES, quantity
 BOUNDING = tuple(name for name, entry in QUANTITIES.items() if entry.per_time > 0 and entry.bounds_speed)
 """Limits of which a fastest path needs one, not to arrive at once."""
 
-FAR = 100.0
-"""Without a placement, an axis that is so many distances of the states away was hardly meant."""
+FAR, FAR_OF_LOOPS = 100.0, 1e4
+"""Without a placement, an axis that is more than so many distances of the states away was hardly meant: for a small
+turn, and for one beyond half a revolution, whose ends may lie close together."""
 
 TURN_TOLERANCE = 1e-6
 """[rad] A given turn may miss the azimuth of the end by this much."""
@@ -142,7 +143,8 @@ def _not_finite(data: _Data) -> Any:
 def _far(data: _Data) -> Any:
     a, b = data.problem.start, data.problem.end
     apart = data.xp.sqrt(data.xp.sum((b.planar - a.planar) ** 2, axis=-1))
-    return (data.xp.minimum(a.radius, b.radius) > FAR * apart) & (not data.placed) & (apart > 0)
+    most = data.xp.where(data.xp.abs(data.problem.turn) > np.pi, FAR_OF_LOOPS, FAR)
+    return (data.xp.minimum(a.radius, b.radius) > most * apart) & (not data.placed) & (apart > 0)
 
 
 def _senses_oppose(data: _Data) -> Any:

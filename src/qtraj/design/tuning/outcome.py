@@ -50,8 +50,8 @@ class Tuned(AbstractOutcome):
     `path`, with its boundary states `start` and `end` (world axes); `objective`, the attained value in its own units;
     `certificate`, the findings on the given limits; `code`, a `ResultCode`, `status`, the same in a word, and `result`,
     the same in words with what to do; `iterations`, the steps of the search that won. `advice` says what would help
-    where the limits cannot be met; of many problems `advisor` works it out for the one at `place` when its `result` is
-    asked for. `outcome[k]` is one of many.
+    where the limits cannot be met; of many problems `advisor` works it out when the `result` of one is asked for, whose
+    `place` holds the number of its advisor and the row there. `outcome[k]` is one of many.
     """
 
     path: SpiralHelix
@@ -63,7 +63,7 @@ class Tuned(AbstractOutcome):
     iterations: Int[Array, "*lanes"]
     advice: str = eqx.field(static=True)
     advisor: Advisor | None = eqx.field(static=True)
-    place: Int[Array, "*lanes"] | None
+    place: Int[Array, "*lanes 2"] | None
 
     def __init__(
         self,
@@ -108,7 +108,8 @@ class Tuned(AbstractOutcome):
         code, place = known_codes(self)[at], concrete(self.place)
         if self.advisor is None or place is None or code >= ILL_POSED:
             return self.advice
-        return self.advisor(int(place[at]), ResultCode(int(code)))
+        number, row = place[at].tolist()
+        return self.advisor(row, ResultCode(int(code))) if number == self.advisor.number else self.advice
 
     def record(self) -> Record:
         """Path, boundary states and findings, with the objective and how the search ended."""

@@ -147,7 +147,8 @@ def tune(
     outcome = _outcome(tasks, limits, corridor, filled, data[0], data[1], batch, placement, faults)
     advisor = Advisor(own, which, names, found, starts, max_steps, bounds)
     if batch:
-        outcome = dataclasses.replace(outcome, advisor=advisor, place=np.arange(count))
+        place = np.stack([np.full(count, advisor.number), np.arange(count)], axis=1)
+        outcome = dataclasses.replace(outcome, advisor=advisor, place=place)
     else:
         outcome = dataclasses.replace(outcome, advice=advisor(0, ResultCode(int(outcome.code)), tell))
     return outcome.check() if throw else outcome
@@ -261,13 +262,16 @@ def _outcome(
     path, objective, first, last = jax.tree.map(own, reached(tasks.problem, z, start, end))
     reference = None
     if corridor is not None:
-        reference = jax.tree.map(own, reached(tasks.problem, 0.0 * z, start, end)[0])
+        reference = jax.tree.map(own, reached(tasks.problem, jnp.zeros_like(z), start, end)[0])
     if placement is None:
         path = eqx.tree_at(lambda path: path.placement, path, None)
         reference = None if reference is None else eqx.tree_at(lambda path: path.placement, reference, None)
     bad = faults != ResultCode.successful
     if traced or np.any(bad):
+        axis = path.placement
         path, objective, first, last = _without((path, objective, first, last), bad)
+        # The axis must stay that of the given path.
+        path = eqx.tree_at(lambda path: path.placement, path, axis, is_leaf=lambda x: x is None)
     certificate = certify(path, limits, corridor=corridor, reference=reference)
     code = _code(own(found.settled), own(found.violation), certificate.codes <= SAMPLED)
     xp: Any = jnp if traced else np

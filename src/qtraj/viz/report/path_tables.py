@@ -53,7 +53,8 @@ def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
                 heading = f"{limit_name.replace('_', ' ')} [{unit(path[name].attrs['units'])}]"
                 rows.append([heading, label, *found])
     for label, path in paths.items():
-        if str(path.get(f"finding_{CORRIDOR.name}", "")):
+        finding = f"finding_{CORRIDOR.name}"
+        if finding in path and str(path[finding].values):
             rows.append([f"{CORRIDOR.name} [{CORRIDOR.label}]", label, *_known(path, CORRIDOR.name)])
     known = [f"{status}: {PROOFS[status]}" for status in dict.fromkeys(row[-1] for row in rows) if status in PROOFS]
     note = "; ".join(
