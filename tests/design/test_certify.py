@@ -117,7 +117,7 @@ def test_the_horizontal_flip_is_undefined_and_said_where(end, status):
     if status == "undefined":
         assert time / float(path.duration) == pytest.approx(0.1689, abs=5e-5)
         assert math.isnan(value)
-        assert "does not exist" in found.describe("torsion")
+        assert "without a value" in found.describe("torsion")
         assert not found.met
 
 

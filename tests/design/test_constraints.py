@@ -59,7 +59,7 @@ def test_derivatives_are_those_of_the_definition(motion, placement, objective, n
     @jax.jit
     def found(index):
         at, changed = changes(problem, z, problem.slopes(z)[0])
-        here = constraints.Setting(at, problem.slopes(z)[1], problem.axes)
+        here = constraints.Setting(at, problem.slopes(z)[1], problem.axes, given(problem))
         parts = here, changed, index, LIMIT, PLACES
         return expansions(*parts), slopes(*parts)
 

@@ -153,7 +153,10 @@ class ResultCode(enum.IntEnum):
         "a fixed heading needs a velocity about the axis (V_phi not zero) at that end. Leave it out of fixed, or give "
         "a placement whose axis lies elsewhere.",
     )
-    state_not_finite = ILL_POSED + 10, "a boundary position, a velocity or the placement is NaN or infinite."
+    state_not_finite = (
+        ILL_POSED + 10,
+        "a boundary position, a velocity or the placement is NaN or infinite. Give finite numbers.",
+    )
 
 
 MESSAGES = tuple(code.text for code in ResultCode)

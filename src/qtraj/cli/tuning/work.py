@@ -55,7 +55,8 @@ def solve(given: ScenarioFile[Scenario], choice: Choice, watch: Watch) -> tuple[
     job = lay(given, choice)
     try:
         watch.say("judging the path")
-        before = certify(job.path, job.limits, corridor=job.corridor, reference=job.path)
+        reference = None if job.corridor is None else job.path
+        before = certify(job.path, job.limits, corridor=job.corridor, reference=reference)
         watch.say("tuning")
         best = tune(**job.tuning(), progress=watch.tuning)
     except ValueError as error:

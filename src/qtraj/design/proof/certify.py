@@ -14,17 +14,15 @@ from jaxtyping import Array, Float
 from qtraj.algebra.quaternion import conjugate, rotate
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import Certificate
-from qtraj.design.proof.corridor import coefficients, distance, within
+from qtraj.design.proof.corridor import with_corridor
 from qtraj.design.proof.inequalities import Parts, Vectors, parts
 from qtraj.design.proof.judge import COUNT, LIMITS, Along, Findings, Scale, judge, present
 from qtraj.foundation import cores
-from qtraj.foundation.arrays import as_float, concrete, require_positive
+from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials
-from qtraj.path.placement import Placement
-from qtraj.path.quantity import CORRIDOR
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.values import turned, value
 
@@ -75,42 +73,8 @@ def certify(
         raise ValueError("a reference was given without a corridor, its largest distance: pass corridor= beside it")
     found = _certified(path, limits)
     if corridor is not None:
-        found = _with_corridor(found, path, reference, as_float(corridor))
+        found = with_corridor(found, path, reference, as_float(corridor))
     return found.check() if throw else found
-
-
-def _with_corridor(found: Certificate, path: Any, reference: Any, width: Array) -> Certificate:
-    """Findings with one more, on the distance from a reference."""
-    if not (isinstance(path, SpiralHelix) and isinstance(reference, SpiralHelix)):
-        raise ValueError(
-            "a corridor needs a spiral-helix and its reference, another one: pass reference= beside corridor="
-        )
-    require_float64(path)
-    require_positive(width, "the corridor", CORRIDOR.label)
-    batch = path.duration.shape
-    if width.shape not in ((), batch) or reference.duration.shape not in ((), batch):
-        raise ValueError(
-            f"the paths have the batch {batch}, but the corridor has the shape {width.shape} and the reference the "
-            f"batch {reference.duration.shape}: give one for all, or one for each"
-        )
-    axes = [p.placement or Placement() for p in (path, reference)]
-    if not all(map(_may_agree, *map(jax.tree.leaves, axes))):
-        raise ValueError("a corridor needs a path and a reference about the same axis, but their placements differ")
-
-    own, given = coefficients(path, batch), coefficients(reference, batch)
-    wide = jnp.broadcast_to(width, batch).astype(path.duration.dtype)
-    codes, times, values = within(*jax.lax.stop_gradient((own, given, wide.reshape(-1))))
-    if any(isinstance(x, Tracer) for x in jax.tree.leaves((path, reference, width))):
-        values = jax.vmap(distance)(own, given, times)
-    columns = [x.reshape(*batch, 1) for x in (codes, times, values)]
-    both = (found.codes, found.times, found.values, found.limits), (*columns, wide[..., None])
-    return Certificate((*found.names, CORRIDOR.name), *(jnp.concatenate(x, axis=-1) for x in zip(*both, strict=True)))
-
-
-def _may_agree(one: Array, other: Array) -> bool:
-    """Whether arrays that are known are equal, one of them perhaps for all."""
-    a, b = concrete(one), concrete(other)
-    return a is None or b is None or bool(np.all(a == b))
 
 
 def _certified(path: AbstractHodograph, limits: Limits) -> Certificate:

@@ -8,16 +8,20 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
 from qtraj.algebra.cells import Cells, PerPath
 from qtraj.algebra.chebyshev_model import AXIS, TINY, ChebyshevModel, after, multiple
 from qtraj.algebra.positivity import NEGATIVE, POSITIVE, positive
-from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
+from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED, Certificate
 from qtraj.design.proof.inequalities import centred, squared_bound
 from qtraj.design.proof.search import highest
+from qtraj.foundation.arrays import concrete, require_positive
 from qtraj.foundation.types import Scalar
+from qtraj.path.placement import Placement
 from qtraj.path.quantity import CORRIDOR, Offset
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.values import root
@@ -44,6 +48,42 @@ def coefficients(path: SpiralHelix, batch: tuple[int, ...]) -> Coefficients:
         return jnp.broadcast_to(x, (*batch, *x.shape[own:])).reshape(-1, *x.shape[own:])
 
     return Coefficients(*map(rows, (path.radius, path.angle, path.height, path.duration)))
+
+
+def with_corridor(found: Certificate, path: Any, reference: Any, width: Array) -> Certificate:
+    """Findings in float64 with one more, on the distance from a reference.
+
+    **Raises:** ValueError for what is no spiral-helix, another axis, or a corridor that is not positive.
+    """
+    if not (isinstance(path, SpiralHelix) and isinstance(reference, SpiralHelix)):
+        raise ValueError(
+            "a corridor needs a spiral-helix and its reference, another one: pass reference= beside corridor="
+        )
+    require_positive(width, "the corridor", CORRIDOR.label)
+    batch = path.duration.shape
+    if width.shape not in ((), batch) or reference.duration.shape not in ((), batch):
+        raise ValueError(
+            f"the paths have the batch {batch}, but the corridor has the shape {width.shape} and the reference the "
+            f"batch {reference.duration.shape}: give one for all, or one for each"
+        )
+    axes = [p.placement or Placement() for p in (path, reference)]
+    if not all(map(_may_agree, *map(jax.tree.leaves, axes))):
+        raise ValueError("a corridor needs a path and a reference about the same axis, but their placements differ")
+
+    own, given = coefficients(path, batch), coefficients(reference, batch)
+    wide = jnp.broadcast_to(width, batch).astype(path.duration.dtype)
+    codes, times, values = within(*jax.lax.stop_gradient((own, given, wide.reshape(-1))))
+    if any(isinstance(x, Tracer) for x in jax.tree.leaves((path, reference, width))):
+        values = jax.vmap(distance)(own, given, times)
+    columns = [x.reshape(*batch, 1) for x in (codes, times, values)]
+    both = (found.codes, found.times, found.values, found.limits), (*columns, wide[..., None])
+    return Certificate((*found.names, CORRIDOR.name), *(jnp.concatenate(x, axis=-1) for x in zip(*both, strict=True)))
+
+
+def _may_agree(one: Array, other: Array) -> bool:
+    """Whether arrays that are known are equal, one of them perhaps for all."""
+    a, b = concrete(one), concrete(other)
+    return a is None or b is None or bool(np.all(a == b))
 
 
 @jax.jit

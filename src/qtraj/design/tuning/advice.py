@@ -6,9 +6,8 @@ sequential quadratic programming, from the same starts, and its limits were met 
 """
 
 import dataclasses
-import itertools
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -19,7 +18,6 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certify import certify
-from qtraj.design.tuning.box import at_the_wall
 from qtraj.design.tuning.constraints import values
 from qtraj.design.tuning.model import setting
 from qtraj.design.tuning.multistart import best_of_each, least_violation, take, without_objective
@@ -29,7 +27,6 @@ from qtraj.design.tuning.search import Found
 from qtraj.design.tuning.sqp import FEASIBLE, SequentialQuadratic
 from qtraj.design.tuning.task import AIM, Present, Task
 from qtraj.foundation.arrays import as_float
-from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress import Report
 from qtraj.foundation.types import Scalar
 from qtraj.foundation.units import with_unit
@@ -66,71 +63,7 @@ NUMBERS = (
 )
 
 
-class Advisor:
-    """Advice on the problems of a batch, worked out once for each that is asked about.
-
-    All advisors are equal: they are no part of what is compiled for a batch, nor of its structure. A batch keeps the
-    `number` of its own beside the place of each element, since JAX may hand on another one.
-    """
-
-    _numbers = itertools.count(1)
-
-    def __init__(
-        self,
-        tasks: Task,
-        which: Present,
-        names: Sequence[str],
-        found: Found,
-        starts: int,
-        most_steps: int,
-        bounded: Collection[str],
-    ):
-        self.number = next(self._numbers)
-        self._given = tasks, names, found
-        self._search = which, starts, most_steps
-        self._bounded = bounded
-        self._known: dict[int, str] = {}
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Advisor)
-
-    def __hash__(self) -> int:
-        return hash(Advisor)
-
-    def __call__(self, place: int, code: ResultCode, tell: Report | None = None) -> str:
-        """What to do about one problem that ended so: what would help, and which variable went too far."""
-        if place not in self._known:
-            self._known[place] = " ".join(filter(None, self._words(place, code, tell)))
-        return self._known[place]
-
-    def _words(self, place: int, code: ResultCode, tell: Report | None) -> list[str]:
-        tasks, names, found = self._given
-        one, at = take(tasks, slice(place, place + 1)), take(found, slice(place, place + 1))
-        search = _Search(*self._search, tell)
-        words = [at_the_wall(tasks.problem.names, np.asarray(at.z[0]), self._bounded)]
-        if code != ResultCode.successful:
-            words = [at_a_stop(take(one.problem, 0), names), *words]
-        if code == ResultCode.infeasible:
-            return [advice(one, names, at, search), *words]
-        if code == ResultCode.not_converged and not words[0]:
-            more = "a larger max_steps, " if int(at.steps[0]) >= search.most_steps else ""
-            words.append(f"Try {more}more starts, other starting velocities, or wider limits.")
-        return words
-
-
-def at_a_stop(problem: Problem, names: Sequence[str]) -> str:
-    """What to say where a given state stands still, of limits that divide by the speed."""
-    divided = [name for name in names if quantity(name).divisor not in (None, "level")]
-    ends = [x for x in ("start", "end") if not np.any(np.asarray(getattr(problem, x).velocity))]
-    if not (divided and ends):
-        return ""
-    return (
-        f"The given {' and '.join(ends)} stands still, where {', '.join(divided)} may grow without bound. Give a small "
-        "velocity there, or limit speed, acceleration or jerk instead."
-    )
-
-
-class _Search(NamedTuple):
+class Search(NamedTuple):
     """What all searches of one piece of advice share."""
 
     which: Present
@@ -162,7 +95,7 @@ class _Search(NamedTuple):
 _path = eqx.filter_jit(lambda problem, z: problem.path(z))
 
 
-def advice(tasks: Task, names: Sequence[str], found: Found, search: _Search) -> str:
+def advice(tasks: Task, names: Sequence[str], found: Found, search: Search) -> str:
     """What to do about the limits of one problem (a batch of one), from where it violates them least."""
     tasks = without_objective(tasks)
     # As the search sees them: a limit that is next to nothing counts as more.
@@ -195,7 +128,7 @@ def _verdict(name: str, alone: float, limit: float) -> str:
 
 
 def _raise(
-    tasks: Task, given: dict[str, float], worst: dict[str, float], violated: list[str], search: _Search
+    tasks: Task, given: dict[str, float], worst: dict[str, float], violated: list[str], search: Search
 ) -> list[str]:
     """To what the violated limits may be raised, in words; nothing where no such limits were seen to be met."""
     for margin in MARGINS:
@@ -212,7 +145,7 @@ def _ratios(found: Found) -> Float[np.ndarray, "batch slots"]:
     return np.sqrt(np.maximum(1 + 2 * np.max(np.asarray(found.values), axis=2), 0.0))
 
 
-def _least_alone(tasks: Task, slot: int, search: _Search) -> float:
+def _least_alone(tasks: Task, slot: int, search: Search) -> float:
     """The least peak of one quantity over its limit, found with every other limit relaxed."""
     others = np.arange(tasks.limits.shape[1]) != slot
     relaxed = np.where(others, RELAXED * np.asarray(tasks.limits), tasks.limits)
@@ -220,7 +153,7 @@ def _least_alone(tasks: Task, slot: int, search: _Search) -> float:
     return math.sqrt(1 + 2 * float(ended.violation[0]))
 
 
-def _move(tasks: Task, given: dict[str, float], found: Found, search: _Search) -> list[str]:
+def _move(tasks: Task, given: dict[str, float], found: Found, search: Search) -> list[str]:
     """The move of one boundary number that helps, in words; the one that is moved least, of those that do."""
     steps = _tangents(tasks, found, search.which)
     for k in sorted(range(len(NUMBERS)), key=lambda k: abs(steps[k][1]))[:TRIED]:
@@ -232,7 +165,7 @@ def _move(tasks: Task, given: dict[str, float], found: Found, search: _Search) -
     return []
 
 
-def _moved_until_met(tasks: Task, given: dict[str, float], found: Found, k: int, search: _Search) -> float | None:
+def _moved_until_met(tasks: Task, given: dict[str, float], found: Found, k: int, search: Search) -> float | None:
     number, problem = NUMBERS[k], take(tasks.problem, 0)
     first, size = float(_value(problem, number)), _size(problem, number)
     for _ in range(MOVES):

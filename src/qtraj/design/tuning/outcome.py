@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.proof.certificate import Certificate
-from qtraj.design.tuning.advice import Advisor
+from qtraj.design.tuning.advisor import Advisor
 from qtraj.design.tuning.verdict import verdict
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_array, as_float, concrete, part, require_lane

@@ -12,31 +12,26 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from qtraj.design.limits import Limits
-from qtraj.design.proof.certificate import SAMPLED
-from qtraj.design.proof.certify import certify
 from qtraj.design.tuning import multistart
-from qtraj.design.tuning.advice import Advisor
+from qtraj.design.tuning.advisor import Advisor
 from qtraj.design.tuning.box import Bounds, box, require_names, weights_of
 from qtraj.design.tuning.checks import ill_posed, require_choices, require_sound
+from qtraj.design.tuning.ended import outcome_of
 from qtraj.design.tuning.methods import Method, method_of
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.motions.registry import motion_of
 from qtraj.design.tuning.multistart import take
 from qtraj.design.tuning.objectives.registry import Objective, objective_of
-from qtraj.design.tuning.outcome import CONVERGED, INFEASIBLE, NOT_CONVERGED, Tuned
+from qtraj.design.tuning.outcome import Tuned
 from qtraj.design.tuning.problem import Problem, pose
-from qtraj.design.tuning.search import Found
-from qtraj.design.tuning.sensitivity import solution
-from qtraj.design.tuning.sqp import FEASIBLE
 from qtraj.design.tuning.task import Task, by_slots, names_of, present
-from qtraj.foundation.arrays import as_array, as_float, part
+from qtraj.foundation.arrays import as_array, as_float
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress import Report, throttled
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.boundary_problem import whole_turns
 from qtraj.path.placement import Placement
-from qtraj.path.spiral_helix import SpiralHelix
 
 SMALLEST_BATCH = 8
 """Batches are filled up to a power of two from here on, so that most sizes share what is compiled."""
@@ -138,13 +133,13 @@ def tune(
     faults = ill_posed(given, turn, limits, corridor, placement is not None)
     if traced:
         found = multistart.best_of(search, jax.lax.stop_gradient(tasks), which, starts)
-        outcome = _outcome(tasks, limits, corridor, found, start, end, batch, placement, faults)
+        outcome = outcome_of(tasks, limits, corridor, found, start, end, batch, placement, faults)
         return outcome.check() if throw else outcome
     own = jax.tree.map(lambda x: np.asarray(x)[:count], tasks)
     tell = None if progress is None else throttled(progress)
     found = multistart.best_of_each(search, own, which, starts, max_steps, tell)
     filled = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], size - count, axis=0)]), found)
-    outcome = _outcome(tasks, limits, corridor, filled, data[0], data[1], batch, placement, faults)
+    outcome = outcome_of(tasks, limits, corridor, filled, data[0], data[1], batch, placement, faults)
     advisor = Advisor(own, which, names, found, starts, max_steps, bounds)
     if batch:
         place = np.stack([np.full(count, advisor.number), np.arange(count)], axis=1)
@@ -236,75 +231,3 @@ def _filled(parts: tuple[Any, ...], batch: tuple[int, ...], size: int) -> tuple[
         data.append(jax.tree.map(lambda x, plain=plain: filled(x, plain), each))
         axes.append(jax.tree.map(lambda x, plain=plain: 0 if x.ndim > plain else None, each))
     return tuple(data), tuple(axes)
-
-
-def _outcome(
-    tasks: Task,
-    limits: Limits,
-    corridor: Array | None,
-    found: Found,
-    start: BoundaryState,
-    end: BoundaryState,
-    batch: tuple[int, ...],
-    placement: Placement | None,
-    faults: Any,
-) -> Tuned:
-    """The outcome, from a batch that may be filled up; `faults` are the codes of what is ill-posed."""
-    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tasks))
-    if traced:
-        names, at = names_of(limits, corridor), jax.lax.stop_gradient(found)
-        z = jax.vmap(lambda task, at: solution(task, at, names))(tasks, at)
-    else:
-        z = found.z
-    # A callable objective may hold arrays, which are constants of the problem: it is not traced.
-    reached = _reached if tasks.problem.objective.is_smooth else _paths
-    own = lambda x: part(x, slice(0, batch[0]) if batch else 0)  # noqa: E731
-    path, objective, first, last = jax.tree.map(own, reached(tasks.problem, z, start, end))
-    reference = None
-    if corridor is not None:
-        reference = jax.tree.map(own, reached(tasks.problem, jnp.zeros_like(z), start, end)[0])
-    if placement is None:
-        path = eqx.tree_at(lambda path: path.placement, path, None)
-        reference = None if reference is None else eqx.tree_at(lambda path: path.placement, reference, None)
-    bad = faults != ResultCode.successful
-    if traced or np.any(bad):
-        axis = path.placement
-        path, objective, first, last = _without((path, objective, first, last), bad)
-        # The axis must stay that of the given path.
-        path = eqx.tree_at(lambda path: path.placement, path, axis, is_leaf=lambda x: x is None)
-    certificate = certify(path, limits, corridor=corridor, reference=reference)
-    code = _code(own(found.settled), own(found.violation), certificate.codes <= SAMPLED)
-    xp: Any = jnp if traced else np
-    code = xp.where(bad, faults, code).astype(np.int32)
-    return Tuned(path, first, last, objective, certificate, code, own(found.steps))
-
-
-def _without(data: Any, bad: Any) -> Any:
-    """`data` with NaN in the elements that are bad."""
-    return jax.tree.map(lambda x: jnp.where(jnp.expand_dims(bad, range(bad.ndim, x.ndim)), jnp.nan, x), data)
-
-
-def _code(settled: Any, violation: Any, met: Any) -> Any:
-    """How a tuning ended, whose path has findings that are met or not."""
-    xp: Any = jnp if any(isinstance(x, Tracer) for x in (settled, violation, met)) else np
-    every = xp.all(xp.asarray(met), axis=-1)
-    feasible = xp.asarray(violation) <= FEASIBLE
-    code = xp.where(xp.asarray(settled) & every & feasible, CONVERGED, NOT_CONVERGED)
-    return xp.where(~feasible & ~every, INFEASIBLE, code).astype(np.int32)
-
-
-def _paths(
-    problems: Problem, z: Float[Array, "batch n"], start: BoundaryState, end: BoundaryState
-) -> tuple[SpiralHelix, Array, BoundaryState, BoundaryState]:
-    """The paths of the solutions, the objectives there, and their boundary states."""
-
-    def one(problem: Problem, z: Array, start: BoundaryState, end: BoundaryState) -> tuple[Any, ...]:
-        path = problem.path(z)
-        first = BoundaryState(start.position, path.velocity(0.0))
-        last = BoundaryState(end.position, path.velocity(path.duration))
-        return path, problem.objective.value(problem, z), first, last
-
-    return jax.vmap(one)(problems, z, start, end)
-
-
-_reached = eqx.filter_jit(_paths)
