@@ -69,6 +69,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to 
     from qtraj.path.placement import Placement as Placement
     from qtraj.path.residual import Residual as Residual
     from qtraj.path.spiral_helix import SpiralHelix as SpiralHelix
+    from qtraj.path.thrust_aligned import ThrustAligned as ThrustAligned
     from qtraj.path.track import Track as Track
     from qtraj.path.trihedral import (
         Natural as Natural,
@@ -122,6 +123,7 @@ _HOMES = {
     "qtraj.path.placement": ("Placement",),
     "qtraj.path.residual": ("Residual",),
     "qtraj.path.spiral_helix": ("SpiralHelix",),
+    "qtraj.path.thrust_aligned": ("ThrustAligned",),
     "qtraj.path.track": ("Track",),
     "qtraj.path.trihedral": ("Natural", "Trihedral", "Upright", "trihedral"),
 }

@@ -39,9 +39,10 @@ def evaluate(
 
     One path gives a `Table` of arrays (n, …), b paths (b, n, …); with `components="first"` the components' axes lead.
     Either way each component lies contiguously in memory. `outputs` are names of `Table`: vectors, frames, and every
-    path quantity. `frame` is the trihedral to hang on the path: `Natural()` (the default), `Upright()`, or
-    `RotationMinimizing()`. Labels of `to_xarray()` follow it: tangent, normal, binormal, or forward, left, up. A
-    quaternion's sign is free at each instant; `continuous=True` chooses it so that neighbours in time agree.
+    path quantity. `frame` is the trihedral to hang on the path: `Natural()` (the default), `Upright()`,
+    `ThrustAligned()`, or `RotationMinimizing()`. Labels of `to_xarray()` follow it: tangent, normal, binormal, or
+    forward, left, up. A quaternion's sign is free at each instant; `continuous=True` chooses it so that
+    neighbours in time agree.
 
     `reduce` "max", "min", "integral" (trapezoidal rule) or "mean" gives a `Reduced` over the instants instead, and no
     sample is stored. `devices` to spread the work over are all local ones, if there is enough to do. `reuse` is the
