@@ -50,6 +50,11 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to 
     from qtraj.motion.programs.euler_turn import EulerTurn as EulerTurn, TurnChain as TurnChain
     from qtraj.motion.programs.frame_program import FrameProgram as FrameProgram
     from qtraj.motion.programs.rotation_minimizing import RotationMinimizing as RotationMinimizing
+    from qtraj.motion.programs.slew_torque import (
+        TorquePeak as TorquePeak,
+        peak_torque as peak_torque,
+        within_torque as within_torque,
+    )
     from qtraj.motion.programs.table_program import TableProgram as TableProgram
     from qtraj.motion.propagation.gauss_legendre import GaussLegendre as GaussLegendre
     from qtraj.motion.propagation.magnus import Magnus as Magnus
@@ -115,6 +120,7 @@ _HOMES = {
     "qtraj.motion.programs.euler_turn": ("EulerTurn", "TurnChain"),
     "qtraj.motion.programs.frame_program": ("FrameProgram",),
     "qtraj.motion.programs.rotation_minimizing": ("RotationMinimizing",),
+    "qtraj.motion.programs.slew_torque": ("TorquePeak", "peak_torque", "within_torque"),
     "qtraj.motion.programs.table_program": ("TableProgram",),
     "qtraj.motion.propagation.gauss_legendre": ("GaussLegendre",),
     "qtraj.motion.propagation.magnus": ("Magnus",),

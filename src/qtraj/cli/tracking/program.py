@@ -21,6 +21,7 @@ from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
 from qtraj.motion.programs.frame_program import FrameProgram
 from qtraj.motion.programs.rotation_minimizing import RotationMinimizing, name_of
+from qtraj.motion.programs.slew_torque import within_torque
 from qtraj.path.frame_axes import MINIMIZING, NATURAL, THRUST_ALIGNED, UPRIGHT
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.thrust_aligned import ThrustAligned
@@ -83,6 +84,8 @@ def _turn(part: TurnPart, angles: str) -> EulerTurn | TurnChain:
             law = SMOOTH[part.law.kind](duration=part.law.duration, **limits)
             for angle in np.atleast_1d(program.angle if isinstance(program, EulerTurn) else program.angles):
                 law.profile(angle)  # which tells what is broken
+        if part.body is not None and part.body.max_torque is not None:
+            program = within_torque(program, part.body.inertia, part.body.max_torque)
     except ValueError as error:
         raise ValueError(f"in [program.turn], {error}") from error
     return program
