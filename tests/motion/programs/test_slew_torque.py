@@ -121,7 +121,7 @@ def test_a_chain_keeps_the_limit_in_every_turn():
     used = np.abs(torques(chain, TENSOR, np.linspace(0, float(chain.duration), 5001)[:-1])) / LIMITS["axes"]
     assert 0.999 < used.max() <= 1 + 1e-11
     peak = qt.peak_torque(chain, TENSOR)
-    assert (peak.axes / LIMITS["axes"]).max() == pytest.approx(1.0, rel=1e-9)
+    assert (np.array(peak.axes) / LIMITS["axes"]).max() == pytest.approx(1.0, rel=1e-9)
 
 
 def test_a_turn_that_keeps_the_limit_stays_as_it_is():

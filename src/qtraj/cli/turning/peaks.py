@@ -24,7 +24,7 @@ def judged_torque(peak: TorquePeak, limit: float | list[float] | None) -> dict[s
     """The largest torque, of its length or, where each axis has its limit, of the components."""
     if not isinstance(limit, list):
         return {"max_torque": _entry("N m", peak.norm, peak.norm_time, limit)}
-    each = zip("xyz", peak.axes.tolist(), peak.axes_times.tolist(), limit, strict=True)
+    each = zip("xyz", peak.axes, peak.axes_times, limit, strict=True)
     return {f"max_torque_{axis}": _entry("N m", value, time, bound) for axis, value, time, bound in each}
 
 

@@ -33,8 +33,8 @@ class TorquePeak(NamedTuple):
     `axes` (3,) and `axes_times` (3,): of each component in body axes [N m], [s]; `norm` and `norm_time`: of the length.
     """
 
-    axes: np.ndarray
-    axes_times: np.ndarray
+    axes: tuple[float, float, float]
+    axes_times: tuple[float, float, float]
     norm: float
     norm_time: float
 
@@ -63,7 +63,7 @@ def peak_torque(program: EulerTurn | TurnChain, inertia: ArrayInput) -> TorquePe
             value, u = _largest(whole)
             if value**0.5 > norm * (1 + WITHIN):
                 norm, norm_time = value**0.5, start + begin + u * width
-    return TorquePeak(axes, axes_times, norm, norm_time)
+    return TorquePeak(_three(axes), _three(axes_times), norm, norm_time)
 
 
 def within_torque(program: EulerTurn | TurnChain, inertia: ArrayInput, max_torque: ArrayInput) -> EulerTurn | TurnChain:
@@ -99,6 +99,11 @@ def within_torque(program: EulerTurn | TurnChain, inertia: ArrayInput, max_torqu
     else:
         law = _slowed(law, (excess / (1 - WITHIN)) ** 0.5)
     return dataclasses.replace(program, law=law)
+
+
+def _three(values: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z
 
 
 def _legs(program: EulerTurn | TurnChain) -> list[tuple[float, np.ndarray, Profile]]:
@@ -160,7 +165,7 @@ def _bound(max_torque: ArrayInput) -> np.ndarray:
 
 def _excess(peak: TorquePeak, bound: np.ndarray) -> float:
     """The largest torque over its limit."""
-    return peak.norm / float(bound) if bound.ndim == 0 else float(np.max(peak.axes / bound))
+    return peak.norm / float(bound) if bound.ndim == 0 else float(np.max(np.asarray(peak.axes) / bound))
 
 
 def _shortest(law: TimeOptimal, angle: float, p: np.ndarray, q: np.ndarray, bound: np.ndarray) -> TimeOptimal:
