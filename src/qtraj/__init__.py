@@ -25,12 +25,18 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to 
     from qtraj.foundation.outcome import ResultCode as ResultCode
     from qtraj.foundation.progress import Progress as Progress
     from qtraj.io import exchange as exchange
+    from qtraj.io.attitude_angles import AttitudeAngles as AttitudeAngles
     from qtraj.io.dataset_file import load_dataset as load_dataset, save_dataset as save_dataset
     from qtraj.io.label import label as label
     from qtraj.io.stored import load as load
+    from qtraj.io.tangent_plane import TangentPlane as TangentPlane
     from qtraj.io.track_file import read_track as read_track
     from qtraj.motion import control as control, dynamics as dynamics
     from qtraj.motion.attitude import AbstractProgram as AbstractProgram, Attitude as Attitude
+    from qtraj.motion.attitude_residual import (
+        AttitudeResidual as AttitudeResidual,
+        compare_attitude as compare_attitude,
+    )
     from qtraj.motion.control.baselines import (
         GeometricFeedback as GeometricFeedback,
         LogarithmicFeedback as LogarithmicFeedback,
@@ -44,6 +50,11 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to 
     from qtraj.motion.programs.euler_turn import EulerTurn as EulerTurn, TurnChain as TurnChain
     from qtraj.motion.programs.frame_program import FrameProgram as FrameProgram
     from qtraj.motion.programs.rotation_minimizing import RotationMinimizing as RotationMinimizing
+    from qtraj.motion.programs.slew_torque import (
+        TorquePeak as TorquePeak,
+        peak_torque as peak_torque,
+        within_torque as within_torque,
+    )
     from qtraj.motion.programs.table_program import TableProgram as TableProgram
     from qtraj.motion.propagation.gauss_legendre import GaussLegendre as GaussLegendre
     from qtraj.motion.propagation.magnus import Magnus as Magnus
@@ -69,6 +80,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to 
     from qtraj.path.placement import Placement as Placement
     from qtraj.path.residual import Residual as Residual
     from qtraj.path.spiral_helix import SpiralHelix as SpiralHelix
+    from qtraj.path.thrust_aligned import ThrustAligned as ThrustAligned
     from qtraj.path.track import Track as Track
     from qtraj.path.trihedral import (
         Natural as Natural,
@@ -91,11 +103,14 @@ _HOMES = {
     "qtraj.foundation.compilation_cache": ("enable_compilation_cache",),
     "qtraj.foundation.outcome": ("ResultCode",),
     "qtraj.foundation.progress": ("Progress",),
+    "qtraj.io.attitude_angles": ("AttitudeAngles",),
     "qtraj.io.dataset_file": ("load_dataset", "save_dataset"),
     "qtraj.io.label": ("label",),
     "qtraj.io.stored": ("load",),
+    "qtraj.io.tangent_plane": ("TangentPlane",),
     "qtraj.io.track_file": ("read_track",),
     "qtraj.motion.attitude": ("AbstractProgram", "Attitude"),
+    "qtraj.motion.attitude_residual": ("AttitudeResidual", "compare_attitude"),
     "qtraj.motion.control.baselines": ("GeometricFeedback", "LogarithmicFeedback", "QuaternionFeedback"),
     "qtraj.motion.control.laws": ("AccelerationLaw", "RateLaw"),
     "qtraj.motion.control.response": ("error_response",),
@@ -105,6 +120,7 @@ _HOMES = {
     "qtraj.motion.programs.euler_turn": ("EulerTurn", "TurnChain"),
     "qtraj.motion.programs.frame_program": ("FrameProgram",),
     "qtraj.motion.programs.rotation_minimizing": ("RotationMinimizing",),
+    "qtraj.motion.programs.slew_torque": ("TorquePeak", "peak_torque", "within_torque"),
     "qtraj.motion.programs.table_program": ("TableProgram",),
     "qtraj.motion.propagation.gauss_legendre": ("GaussLegendre",),
     "qtraj.motion.propagation.magnus": ("Magnus",),
@@ -122,6 +138,7 @@ _HOMES = {
     "qtraj.path.placement": ("Placement",),
     "qtraj.path.residual": ("Residual",),
     "qtraj.path.spiral_helix": ("SpiralHelix",),
+    "qtraj.path.thrust_aligned": ("ThrustAligned",),
     "qtraj.path.track": ("Track",),
     "qtraj.path.trihedral": ("Natural", "Trihedral", "Upright", "trihedral"),
 }

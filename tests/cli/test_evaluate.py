@@ -106,6 +106,7 @@ def test_accelerations_are_met_by_a_polynomial_angle(qtraj, tmp_path):
         ("upright", ["forward", "left", "up"]),
         ("natural", ["tangent", "normal", "binormal"]),
         ("rotation-minimizing", ["tangent", "first", "second"]),
+        ("thrust-aligned", ["forward", "left", "thrust"]),
     ],
 )
 def test_the_frame_is_chosen_and_names_the_columns(qtraj, tmp_path, frame, labels):
@@ -122,6 +123,8 @@ def test_the_frame_is_chosen_and_names_the_columns(qtraj, tmp_path, frame, label
     assert (dataset.attrs["frame"], dataset["body"].values.tolist()) == (frame, labels)
     rolling = {"upright": RATE * CLIMB / np.hypot(R * RATE, CLIMB), "rotation-minimizing": 0.0}
     rolling["natural"] = rolling["upright"]  # on a helix both turn about the vertical
+    sine = np.sin(np.arctan2(R * RATE**2, 9.80665))  # of the bank; x points up by what the velocity has across z
+    rolling["thrust-aligned"] = RATE * CLIMB * sine**2 / np.hypot(R * RATE, CLIMB * sine)
     assert dataset["rate"].values[:, 0] == pytest.approx(np.full(5, rolling[frame]), abs=ROUND_OFF)
 
 

@@ -122,6 +122,8 @@ def test_everything_around_the_body_is_in_radians(prepared):
         ("frame = 'rotation-minimizing'", None, "rotation-minimizing"),
         ("frame = 'natural'", "upright", "upright"),
         ("up = [0, 1, 1]", None, "upright"),
+        ("frame = 'thrust-aligned'\nheading = 30", None, "thrust-aligned"),
+        ("", "thrust-aligned", "thrust-aligned"),
     ],
 )
 def test_the_frame_of_a_path_is_upright_unless_another_is_asked_for(tmp_path, key, option, expected):

@@ -111,6 +111,10 @@ BAD = {
         "angles = 'deg'\n[program]\npath = 'path.toml'\nframe = 'natural'\n" + LAW,
         ["the natural frame of this path does not exist at t = 0 s", "'upright'"],
     ),
+    "a heading of another frame": (
+        "angles = 'deg'\n[program]\npath = 'path.toml'\nframe = 'natural'\nheading = 3\n" + LAW,
+        ["the key 'heading' belongs to frame = 'thrust-aligned'"],
+    ),
     "a path that ends": (
         "angles = 'deg'\n[program]\npath = 'path.toml'\nframe = 'upright'\n[simulation]\nduration = 9\n" + LAW,
         ["'simulation.duration' holds 9", "no more than 3 s: this program ends there\n"],

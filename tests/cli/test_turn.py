@@ -221,3 +221,57 @@ def test_end_rates_reach_the_program():
     program = turn_program(part, "deg")
     assert np.degrees(program(0.0).rate) == pytest.approx([0, 0.5, 0])
     assert np.degrees(program(program.duration).rate) == pytest.approx([0, -0.25, 0])
+
+
+BODY = "[body]\ninertia = [[10, 1, 0.5], [1, 14, -2], [0.5, -2, 20]]\n"
+
+
+@pytest.mark.parametrize("limit", ["2.0", "[1.0, 2.0, 2.5]"])
+def test_a_torque_limit_slows_the_turn_and_is_shown(qtraj, tmp_path, limit):
+    fast = "[law]\nmax_rate = 60\nmax_acceleration = 30\n"
+    rest = REST.replace("[0, 0, 90]", "[50, 40, -60]")
+    (tmp_path / "slew.toml").write_text(rest + fast + BODY + f"max_torque = {limit}\n")
+    result = qtraj("turn", tmp_path / "slew.toml", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    name = "torque" if limit == "2.0" else "torque_x"
+    [line] = [line for line in result.stdout.splitlines() if line.split()[:1] == [name]]
+    assert "N m" in line
+    assert "binds" in line
+    content = json.loads(qtraj("turn", tmp_path / "slew.toml", "--out", tmp_path / "out", "--json").stdout)
+    assert content["limits"][f"max_{name}"]["binding"]
+    assert content["units"]["torque"] == "N m"
+    table = xarray.load_dataset(tmp_path / "out" / "table.nc")
+    assert table["torque"].dims == ("time", "body")
+    assert np.linalg.norm(table["torque"], axis=1).max() <= (2.0 if limit == "2.0" else 2.8) * (1 + 1e-9)
+    report = qtraj("report", tmp_path / "out", "--out", tmp_path / "out")
+    assert report.exit_code == 0, report.output
+    assert "torque, body axes" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_torque_in_a_fixed_time_is_judged(qtraj, tmp_path):
+    law = "[law]\nkind = 'quintic'\nduration = 3.0\nmax_rate = 100\n"
+    (tmp_path / "slew.toml").write_text(REST + law + BODY + "max_torque = 1.0\n")
+    result = qtraj("turn", tmp_path / "slew.toml", "--out", tmp_path / "out", "--json")
+    assert result.exit_code == 1
+    content = json.loads(result.stdout)
+    assert content["limits"]["max_torque"]["status"] == "broken"
+    (tmp_path / "slew.toml").write_text(
+        REST + law.replace("3.0", f"{content['least_duration'] * (1 + 1e-9)}") + BODY + "max_torque = 1.0\n"
+    )
+    assert qtraj("turn", tmp_path / "slew.toml", "--out", tmp_path / "out").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ("[body]\ninertia = [1, 2]\n", "body.inertia"),
+        ("[body]\ninertia = [[1, 2, 0], [0, 1, 0], [0, 0, 1]]\n", "symmetric"),
+        ("[body]\ninertia = 2\nmax_torque = [1, 0, 1]\n", "max_torque"),
+        ("[body]\nmax_torque = 2\n", "inertia"),
+    ],
+)
+def test_a_body_that_is_none_is_refused(qtraj, tmp_path, body, words):
+    (tmp_path / "slew.toml").write_text(REST + LAW + body)
+    result = qtraj("turn", tmp_path / "slew.toml", "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert words in result.stderr

@@ -7,7 +7,7 @@ import pytest
 
 import qtraj as qt
 from qtraj.design.tuning import constraints
-from qtraj.design.tuning.curves import changes
+from qtraj.design.tuning.curves import changes, given
 from qtraj.design.tuning.expansions import expansions, slopes
 from qtraj.design.tuning.model import setting
 from qtraj.design.tuning.motions.registry import MOTIONS
@@ -20,6 +20,7 @@ START = qt.BoundaryState([20.0, 0.0, 0.0], [-3.0, 7.0, 0.3])
 END = qt.BoundaryState([0.0, 28.0, 1.5], [-9.8, -3.0, 0.1])
 AXIS = qt.Placement([1.0, -2.0, 0.5], [0.99, 0.02, -0.03, 0.1])
 LIMIT = jnp.asarray(1.7)
+PLACE = {name: k for k, name in enumerate(QUANTITIES)} | {"corridor": constraints.CORRIDOR_AT}
 PLACES = jnp.asarray([0.0, 0.3, 1.0])
 
 
@@ -34,7 +35,7 @@ def posed(motion, placement=None, objective="nearest"):
 def test_values_are_those_of_the_definition(motion, placement):
     problem, z = posed(motion, placement)
     of = jax.jit(lambda index: constraints.values(setting(problem, z), index, LIMIT, PLACES))
-    for index, name in enumerate(QUANTITIES):
+    for name, index in PLACE.items():
         exact = [constraint(problem, z, u, name, LIMIT) for u in PLACES]
         np.testing.assert_allclose(of(index), exact, rtol=1e-9, atol=1e-12, err_msg=name)
 
@@ -42,9 +43,9 @@ def test_values_are_those_of_the_definition(motion, placement):
 @pytest.mark.parametrize(
     ("motion", "placement", "objective", "names"),
     [
-        ("hermite", AXIS, "nearest", ["curvature", "angular_acceleration", "yaw_acceleration"]),
+        ("hermite", AXIS, "nearest", ["curvature", "angular_acceleration", "yaw_acceleration", "corridor"]),
         *(
-            pytest.param(motion, placement, objective, list(QUANTITIES), marks=pytest.mark.slow)
+            pytest.param(motion, placement, objective, list(PLACE), marks=pytest.mark.slow)
             for motion, placement, objective in [
                 ("uniform", None, "nearest"),
                 ("hermite", None, "smoothest"),
@@ -64,7 +65,7 @@ def test_derivatives_are_those_of_the_definition(motion, placement, objective, n
         return expansions(*parts), slopes(*parts)
 
     for name in names:
-        index = list(QUANTITIES).index(name)
+        index = PLACE[name]
         g = lambda z, u, name=name: constraint(problem, z, u, name, LIMIT)  # noqa: E731
         exact = jax.jit(
             jax.vmap(

@@ -40,9 +40,9 @@ def evaluate(
     One path gives a `Table` of arrays (n, …), b paths (b, n, …); with `components="first"` the components' axes lead.
     Each component lies contiguously in memory, except those of a rotation-minimizing frame. `outputs` are names of
     `Table`: vectors, frames, and every path quantity. `frame` is the trihedral to hang on the path: `Natural()` (the
-    default), `Upright()`, or `RotationMinimizing()`. Labels of `to_xarray()` follow it: tangent, normal, binormal, or
-    forward, left, up. A quaternion's sign is free at each instant; `continuous=True` chooses it so that neighbours in
-    time agree.
+    default), `Upright()`, `ThrustAligned()`, or `RotationMinimizing()`. Labels of `to_xarray()` follow it: tangent,
+    normal, binormal, or forward, left, up. A quaternion's sign is free at each instant; `continuous=True` chooses it so
+    that neighbours in time agree.
 
     `reduce` "max", "min", "integral" (trapezoidal rule) or "mean" gives a `Reduced` over the instants instead, and no
     sample is stored. `devices` to spread the work over are all local ones, if there is enough to do. `reuse` is the

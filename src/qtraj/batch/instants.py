@@ -54,7 +54,7 @@ class Instants:
     """
 
     def __init__(self, paths: AbstractHodograph, t: Times, frame: AbstractFrame):
-        self.frame = frame
+        self.frame, self.t = frame, t
         known = eqx.filter_vmap(lambda path: path.polynomials())(paths)
         if known is None:
             self.basis, rows = Basis(), _world_rows(paths, t)
@@ -156,10 +156,11 @@ class Instants:
         return Hung(axes, rate, acceleration, defined)
 
     def _other(self) -> Hung:
-        """A frame of the user's own, instant by instant."""
+        """Any other frame, instant by instant."""
         rows = jnp.stack([jnp.stack(self.derivative(k), axis=-1) for k in range(ORDER + 1)], axis=-2)
         durations = jnp.broadcast_to(self.duration, rows.shape[:2])
-        at = jax.vmap(jax.vmap(self.frame.trihedral))(rows, durations)
+        t = jnp.broadcast_to(self.t.astype(rows.dtype), durations.shape)
+        at = jax.vmap(jax.vmap(self.frame.at))(t, rows, durations)
         known = (at.tangent, at.normal, at.binormal, at.rate, at.acceleration)
         tangent, normal, binormal, rate, acceleration = (_triple(v) for v in known)
         axes = self.basis.local(tangent), self.basis.local(normal), self.basis.local(binormal)

@@ -15,11 +15,13 @@ class FrameName(StrEnum):
     upright = "upright"
     natural = "natural"
     minimizing = "rotation-minimizing"
+    thrust_aligned = "thrust-aligned"
 
 
 ABOUT = (
     "upright (x forward, y left, z up: what a vehicle on wheels has), natural (tangent, principal normal, binormal: it "
-    "flips over where the bend changes sides), or rotation-minimizing (it never rolls)."
+    "flips over where the bend changes sides), rotation-minimizing (it never rolls), or thrust-aligned (z along the "
+    "thrust, acceleration less gravity: what a multirotor has)."
 )
 
 
@@ -33,7 +35,12 @@ def frame_option(otherwise: str = "") -> Any:
 def frame_of(name: FrameName | None) -> "Frame":
     """The frame of this name; without a name the upright one."""
     from qtraj.motion.programs.rotation_minimizing import RotationMinimizing  # here, so that --help need not wait
+    from qtraj.path.thrust_aligned import ThrustAligned
     from qtraj.path.trihedral import Natural, Upright
 
-    frames = {FrameName.natural: Natural, FrameName.minimizing: RotationMinimizing}
+    frames = {
+        FrameName.natural: Natural,
+        FrameName.minimizing: RotationMinimizing,
+        FrameName.thrust_aligned: ThrustAligned,
+    }
     return frames.get(name or FrameName.upright, Upright)()

@@ -18,9 +18,9 @@ def turn(
 ) -> None:
     """Turn from one attitude to another, or through several, about fixed axes.
 
-    The angle proceeds as fast as limits of rate, acceleration and jerk allow, or in a given time. Writes the program
-    (program.toml), its table (table.nc, table.csv) and a figure (turn.png, turn.svg). Exit code 1 where a limit is
-    broken.
+    The angle proceeds as fast as limits of rate, acceleration, jerk and torque allow, or in a given time; torques need
+    the inertia of the body, in a table [body]. Writes the program (program.toml), its table (table.nc, table.csv) and a
+    figure (turn.png, turn.svg). Exit code 1 where a limit is broken.
     """
     with guarded():  # imports here, so that --help need not wait for pydantic, xarray and matplotlib
         from qtraj.cli.turning.report import print_turn

@@ -13,7 +13,6 @@ from qtraj.io.scenario_part import (
     TEXT,
     THREE,
     Counts,
-    Pair,
     Part,
     Positive,
     Quaternion,
@@ -22,6 +21,7 @@ from qtraj.io.scenario_part import (
     Vector,
     Wholes,
 )
+from qtraj.io.track_part import TrackPart
 from qtraj.path.quantity import QUANTITIES, PathQuantity
 
 if TYPE_CHECKING:  # a checker of types takes no names that are read from a registry
@@ -36,36 +36,6 @@ MOTION = either(MOTIONS)
 VARIABLES = "'start.V_rho', 'start.V_phi' (hermite), 'start.V_h', the same of 'end', 'duration'"
 OBJECTIVE = either(OBJECTIVES)
 METHOD = "'sqp', 'lbfgs' or 'adam'"
-
-
-class TrackPart(Part):
-    """A window of a recording, which a path is fitted to."""
-
-    file: Text = Field(
-        title="the recording: CSV with a header, or TUM",
-        description="the name of a text file, relative to the scenario",
-    )
-    window: Pair | None = Field(
-        default=None,
-        title="the part of it that counts; all if left out",
-        description="two finite times [t0, t1] in seconds on the recording's own clock",
-    )
-    columns: dict[Literal["time", "position", "velocity", "attitude"], Text | list[Text]] | None = Field(
-        default=None,
-        title="names of columns where they are not common ones",
-        description="column names of 'time', 'position', 'velocity' or 'attitude'; an empty list leaves a part out",
-    )
-    source: Text | None = Field(
-        default=None,
-        title="its attribution, kept in the results",
-        description="a text: where the recording comes from, and its licence",
-    )
-
-    @model_validator(mode="after")
-    def _ordered(self) -> "TrackPart":
-        if self.window is not None and not self.window[0] < self.window[1]:
-            raise ValueError(f"the key 'window' holds {self.window}, but expected [t0, t1] with t0 < t1")
-        return self
 
 
 class FitPart(Part):

@@ -14,6 +14,7 @@ HOMES = (
     "qtraj.design.limits",
     "qtraj.design.proof.certificate",
     "qtraj.design.tuning.outcome",
+    "qtraj.motion.attitude_residual",
     "qtraj.motion.control.baselines",
     "qtraj.motion.control.closed_form",
     "qtraj.motion.control.laws",
@@ -33,6 +34,7 @@ HOMES = (
     "qtraj.path.placement",
     "qtraj.path.residual",
     "qtraj.path.spiral_helix",
+    "qtraj.path.thrust_aligned",
     "qtraj.path.track",
     "qtraj.path.trihedral",
 )

@@ -5,6 +5,9 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from qtraj.io.attitude_angles import OPTIONS as ANGLE_OPTIONS, AttitudeAngles
+from qtraj.io.tangent_plane import OPTIONS as PROJECTIONS
+
 COMMON = {
     "time": ("time", "t", "timestamp", "seconds"),
     "position": (
@@ -27,6 +30,17 @@ COMMON = {
 }
 """Column names that are recognised without being told, in lower case and without units in brackets."""
 
+ANGLED = ("roll,pitch,heading", "roll,pitch,yaw", "roll,pitch,azimuth")
+GLOBAL = (
+    "latitude,longitude,height",
+    "latitude,longitude,altitude",
+    "lat,lon,height",
+    "lat,lon,altitude",
+    "lat,lon,alt",
+    "lat,lng,alt",
+)
+"""The same of attitudes as angles, and of positions on the globe, where they are asked for."""
+
 UNITS = {"time": "s", "position": "m", "velocity": "m/s", "attitude": ""}
 OTHERS = {
     "time": ("ms", "msec", "milliseconds", "us", "µs", "μs", "ns", "min", "h"),
@@ -35,6 +49,9 @@ OTHERS = {
     "attitude": ("deg", "°", "rad"),
 }
 """The unit of each part, and others that a column's name may give in brackets."""
+
+ANGLE_UNITS = {"deg": "deg", "°": "deg", "degrees": "deg", "rad": "rad", "radians": "rad"}
+"""The units of angles that a column's name may give in brackets."""
 
 GEOGRAPHIC = {"lat", "lon", "lng", "latitude", "longitude"}
 """Words in names of columns that hold angles on the globe, and no positions in metres."""
@@ -48,8 +65,12 @@ LIKE = 0.7
 Columns = Mapping[str, str | Sequence[str] | None]
 
 
-def choose(path: Path, header: list[str], columns: Columns) -> dict[str, tuple[str, ...]]:
+def choose(
+    path: Path, header: list[str], columns: Columns, angles: AttitudeAngles | None = None, globe: bool = False
+) -> dict[str, tuple[str, ...]]:
     """The columns of each part that is there: those told, else common ones.
+
+    With `angles` the attitude is roll, pitch and heading; on the `globe` the position is latitude, longitude, height.
 
     **Raises:** ValueError naming the file for columns that are not there, for a part that must be there and is not, and
     for one of which only some columns have common names, or whose columns by their names are in other units.
@@ -58,41 +79,73 @@ def choose(path: Path, header: list[str], columns: Columns) -> dict[str, tuple[s
         raise ValueError(f"columns= knows the keys {', '.join(COUNTS)}, but {unknown[0]!r} was given")
     listed = ", ".join(header)
     chosen: dict[str, tuple[str, ...]] = {}
-    for part, count in COUNTS.items():
+    angled = angles is not None
+    common = COMMON | ({"attitude": ANGLED} if angled else {}) | ({"position": GLOBAL} if globe else {})
+    for part, count in (COUNTS | ({"attitude": 3} if angled else {})).items():
         told = columns.get(part)
-        names = _common(part, header) if part not in columns else (told,) if isinstance(told, str) else told
+        names = _common(common[part], header) if part not in columns else (told,) if isinstance(told, str) else told
         if names is None:
+            if part == "attitude" and angled and part not in columns:
+                raise ValueError(f"{path}: {_no_angles(listed)}")
+            if part == "position" and globe:
+                raise ValueError(f"{path}: {_no_globe(listed)}")
             if part in NEEDED or (part not in columns and _begun(part, header)):
                 raise ValueError(f"{path}: {_not_found(part, header)}")
             continue
+        if part == "attitude" and not angled and len(names) == 3:
+            raise ValueError(
+                f"columns['attitude'] names three angles, {', '.join(names)}, whose convention must be told: pass "
+                f"angles=qtraj.AttitudeAngles(sequence=…, heading=…, unit=…, body=…), in a scenario a table "
+                f"[track.angles]. {ANGLE_OPTIONS}."
+            )
         if len(names) != count:
             raise ValueError(f"columns[{part!r}] must name {count} column(s), but {list(names)!r} was given")
         if missing := [name for name in names if name not in header]:
             raise ValueError(f"{path}: there is no column {missing[0]!r}. The columns are {listed}.")
-        if trouble := _in_other_units(part, names):
+        if trouble := _in_other_units(part, names, angles, globe):
             raise ValueError(f"{path}: {trouble}")
         chosen[part] = tuple(names)
     return chosen
 
 
-def _in_other_units(part: str, names: Sequence[str]) -> str | None:
+def _in_other_units(part: str, names: Sequence[str], angles: AttitudeAngles | None, globe: bool) -> str | None:
     """What to say of columns that by their names hold something else than what is read."""
-    for name in names:
+    for k, name in enumerate(names):
         for unit in re.findall(r"[\[(]\s*([^\])]*?)\s*[\])]", name):
-            if unit.lower() in OTHERS[part]:
+            if (part == "attitude" and angles is not None) or (part == "position" and globe and k < 2):
+                wanted = angles.unit if part == "attitude" and angles is not None else "deg"
+                if unit.lower() in ANGLE_UNITS and ANGLE_UNITS[unit.lower()] != wanted:
+                    return f"the column {name!r} is in {unit}, but the {part} is read in {wanted}"
+            elif unit.lower() in OTHERS[part]:
                 wanted = f"in {UNITS[part]}" if UNITS[part] else "as a quaternion"
                 return f"the column {name!r} is in {unit}, but the {part} is read {wanted}: convert it before"
-        if part == "position" and GEOGRAPHIC.intersection(re.split(r"[^a-z]+", name.lower())):
+        if part == "position" and not globe and GEOGRAPHIC.intersection(re.split(r"[^a-z]+", name.lower())):
             return (
                 f"the column {name!r} seems to hold angles on the globe, but positions are read in m: project latitude "
-                "and longitude to metres before (as pyproj does)"
+                f"and longitude to metres before (as pyproj does), or ask for it with {PROJECTIONS}"
             )
     return None
 
 
-def _common(part: str, header: list[str]) -> tuple[str, ...] | None:
+def _no_angles(listed: str) -> str:
+    return (
+        f"no columns for roll, pitch and heading were found. The columns are {listed}; name them, in this order: in a "
+        'scenario with attitude = ["...", "...", "..."] under [track.columns], in Python with '
+        'columns={"attitude": [...]}.'
+    )
+
+
+def _no_globe(listed: str) -> str:
+    return (
+        f"no columns for latitude, longitude and height were found. The columns are {listed}; name them, in this "
+        'order: in a scenario with position = ["...", "...", "..."] under [track.columns], in Python with '
+        'columns={"position": [...]}.'
+    )
+
+
+def _common(choices: Sequence[str], header: list[str]) -> tuple[str, ...] | None:
     plain = _plain(header)
-    for choice in COMMON[part]:
+    for choice in choices:
         names = choice.split(",")
         if all(name in plain for name in names):
             return tuple(plain[name] for name in names)
@@ -126,8 +179,14 @@ def _not_found(part: str, header: list[str]) -> str:
     return (
         f"{what}. The columns are {', '.join(header)}; name those of the {part}: "
         f'in a scenario with {part} = {example} under [track.columns], in Python with columns={{"{part}": {example}}}.'
-        f"{without}"
+        f"{without}{_on_the_globe(part, header)}"
     )
+
+
+def _on_the_globe(part: str, header: list[str]) -> str:
+    """What to say where there are latitudes and longitudes instead of positions."""
+    words = {word for name in header for word in re.split(r"[^a-z]+", name.lower())}
+    return f" Latitude and longitude are read with {PROJECTIONS}." if part == "position" and words & GEOGRAPHIC else ""
 
 
 def _likely(part: str, k: int, plain: Mapping[str, str]) -> str:

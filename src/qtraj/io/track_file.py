@@ -5,9 +5,14 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+import jax
 import numpy as np
 
+from qtraj.algebra import hamilton, rotation
+from qtraj.foundation.arrays import as_float
 from qtraj.foundation.untrusted import read_text
+from qtraj.io.attitude_angles import AttitudeAngles
+from qtraj.io.tangent_plane import TangentPlane
 from qtraj.io.track_columns import choose
 from qtraj.path.track import FEWEST_SAMPLES, Track
 
@@ -17,7 +22,12 @@ TUM_SCALAR_FIRST = [7, 4, 5, 6]
 Lines = list[tuple[int, str]]
 
 
-def read_track(file: str | os.PathLike[str], columns: Mapping[str, str | Sequence[str] | None] | None = None) -> Track:
+def read_track(
+    file: str | os.PathLike[str],
+    columns: Mapping[str, str | Sequence[str] | None] | None = None,
+    angles: AttitudeAngles | None = None,
+    projection: TangentPlane | str | None = None,
+) -> Track:
     """The recorded track in a text file; velocities and attitudes where it has them.
 
     A CSV file (commas, semicolons or tabs; UTF-8; lines that start with # are comments) has a header row. `columns`
@@ -28,17 +38,29 @@ def read_track(file: str | os.PathLike[str], columns: Mapping[str, str | Sequenc
     A TUM trajectory (eight numbers "timestamp tx ty tz qx qy qz qw" to a line, no header) is known by its content;
     its quaternions, scalar last, are reordered. Units are those of `Track`: s, m, m/s.
 
+    With `angles`, an `AttitudeAngles`, the attitude is read from three columns, roll, pitch and heading, in the
+    convention that it says; there is no default. With `projection`, "tangent-plane" or a `TangentPlane`, the position
+    is read from latitude [°], longitude [°] and height above the ellipsoid [m], and becomes metres east, north and up;
+    velocities and attitudes count in the axes east, north, up at each sample and are turned with it.
+
     **Raises:** FileNotFoundError for a missing file; ValueError naming file, line, column and value for a cell that
-    is missing or no finite number, times that do not increase strictly, unknown columns, or too few rows.
+    is missing or no finite number, times that do not increase strictly, unknown columns, or too few rows; and for
+    angles or latitudes without their convention, naming the options.
     """
     path = Path(file)
+    plane = _plane(projection)
+    if angles is not None and not isinstance(angles, AttitudeAngles):
+        raise ValueError(f"angles= must be a qtraj.AttitudeAngles, but {angles!r} was given")
     lines = _content(path)
     if _is_tum(path, lines):
-        if columns is not None:
-            raise ValueError(f"{path}: columns= names those of a CSV file, but a TUM trajectory has no header row")
+        if columns is not None or angles is not None or plane is not None:
+            raise ValueError(
+                f"{path}: columns=, angles= and projection= are for CSV files, but this is a TUM trajectory: it has no "
+                "header row, positions in metres and quaternions"
+            )
         return _read_tum(path, lines)
     try:
-        return _read_csv(path, lines, columns)
+        return _read_csv(path, lines, columns, angles, plane)
     except csv.Error as error:
         raise ValueError(f"{path}: the table cannot be read ({error})") from error
 
@@ -67,7 +89,21 @@ def _read_tum(path: Path, lines: Lines) -> Track:
     return _track(path, table[:, 0], table[:, 1:4], None, table[:, TUM_SCALAR_FIRST])
 
 
-def _read_csv(path: Path, lines: Lines, columns: Mapping[str, str | Sequence[str] | None] | None) -> Track:
+def _plane(projection: TangentPlane | str | None) -> TangentPlane | None:
+    if projection is None or isinstance(projection, TangentPlane):
+        return projection
+    if projection != "tangent-plane":
+        raise ValueError(f"projection= must be 'tangent-plane' or a qtraj.TangentPlane, but {projection!r} was given")
+    return TangentPlane()
+
+
+def _read_csv(
+    path: Path,
+    lines: Lines,
+    columns: Mapping[str, str | Sequence[str] | None] | None,
+    angles: AttitudeAngles | None,
+    plane: TangentPlane | None,
+) -> Track:
     line, names = lines[0]
     delimiter = max(",;\t", key=names.count)
 
@@ -77,13 +113,34 @@ def _read_csv(path: Path, lines: Lines, columns: Mapping[str, str | Sequence[str
     header = [cell.strip() for cell in next(parse(lines))]
     if all(_is_number(cell) for cell in header):
         raise ValueError(f"{path}, line {line}: a header row with column names was expected, but it holds numbers")
-    chosen = choose(path, header, {} if columns is None else columns)
+    chosen = choose(path, header, {} if columns is None else columns, angles, plane is not None)
     used = [name for part in chosen.values() for name in part]
     table = _numbers(path, lines[1:], parse, [header.index(name) for name in used], used)
     _require_increasing(path, lines[1:], table[:, 0], used[0])
     ends = np.cumsum([len(part) for part in chosen.values()])[:-1]
     parts = dict(zip(chosen, np.split(table, ends, axis=1), strict=True))
-    return _track(path, table[:, 0], parts["position"], parts.get("velocity"), parts.get("attitude"))
+    position, velocity, attitude = parts["position"], parts.get("velocity"), parts.get("attitude")
+    if attitude is not None and angles is not None:
+        attitude = angles.quaternions(attitude)
+    if plane is not None:
+        position, velocity, attitude = _projected(path, plane, position, velocity, attitude)
+    return _track(path, table[:, 0], position, velocity, attitude)
+
+
+def _projected(
+    path: Path, plane: TangentPlane, geodetic: np.ndarray, velocity: np.ndarray | None, attitude: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+    """Positions in the plane, and what stands in the local axes of each sample in those of the plane."""
+    try:
+        position, turns = plane.project(geodetic)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    if velocity is not None:
+        velocity = np.einsum("nij,nj->ni", turns, velocity)
+    if attitude is not None:
+        there = np.asarray(jax.vmap(rotation.from_dcm)(as_float(np.swapaxes(turns, -1, -2))), float)
+        attitude = np.stack(hamilton.product(tuple(there.T), tuple(attitude.T)), axis=1)  # pyright: ignore[reportArgumentType]
+    return position, velocity, attitude
 
 
 def _split(lines: Lines) -> Iterator[list[str]]:

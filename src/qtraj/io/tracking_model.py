@@ -15,6 +15,7 @@ from qtraj.io.scenario_part import (
     THREE,
     UNIT,
     Angles,
+    Number,
     Part,
     Positive,
     Text,
@@ -23,9 +24,9 @@ from qtraj.io.scenario_part import (
 )
 from qtraj.io.turn_model import TurnPart
 
-Frame = Literal["natural", "upright", "rotation-minimizing", "rotation_minimizing"]
+Frame = Literal["natural", "upright", "rotation-minimizing", "rotation_minimizing", "thrust-aligned", "thrust_aligned"]
 
-FRAME = "'upright', 'natural' or 'rotation-minimizing'"
+FRAME = "'upright', 'natural', 'rotation-minimizing' or 'thrust-aligned'"
 MOST_SAMPLES = 100_000
 SOURCES = "[program.turn], path = 'a path scenario or a saved path', or file = 'a saved program'"
 
@@ -44,10 +45,16 @@ class ProgramPart(Part):
     frame: Frame | None = Field(
         default=None,
         title="frame of the path: x forward, y left, z up ('upright', if left out); tangent, principal normal, "
-        "binormal, which flips over where the bend changes sides ('natural'); or one that never rolls",
+        "binormal, which flips over where the bend changes sides ('natural'); one that never rolls; or that of a "
+        "multirotor, z along its thrust",
         description=FRAME,
     )
     up: Vector | None = Field(default=None, title="direction of the upright frame; [0, 0, 1]", description=THREE)
+    heading: Number | None = Field(
+        default=None,
+        title="heading of the thrust-aligned frame, from world x towards world y; along the velocity if left out",
+        description="a finite angle, the heading of the thrust-aligned frame",
+    )
     file: Text | None = Field(
         default=None,
         title="a program such as the program.toml of qtraj turn",
@@ -60,10 +67,12 @@ class ProgramPart(Part):
         if len(sources) != 1:
             found = f"there are several programs ({', '.join(sources)})" if sources else "there is no program"
             raise ValueError(f"{found}: give one of {SOURCES}")
-        if self.path is None and (extra := given(self, "frame", "up")):
+        if self.path is None and (extra := given(self, "frame", "up", "heading")):
             raise ValueError(f"the key '{extra[0]}' belongs to a path, and there is none")
         if self.up is not None and ((self.frame or "upright") != "upright" or not any(self.up)):
             raise ValueError("the key 'up' belongs to frame = 'upright', and is a direction other than 0")
+        if self.heading is not None and (self.frame or "").replace("_", "-") != "thrust-aligned":
+            raise ValueError("the key 'heading' belongs to frame = 'thrust-aligned'")
         return self
 
 

@@ -5,7 +5,21 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from qtraj.io.attitude_part import KnownAttitudePart
-from qtraj.io.scenario_part import ABOUT, ANGLES, NAME, TEXT, UNIT, Angles, Number, Part, Positive, Text, given
+from qtraj.io.scenario_part import (
+    ABOUT,
+    ANGLES,
+    NAME,
+    TEXT,
+    UNIT,
+    Angles,
+    Number,
+    Part,
+    Positive,
+    Text,
+    Vector,
+    given,
+)
+from qtraj.motion.dynamics import inertia_matrix
 
 Kind = Literal["time_optimal", "s_curve", "cubic", "quintic", "septic"]
 
@@ -78,6 +92,30 @@ class TurnLawPart(Part):
         return self
 
 
+class BodyPart(Part):
+    """The body that turns: its inertia, and how much torque there is."""
+
+    inertia: Positive | Vector | list[Vector] = Field(
+        title="moment of inertia of a spherical body, principal moments, or the tensor, in body axes [kg m²]",
+        description="a positive number, three of them, or three rows of three",
+    )
+    max_torque: Positive | Vector | None = Field(
+        default=None,
+        title="limit of the torque [N m]: of its length, or of each component in body axes; the turn slows to keep it",
+        description="a positive number, or three of them",
+    )
+
+    @model_validator(mode="after")
+    def _physical(self) -> "BodyPart":
+        try:
+            inertia_matrix(self.inertia)
+        except ValueError as error:
+            raise ValueError(f"the key 'inertia' holds {self.inertia!r}: {error}") from error
+        if isinstance(self.max_torque, list) and not all(m > 0 for m in self.max_torque):
+            raise ValueError(f"the key 'max_torque' holds {self.max_torque!r}, but expected positive numbers [N m]")
+        return self
+
+
 class TurnPart(Part):
     """A turn from [start] to [end], by way of any [[via]], under a [law]: the shorter way about a fixed axis each."""
 
@@ -89,6 +127,9 @@ class TurnPart(Part):
     )
     end: KnownAttitudePart = Field(title="the last attitude", description="a table [end] with an attitude")
     law: TurnLawPart = Field(title="how the angle proceeds", description="a table [law]")
+    body: BodyPart | None = Field(
+        default=None, title="the body, for torques and their limit", description="a table [body]"
+    )
 
     @model_validator(mode="after")
     def _resting(self) -> "TurnPart":

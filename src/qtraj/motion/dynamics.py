@@ -14,7 +14,7 @@ from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Mat3, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import Attitude
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.trihedral import AbstractFrame, Natural, Upright
+from qtraj.path.trihedral import AbstractFrame, Natural, Upright, trihedral
 
 SYMMETRY = 1e-6
 """An inertia may be asymmetric by this part of its largest entry: rounding of a file, no more."""
@@ -81,9 +81,8 @@ def forces(
     **Raises:** ValueError for a mass that is not positive, or a gravity of another shape.
     """
     frame = Natural() if frame is None else frame
-    r = path.derivatives(t, 4)
-    alpha = frame.trihedral(r, path.duration).dcm()
-    return jnp.matmul(alpha, _world_force(r[2], mass, gravity), precision="highest")
+    at = trihedral(path, t, frame)
+    return jnp.matmul(at.dcm(), _world_force(path.acceleration(t), mass, gravity), precision="highest")
 
 
 def power(path: AbstractHodograph, t: ScalarLike, mass: ArrayInput, gravity: ArrayInput) -> Scalar:

@@ -1,7 +1,8 @@
 """What the axes of a frame along a path are called, in labelled data, tables, figures and reports.
 
 The natural trihedral has a tangent, a principal normal and a binormal (τ, n, b); the upright frame points forward, left
-and up (docs/conventions.md). Every label that a user reads is taken from here.
+and up, the thrust-aligned one forward, left and along the thrust (docs/conventions.md). Every label that a user reads
+is taken from here.
 """
 
 from typing import NamedTuple
@@ -32,6 +33,7 @@ _TRIHEDRAL: Three = ("tangent", "normal", "binormal")
 _LETTERS: Three = ("x", "y", "z")
 
 NATURAL, UPRIGHT, MINIMIZING = "natural", "upright", "rotation-minimizing"
+THRUST_ALIGNED = "thrust-aligned"
 
 AXES = {
     NATURAL: FrameAxes(_TRIHEDRAL, ("τ", "n", "b"), "x = tangent (forward), y = principal normal, z = binormal"),
@@ -40,6 +42,11 @@ AXES = {
         ("tangent", "first", "second"),
         ("τ", "u", "v"),
         "x = tangent (forward), y and z across the path; the frame never turns about x",
+    ),
+    THRUST_ALIGNED: FrameAxes(
+        ("forward", "left", "thrust"),
+        ("forward", "left", "thrust"),
+        "x = forward (the heading, across the thrust), y = left, z = thrust (acceleration less gravity)",
     ),
     "trihedral": FrameAxes(_TRIHEDRAL, ("τ", "n", "b"), "x = tangent (forward), y = normal, z = binormal"),
 }

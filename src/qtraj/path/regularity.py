@@ -40,17 +40,17 @@ def regularity(i: Invariants, duration: Numbers) -> Regularity:
 
 def moves(i: Invariants, duration: Numbers) -> Flags:
     """Whether there is a tangent, on a path of this duration [s]."""
-    return _exceeds(i.S, largest(i, duration)[0])
+    return exceeds(i.S, largest(i, duration)[0])
 
 
 def bends(i: Invariants, duration: Numbers) -> Flags:
     """Whether there is a natural trihedral."""
-    return moves(i, duration) & _exceeds(i.N, largest(i, duration)[1])
+    return moves(i, duration) & exceeds(i.N, largest(i, duration)[1])
 
 
 def leaves_vertical(i: Invariants, duration: Numbers) -> Flags:
     """Whether there is an upright frame: the path moves, and not along the vertical."""
-    return moves(i, duration) & _exceeds(i.H, i.S)
+    return moves(i, duration) & exceeds(i.H, i.S)
 
 
 def largest(i: Invariants, duration: Array) -> tuple[Array, Array]:
@@ -60,7 +60,7 @@ def largest(i: Invariants, duration: Array) -> tuple[Array, Array]:
     return speeds, i.S * (square + i.S / duration**2)
 
 
-def _exceeds(square: Any, whole: Any) -> Flags:
+def exceeds(square: Any, whole: Any) -> Flags:
     """Whether a square is more than zero to rounding, against what it is measured by; a normal number in any case."""
     limits = jnp.finfo(square.dtype)
     tolerance = (DEFINED_TOLERANCE * float(limits.eps)) ** 2

@@ -34,7 +34,8 @@ STEEP = 0.75
 class Trihedral(AbstractResult):
     """A right-handed trihedral on a path at one instant.
 
-    `tangent`, `normal`, `binormal`: unit vectors (3,), world axes; body axes x, y, z of the trihedral. `speed` [m/s],
+    `tangent`, `normal`, `binormal`: unit vectors (3,), world axes; body axes x, y, z of the trihedral, whose x axis is
+    the tangent in all frames but `ThrustAligned`. `speed` [m/s],
     `curvature` and `torsion` [1/m] of the path. `rate` [rad/s] and `acceleration` [rad/s²]: angular, (3,), in the
     trihedral's own axes. `defined` is false where the trihedral does not exist; the numbers there are finite fallback
     values. Which frame it is, is not kept: trihedra of different frames are of one structure, as branches of a trace
@@ -95,6 +96,10 @@ class AbstractFrame(eqx.Module):
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
         """The trihedral from r and its first four derivatives, world axes, on a path of this duration [s]."""
 
+    def at(self, t: Scalar, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
+        """The trihedral at the time `t` [s]; only a frame that depends on time itself overrides this."""
+        return self.trihedral(r, duration)
+
 
 def trihedral(path: AbstractHodograph, t: ScalarLike, frame: AbstractFrame | None = None) -> Trihedral:
     """The trihedral of `path` at one instant `t` [s]: the natural one, or that of another `frame`.
@@ -104,7 +109,8 @@ def trihedral(path: AbstractHodograph, t: ScalarLike, frame: AbstractFrame | Non
     frame = Natural() if frame is None else frame
     if not isinstance(frame, AbstractFrame):
         raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
-    return frame.trihedral(path.derivatives(one_instant(t), 4), as_float(path.duration))
+    t = one_instant(t)
+    return frame.at(t, path.derivatives(t, 4), as_float(path.duration))
 
 
 @storable
@@ -114,7 +120,7 @@ class Natural(AbstractFrame):
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
         of = Invariants(r)
         defined = bends(of, duration.astype(r.dtype))
-        known = (of, _inverse_root(of.S, defined), _inverse_root(of.N, defined), _torsion(of, defined))
+        known = (of, inverse_root(of.S, defined), inverse_root(of.N, defined), _torsion(of, defined))
         rate, acceleration = natural_rate(*known), natural_acceleration(*known)
         zero = jnp.zeros_like(rate[0])
         return _trihedral(
@@ -151,14 +157,14 @@ class Upright(AbstractFrame):
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
         of = Invariants(r, self.unit_up(r.dtype))
         defined = leaves_vertical(of, duration.astype(r.dtype))
-        rates = upright_rates(of, _inverse_root(of.S, defined), _inverse_root(of.H, defined))
+        rates = upright_rates(of, inverse_root(of.S, defined), inverse_root(of.H, defined))
         rate, acceleration = (jnp.stack(x) for x in rates)
         return _trihedral(of, duration, jnp.cross(of.up, r[1]), rate, acceleration, defined)
 
     def unit_up(self, dtype: Any) -> Vec3:
         """The direction of `up`."""
         up = self.up.astype(dtype)
-        return unit(up, _axis(up, 2))
+        return unit(up, axis(up, 2))
 
 
 def _trihedral(
@@ -166,15 +172,22 @@ def _trihedral(
 ) -> Trihedral:
     """The trihedral whose normal has the direction `towards`, or stands level where that vanishes."""
     r1 = of.r[1]
-    moving, bending = moves(of, duration.astype(r1.dtype)), bends(of, duration.astype(r1.dtype))
-    tangent = unit(r1, _axis(r1, 0))
+    tangent = unit(r1, axis(r1, 0))
     normal = unit(towards, jnp.cross(_across(tangent), tangent))
+    return with_axes(of, duration, tangent, normal, rate, acceleration, defined)
+
+
+def with_axes(
+    of: Invariants, duration: Scalar, x: Vec3, y: Vec3, rate: Vec3, acceleration: Vec3, defined: Flag
+) -> Trihedral:
+    """The trihedral with these unit axes x and y, on the path whose derivatives `of` holds."""
+    moving, bending = moves(of, duration.astype(x.dtype)), bends(of, duration.astype(x.dtype))
     return Trihedral(
-        tangent=tangent,
-        normal=normal,
-        binormal=jnp.cross(tangent, normal),
-        speed=norm(r1),
-        curvature=norm(of.c) * _inverse_root(of.S, moving) ** 3,
+        tangent=x,
+        normal=y,
+        binormal=jnp.cross(x, y),
+        speed=norm(of.r[1]),
+        curvature=norm(of.c) * inverse_root(of.S, moving) ** 3,
         torsion=_torsion(of, bending),
         rate=rate,
         acceleration=acceleration,
@@ -186,17 +199,18 @@ def _torsion(of: Invariants, bending: Flag) -> Scalar:
     return jnp.where(bending, of.T / jnp.where(bending, of.N, 1.0), 0.0)
 
 
-def _inverse_root(x: Scalar, exists: Flag) -> Scalar:
+def inverse_root(x: Scalar, exists: Flag) -> Scalar:
     """1/√x, or 0 with a derivative of 0 where it does not exist."""
     return jnp.where(exists, jnp.where(exists, x, 1.0) ** -0.5, 0.0)
 
 
 def _across(tangent: Vec3) -> Vec3:
     """A unit vector across the tangent: level where it can be, so that a straight level road keeps b up."""
-    reference = jnp.where(tangent[2] ** 2 > STEEP, _axis(tangent, 0), _axis(tangent, 2))
+    reference = jnp.where(tangent[2] ** 2 > STEEP, axis(tangent, 0), axis(tangent, 2))
     across = reference - tangent * (reference @ tangent)
     return across / norm(across)
 
 
-def _axis(v: Vec3, k: int) -> Vec3:
+def axis(v: Vec3, k: int) -> Vec3:
+    """The unit vector along axis `k`, in the precision of `v`."""
     return jnp.zeros_like(v).at[k].set(1.0)

@@ -13,7 +13,7 @@ from qtraj.cli.content import finite
 from qtraj.cli.layout import MOST_ROWS, heading, numbers_table, print_files, print_scenario
 from qtraj.cli.tuning.report import print_fit
 from qtraj.path.channel import CHANNELS
-from qtraj.path.frame_axes import MINIMIZING, NATURAL, UPRIGHT, axes_of
+from qtraj.path.frame_axes import MINIMIZING, NATURAL, THRUST_ALIGNED, UPRIGHT, axes_of
 from qtraj.path.spiral_helix import SpiralHelix
 
 OUTPUTS = ("position", "velocity", "acceleration", "speed", "curvature", "torsion", "quaternion", "rate", "defined")
@@ -36,6 +36,7 @@ MOTION = {"time": ["t"], "position": ["x", "y", "z"], "speed": ["speed"], "curva
 MISSING = {
     NATURAL: "the natural trihedral does not exist (no motion or no bend)",
     UPRIGHT: "the upright frame does not exist (no motion, or straight up or down)",
+    THRUST_ALIGNED: "the thrust-aligned frame does not exist (no motion, free fall, or thrust along the velocity)",
     MINIMIZING: "the rotation-minimizing frame does not exist (no motion)",
 }
 """What a dash in a table means."""

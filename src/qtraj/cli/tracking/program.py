@@ -21,8 +21,10 @@ from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
 from qtraj.motion.programs.frame_program import FrameProgram
 from qtraj.motion.programs.rotation_minimizing import RotationMinimizing, name_of
-from qtraj.path.frame_axes import MINIMIZING, NATURAL, UPRIGHT
+from qtraj.motion.programs.slew_torque import within_torque
+from qtraj.path.frame_axes import MINIMIZING, NATURAL, THRUST_ALIGNED, UPRIGHT
 from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.thrust_aligned import ThrustAligned
 from qtraj.path.trihedral import AbstractFrame, Natural, Upright, trihedral
 
 CHECKED = 257
@@ -30,7 +32,9 @@ CHECKED = 257
 
 
 WHY = {NATURAL: "no motion, or no bend", UPRIGHT: "no motion, or straight up or down"}
+WHY |= {THRUST_ALIGNED: "no motion, free fall, or thrust along the velocity or the heading"}
 OTHERS = {NATURAL: "'upright' or 'rotation-minimizing'", UPRIGHT: "'natural' or 'rotation-minimizing'"}
+OTHERS |= {THRUST_ALIGNED: OTHERS[NATURAL]}
 """Where a frame does not exist, and which others may."""
 
 
@@ -45,7 +49,7 @@ def program_of(given: ScenarioFile[TrackingScenario], frame: str | None = None) 
     if part.turn is not None:
         return _turn(part.turn, given.scenario.angles)
     if part.path is not None:
-        return _framed(_path(given.beside(part.path)), part, frame)
+        return _framed(_path(given.beside(part.path)), part, frame, given.scenario.angles)
     return _saved(given.beside(str(part.file)))
 
 
@@ -80,6 +84,8 @@ def _turn(part: TurnPart, angles: str) -> EulerTurn | TurnChain:
             law = SMOOTH[part.law.kind](duration=part.law.duration, **limits)
             for angle in np.atleast_1d(program.angle if isinstance(program, EulerTurn) else program.angles):
                 law.profile(angle)  # which tells what is broken
+        if part.body is not None and part.body.max_torque is not None:
+            program = within_torque(program, part.body.inertia, part.body.max_torque)
     except ValueError as error:
         raise ValueError(f"in [program.turn], {error}") from error
     return program
@@ -89,11 +95,11 @@ def _path(file: Path) -> SpiralHelix:
     return saved_path(file) if is_saved(file) else lay(read_scenario(file, Scenario)).path
 
 
-def _framed(path: SpiralHelix, part: ProgramPart, chosen: str | None) -> FrameProgram:
+def _framed(path: SpiralHelix, part: ProgramPart, chosen: str | None, angles: str) -> FrameProgram:
     name = (chosen or part.frame or UPRIGHT).replace("_", "-")
     if name == MINIMIZING:
         return FrameProgram(path, RotationMinimizing())
-    frame = Natural() if name == NATURAL else Upright() if part.up is None else Upright(part.up)
+    frame = _frame(name, part, angles)
     times = jnp.linspace(0.0, path.duration, CHECKED)
     defined = np.asarray(_defined(path, frame, times))
     if not defined.all():
@@ -103,6 +109,12 @@ def _framed(path: SpiralHelix, part: ProgramPart, chosen: str | None) -> FramePr
             f"{OTHERS[name]}, or --frame with one of them"
         )
     return FrameProgram(path, frame)
+
+
+def _frame(name: str, part: ProgramPart, angles: str) -> AbstractFrame:
+    if name == THRUST_ALIGNED:
+        return ThrustAligned(None if part.heading is None else radians(angles) * part.heading)
+    return Natural() if name == NATURAL else Upright() if part.up is None else Upright(part.up)
 
 
 def _saved(file: Path) -> AbstractProgram:

@@ -14,8 +14,10 @@ from qtraj.design.limits import Limits
 from qtraj.design.tuning.initial import given_path
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation.types import Scalar
+from qtraj.io.attitude_angles import AttitudeAngles
 from qtraj.io.scenario import ScenarioFile
 from qtraj.io.scenario_model import Scenario
+from qtraj.io.tangent_plane import TangentPlane
 from qtraj.io.track_file import read_track
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.placement import Placement
@@ -151,7 +153,10 @@ def _fitted(given: ScenarioFile[Scenario], scenario: Scenario, motion: str) -> t
     if part is None:
         raise ValueError("there is no [track] to fit")
     columns = None if part.columns is None else {name: chosen or None for name, chosen in part.columns.items()}
-    track = read_track(given.beside(part.file), columns)
+    angles = None if part.angles is None else AttitudeAngles(**part.angles.model_dump())
+    origin = None if part.origin is None else (part.origin[0], part.origin[1], part.origin[2])
+    projection = None if part.projection is None else TangentPlane(origin)
+    track = read_track(given.beside(part.file), columns, angles, projection)
     if part.window is not None:
         track = track.window(*part.window)
     settings = {} if scenario.fit is None else scenario.fit.model_dump(exclude_none=True)

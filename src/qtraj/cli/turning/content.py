@@ -8,24 +8,32 @@ import numpy as np
 
 from qtraj._version import __version__
 from qtraj.cli.content import finite, scenario_content
-from qtraj.cli.turning.job import Leg, fastest_law, turn_limits
-from qtraj.cli.turning.peaks import judged
+from qtraj.cli.turning.job import Leg, least_duration, turn_limits
+from qtraj.cli.turning.peaks import judged, judged_torque
 from qtraj.io.attitude_part import radians
 from qtraj.io.instants import Column
 from qtraj.io.scenario import ScenarioFile
 from qtraj.io.turn_model import JERKY, TurnScenario
+from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
+from qtraj.motion.programs.slew_torque import peak_torque
 
 STILL = "there is nothing to turn: all attitudes are the same."
 
 
 def turn_content(
-    given: ScenarioFile[TurnScenario], turns: Sequence[Leg], times: np.ndarray, columns: Mapping[str, Column]
+    given: ScenarioFile[TurnScenario],
+    program: EulerTurn | TurnChain,
+    turns: Sequence[Leg],
+    times: np.ndarray,
+    columns: Mapping[str, Column],
 ) -> dict[str, Any]:
     """The whole outcome, of JSON's types only; angles in radians."""
     scenario = given.scenario
     names = ["max_rate", "max_acceleration", *(["max_jerk"] if scenario.law.kind not in JERKY else [])]
     limits = judged(turns, turn_limits(scenario.law, scenario.angles), names)
-    least = _least_duration(scenario, turns)
+    if scenario.body is not None:
+        limits |= judged_torque(peak_torque(program, scenario.body.inertia), scenario.body.max_torque)
+    least = None if scenario.law.duration is None else least_duration(scenario, scenario.angles, program)
     content = {
         "qtraj": __version__,
         "command": "turn",
@@ -61,14 +69,6 @@ def _turn(leg: Leg) -> dict[str, Any]:
 def _moves(leg: Leg) -> bool:
     """Whether there is anything to turn, and so an axis: with end rates a turn by no angle goes out and back."""
     return float(leg.profile.total) != 0 or not leg.profile.proportional
-
-
-def _least_duration(scenario: TurnScenario, turns: Sequence[Leg]) -> float | None:
-    """The least time within the limits where a longer one was asked for."""
-    law = fastest_law(scenario.law, scenario.angles)
-    if law is None or scenario.law.duration is None:
-        return None
-    return sum(float(law.profile(leg.profile.total).duration) for leg in turns)
 
 
 def _end(scenario: TurnScenario, last: Leg) -> dict[str, Any]:

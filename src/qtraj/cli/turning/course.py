@@ -1,6 +1,7 @@
 """A program of turns at many instants."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,6 +12,7 @@ from jaxtyping import Array, Float
 from qtraj.cli.turning.job import Leg
 from qtraj.io.instants import Column
 from qtraj.motion.attitude import AbstractProgram, Attitude
+from qtraj.motion.dynamics import torque
 from qtraj.motion.profiles.profile import Profile
 
 FINE = 512
@@ -19,8 +21,13 @@ SIDE = 1e-9
 """Of the duration: how far before a switch its earlier side is shown."""
 
 
-def turn_columns(program: AbstractProgram, turns: Sequence[Leg], times: np.ndarray) -> dict[str, Column]:
-    """Angle (of a chain the sum so far), its derivatives, and the attitude with its derivatives, at `times` [s]."""
+def turn_columns(
+    program: AbstractProgram, turns: Sequence[Leg], times: np.ndarray, inertia: Any = None
+) -> dict[str, Column]:
+    """Angle (of a chain the sum so far), its derivatives, and the attitude with its derivatives, at `times` [s].
+
+    With the `inertia` of the body, the torque as well.
+    """
     angle = np.zeros((len(times), 3))
     passed = 0.0
     for k, leg in enumerate(turns):
@@ -29,7 +36,7 @@ def turn_columns(program: AbstractProgram, turns: Sequence[Leg], times: np.ndarr
         angle[later] = (values + np.array([passed, 0.0, 0.0]))[later]
         passed += float(leg.profile.total)
     attitudes = program_attitudes(program, jnp.asarray(times))
-    return {
+    columns = {
         "angle": Column(angle[:, 0], "rad", "angle turned"),
         "angle_rate": Column(angle[:, 1], "rad s-1", "rate of the angle"),
         "angle_acceleration": Column(angle[:, 2], "rad s-2", "acceleration of the angle; at a jump that after it"),
@@ -39,6 +46,10 @@ def turn_columns(program: AbstractProgram, turns: Sequence[Leg], times: np.ndarr
             np.asarray(attitudes.acceleration), "rad s-2", "angular acceleration, body axes", "body"
         ),
     }
+    if inertia is not None:
+        torques = np.asarray(_torques(attitudes, jnp.asarray(inertia, float)))
+        columns["torque"] = Column(torques, "N m", "torque on the body, body axes; at a jump that after it", "body")
+    return columns
 
 
 def fine_times(turns: Sequence[Leg]) -> np.ndarray:
@@ -58,6 +69,11 @@ def even_times(turns: Sequence[Leg], samples: int) -> np.ndarray:
 def program_attitudes(program: AbstractProgram, times: Float[Array, " n"]) -> Attitude:
     """The program at many instants."""
     return jax.vmap(program)(times)
+
+
+@eqx.filter_jit
+def _torques(attitudes: Attitude, inertia: Array) -> Float[Array, "n 3"]:
+    return jax.vmap(lambda attitude: torque(attitude, inertia))(attitudes)
 
 
 @eqx.filter_jit

@@ -13,6 +13,7 @@ from qtraj.motion.profiles.s_curve import SCurve
 from qtraj.motion.profiles.smooth_step import Cubic, Quintic, Septic
 from qtraj.motion.profiles.time_optimal import TimeOptimal
 from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
+from qtraj.motion.programs.slew_torque import within_torque
 
 SMOOTH = {"cubic": Cubic, "quintic": Quintic, "septic": Septic}
 SAME = 1e-9
@@ -50,10 +51,34 @@ def turn_program(part: TurnPart, angles: str) -> EulerTurn | TurnChain:
     """
     attitudes = np.stack([attitude.attitude(angles) for attitude in part.attitudes().values()])
     try:
-        law = turn_law(part.law, angles)
-        return TurnChain(attitudes, law) if part.via else EulerTurn(attitudes[0], attitudes[1], law)
+        return _with_torque(_program(attitudes, turn_law(part.law, angles)), part)
     except ValueError as error:
         raise ValueError(f"[law]: {error}") from error
+
+
+def least_duration(part: TurnPart, angles: str, program: EulerTurn | TurnChain) -> float | None:
+    """The least time [s] within the limits of rate, acceleration, jerk and torque; None where no law limits it."""
+    law = fastest_law(part.law, angles)
+    if law is None:
+        return None
+    chain = isinstance(program, TurnChain)
+    fastest = _program(np.asarray(program.attitudes if chain else [program.start_q, program.end_q]), law)
+    body = part.body
+    if body is not None and body.max_torque is not None and not given(part.law, *END_RATES):
+        fastest = within_torque(fastest, body.inertia, body.max_torque)
+    return float(fastest.duration)
+
+
+def _program(attitudes: np.ndarray, law: AbstractLaw) -> EulerTurn | TurnChain:
+    return TurnChain(attitudes, law) if len(attitudes) > 2 else EulerTurn(attitudes[0], attitudes[1], law)
+
+
+def _with_torque(program: EulerTurn | TurnChain, part: TurnPart) -> EulerTurn | TurnChain:
+    """The program slowed to its torque limit; with a duration or end rates of its own it is judged afterwards."""
+    body = part.body
+    if body is None or body.max_torque is None or given(part.law, "duration", *END_RATES):
+        return program
+    return within_torque(program, body.inertia, body.max_torque)
 
 
 def turn_law(part: TurnLawPart, angles: str) -> AbstractLaw:

@@ -73,7 +73,8 @@ def _print_limits(console: Console, limits: dict[str, dict[str, Any]]) -> None:
     for name, entry in limits.items():
         status = "binds" if entry["binding"] else entry["status"] or "no limit"
         margin = 0.0 if entry["binding"] else entry["margin"]
-        numbers = [degrees(value) for value in (entry["value"], entry["limit"], margin)]
+        shown = degrees if entry["unit"].startswith("rad") else number
+        numbers = [shown(value) for value in (entry["value"], entry["limit"], margin)]
         ending = verdict(status) if entry["status"] else Text(status)
         unit = Text(entry["unit"].replace("rad", "°"))
         table.add_row(name.removeprefix("max_"), *numbers, number(entry["time"], 6), unit, ending)

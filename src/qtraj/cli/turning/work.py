@@ -37,14 +37,18 @@ def run(file: Path | None, out: Path, samples: int) -> tuple[dict[str, Any], boo
             raise ValueError(f"{given.file}: {error}") from error
         turns = legs(program)
         times, fine = even_times(turns, samples), fine_times(turns)
-        both = turn_columns(program, turns, np.concatenate([times, fine]))  # at once: one compilation
+        body = given.scenario.body
+        inertia = None if body is None else body.inertia
+        both = turn_columns(program, turns, np.concatenate([times, fine]), inertia)  # at once: one compilation
         columns = {name: c._replace(values=c.values[: len(times)]) for name, c in both.items()}
         drawn = {name: c._replace(values=c.values[len(times) :]) for name, c in both.items()}
-        content = turn_content(given, turns, times, columns)
+        content = turn_content(given, program, turns, times, columns)
         watch.say("writing")
         notes = provenance(given.file, scenario_content(given)) | {"law": content["law"], "result": content["result"]}
         limits = turn_limits(given.scenario.law, given.scenario.angles)
-        bounds = {BOUNDED[name]: limit for name, limit in limits.items() if name in BOUNDED}
+        bounds: dict[str, Any] = {BOUNDED[name]: limit for name, limit in limits.items() if name in BOUNDED}
+        if body is not None and body.max_torque is not None:
+            bounds["torque"] = body.max_torque
         dataset = instants_dataset(times, columns, notes, bounds)
         figure = turn_figure(instants_dataset(fine, drawn, notes), limits)
         writers: dict[str, Writer] = {"program.toml": program.save, **result_writers(dataset, figure, "turn")}

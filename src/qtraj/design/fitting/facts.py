@@ -9,12 +9,15 @@ import numpy as np
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.record import Quantity
+from qtraj.motion.attitude_residual import mounting_angles
 from qtraj.path.placement import Placement
 from qtraj.path.residual import MEANINGS
 
 TITLE = "Fitted spiral-helix against the recording"
 
 _RESIDUAL = ("horizontal_rms", "vertical_rms", "maximum", "velocity_rms", "direction_rms", "radius_min", "radius_max")
+
+_ATTITUDE = ("attitude_rms", "attitude_maximum", "mounting_yaw", "mounting_pitch", "mounting_roll")
 
 FACTS = {
     "samples": MEANINGS["samples"],
@@ -24,6 +27,11 @@ FACTS = {
     "recorded_turn": MEANINGS["turn"],
     "turn": ("rad", "angle of the fitted path about its axis"),
     "duration": ("s", "duration of the fitted path"),
+    "attitude_rms": ("rad", "root mean square of the angle between recorded attitude and mounted upright frame"),
+    "attitude_maximum": ("rad", "largest angle between recorded attitude and mounted upright frame"),
+    "mounting_yaw": ("rad", "yaw of the recorder in the upright frame (Z-Y-X)"),
+    "mounting_pitch": ("rad", "pitch of the recorder in the upright frame (Z-Y-X), nose down"),
+    "mounting_roll": ("rad", "roll of the recorder in the upright frame (Z-Y-X)"),
 }
 """Unit and meaning of every number."""
 
@@ -40,7 +48,11 @@ def facts(fitted: Fitted) -> dict[str, Any]:
         "recorded_turn": found.turn,
         "turn": path.turn,
         "duration": path.duration,
+        **dict.fromkeys(_ATTITUDE),
     }
+    if fitted.attitude is not None:
+        angles = mounting_angles(fitted.attitude)
+        numbers |= dict(zip(_ATTITUDE, (fitted.attitude.rms, fitted.attitude.maximum, *angles), strict=True))
     code = ResultCode(int(fitted.code))
     return {
         "samples": int(found.samples),
@@ -86,6 +98,10 @@ def fact_rows(fit: Mapping[str, Any]) -> list[tuple[str, str]]:
         found.insert(2, ("direction", f"{degrees(fit['direction_rms']):.2f}° RMS"))
     else:
         found.append(("velocities", "not recorded: those of the fitted path"))
+    if fit["attitude_rms"] is not None:
+        rms, most, yaw, pitch, roll = (degrees(fit[name]) for name in _ATTITUDE)
+        found.append(("recorded attitude", f"off the frame by {rms:.2f}° RMS, {most:.2f}° at most"))
+        found.append(("mounting", f"yaw {yaw:.2f}°, pitch {pitch:.2f}°, roll {roll:.2f}° (Z-Y-X)"))
     return found
 
 

@@ -23,10 +23,13 @@ from qtraj.design.fitting.turn_problem import PENALTY, POINTS, TERMS, UNKNOWNS, 
 from qtraj.design.fitting.window import POSITION_SIGMA, VELOCITY_SIGMA, turn_of
 from qtraj.foundation.arrays import as_array
 from qtraj.foundation.outcome import ResultCode
+from qtraj.motion.attitude_residual import compare_attitude
+from qtraj.motion.programs.frame_program import FrameProgram
 from qtraj.path.placement import Placement
 from qtraj.path.residual import compare
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track, known, known_elapsed
+from qtraj.path.trihedral import Upright
 
 ANGLE_TERMS = {"uniform": 2, "hermite": 4}
 """Coefficients of φ in each motion: linear, or cubic as between two boundary states."""
@@ -57,11 +60,12 @@ def fit(
     `radius_bounds` [m] hold ρ on the whole path: by default a quarter and twice the mean turning radius.
 
     The result's `path` is the fitted one, its `residual` says how well that follows the track, and its `result` how the
-    search ended and what to do, also where a bound holds the radius. A fit is loose, which its `code` and `result`
-    say, where the root mean square of the horizontal distance is more than 3 % of the turn's radius (its length over
-    all that it turns) or the speed differs somewhere by more than 25 % of the recorded one (its root mean square);
-    beyond 10 % or 50 % it is poor and counts as a failure. Use float64. The data must be known numbers:
-    gradients do not pass through the fit, but the fitted path has them like any other.
+    search ended and what to do, also where a bound holds the radius. A fit is loose, which its `code` and `result` say,
+    where the root mean square of the horizontal distance is more than 3 % of the turn's radius (its length over all
+    that it turns) or the speed differs somewhere by more than 25 % of the recorded one (its root mean square); beyond
+    10 % or 50 % it is poor and counts as a failure. Recorded attitudes do not enter the fit; the result's `attitude`
+    compares them with the upright frame of the path, by `compare_attitude`. Use float64. The data must be known
+    numbers: gradients do not pass through the fit, but the fitted path has them like any other.
 
     **Raises:** ValueError for an unknown motion, sigmas or bounds that are not positive, too few samples, or a window
     in which the vehicle stands, hardly moves, or drives nearly straight on or through bends that cancel. RuntimeError
@@ -89,7 +93,8 @@ def fit(
 
     residual = compare(path, track)
     found = Quality(float(residual.horizontal_rms) / turn.bent, speed_misfit(path, track))
-    fitted = Fitted(path, residual, _code(radius, duration, bounds, ended, found), steps, bounds, *found)
+    attitude = None if track.attitudes is None else compare_attitude(FrameProgram(path, Upright()), track)
+    fitted = Fitted(path, residual, _code(radius, duration, bounds, ended, found), steps, bounds, *found, attitude)
     return fitted.check() if throw else fitted
 
 

@@ -16,6 +16,7 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.outcome import AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.types import ArrayInput, Scalar
+from qtraj.motion.attitude_residual import AttitudeResidual
 from qtraj.path.residual import Residual
 from qtraj.path.spiral_helix import SpiralHelix
 
@@ -24,11 +25,12 @@ from qtraj.path.spiral_helix import SpiralHelix
 class Fitted(AbstractOutcome):
     """The result of `fit`.
 
-    `path`, the spiral-helix, whose time 0 is the first sample; `residual`, how well it follows the recording;
-    `code`, a `ResultCode`, and `result`, its text, which says what to do; `iterations`, the steps of the search that
-    won; `relative_rms`, the horizontal root mean square of the distance over the turn's radius (its length over all
-    that it turns), and `relative_speed`, the largest difference of speeds over the root mean square of the recorded
-    one (NaN in older documents); `radius_bounds` [m], between which the radius is held on the whole path.
+    `path`, the spiral-helix, whose time 0 is the first sample; `residual`, how well it follows the recording; `code`, a
+    `ResultCode`, and `result`, its text, which says what to do; `iterations`, the steps of the search that won;
+    `relative_rms`, the horizontal root mean square of the distance over the turn's radius (its length over all that it
+    turns), and `relative_speed`, the largest difference of speeds over the root mean square of the recorded one (NaN in
+    older documents); `radius_bounds` [m], between which the radius is held on the whole path; `attitude`, where the
+    recording has attitudes, how they differ from the path's upright frame, and how the recorder is mounted in it.
     """
 
     path: SpiralHelix
@@ -38,6 +40,7 @@ class Fitted(AbstractOutcome):
     radius_bounds: Float[Array, "2"]
     relative_rms: Scalar
     relative_speed: Scalar
+    attitude: AttitudeResidual | None
 
     def __init__(
         self,
@@ -48,11 +51,13 @@ class Fitted(AbstractOutcome):
         radius_bounds: ArrayInput,
         relative_rms: ArrayInput = math.nan,
         relative_speed: ArrayInput = math.nan,
+        attitude: AttitudeResidual | None = None,
     ):
         self.path, self.residual = path, residual
         self.code, self.iterations = as_array(code, jnp.int32), as_array(iterations, jnp.int32)
         self.radius_bounds = as_float(radius_bounds)
         self.relative_rms, self.relative_speed = as_float(relative_rms), as_float(relative_speed)
+        self.attitude = attitude
 
     def explain(self, at: tuple[int, ...]) -> str:
         """How the fit ended, and what to do."""
@@ -101,6 +106,9 @@ class Fitted(AbstractOutcome):
             "result": Quantity(np.asarray(self.result), "", "how the fit ended"),
             "code": Quantity(self.code, "1", "how the fit ended, as a number"),
         }
+        if self.attitude is not None:
+            found = self.attitude.record().variables
+            variables |= {f"attitude_{name}": quantity for name, quantity in found.items() if name != "samples"}
         summary = f"{path.summary}; {residual.summary}"
         return Record(summary, variables, attributes={"frame": "world"}, labels={"bound": ["low", "high"]})
 

@@ -1,4 +1,4 @@
-"""The attitude program of a path's frame: natural, upright or rotation-minimizing (paper S's trihedron as λ⁰)."""
+"""The attitude program of a path's frame: natural, upright, thrust-aligned, rotation-minimizing (paper S's λ⁰)."""
 
 import equinox as eqx
 import jax
@@ -31,7 +31,8 @@ class FrameProgram(AbstractProgram):
     that of the nearest of the `anchors` (n, 4), quaternions at n equal steps from 0 to the duration, which are followed
     once, when the program is made (and stored with it). A frame may turn by π between two anchors: 512π rad in all.
     Where the frame itself is undefined (the natural one where the path is straight, the upright one along its up
-    direction, any where the path stops) there is no attitude: the natural frame flips by π across an inflection.
+    direction, the thrust-aligned one in free fall, most where the path stops) there is no attitude: the natural frame
+    flips by π across an inflection.
 
     Make the program inside the function that is differentiated or vmapped over paths. Outside [0, duration] the path
     goes on by its own rule, and so does the program.

@@ -44,12 +44,13 @@ TITLES = {
     "error": "error quaternion",
     "rate": "rate, body axes",
     "acceleration": "angular acceleration, body axes",
+    "torque": "torque, body axes",
     "command": "command, body axes",
     "norm": "length of the quaternion",
 }
 APPLIES = "applies"
 """What the attribute `closed_form` of a dataset says where the motion has it; else why it has not."""
-LETTERS = {"quaternion": "λ", "error": "μ", "rate": "ω", "acceleration": "ε", "command": "u"}
+LETTERS = {"quaternion": "λ", "error": "μ", "rate": "ω", "acceleration": "ε", "command": "u", "torque": "M"}
 
 
 def is_of_attitudes(dataset: xarray.Dataset) -> bool:

@@ -7,7 +7,7 @@ import xarray
 
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset import MAGNITUDES
-from qtraj.path.frame_axes import AXES, UPRIGHT, FrameAxes
+from qtraj.path.frame_axes import AXES, THRUST_ALIGNED, UPRIGHT, FrameAxes
 from qtraj.viz.report.angles import heading_pitch_roll
 from qtraj.viz.report.frames import cosines
 from qtraj.viz.report.model import Arrow, Body, Panel, Report, Series, unit, words
@@ -108,13 +108,13 @@ def _panels(bodies: list[Body], paths: list[xarray.Dataset], frame: FrameAxes) -
     if "quaternion" in first:
         lines = [(f"λ{SUBSCRIPTS[label]}", colour, DASHES[label]) for label, colour in COMPONENTS.items()]
         panels.append(_components("quaternion", lines, paths))
-    if frame is AXES[UPRIGHT]:
+    if frame in (AXES[UPRIGHT], AXES[THRUST_ALIGNED]):
         panels += _angles(bodies)
     return panels
 
 
 def _angles(bodies: list[Body]) -> list[Panel]:
-    """Heading, and pitch with roll, of the upright frame that is looked at."""
+    """Heading, and pitch with roll, of the upright or thrust-aligned frame that is looked at."""
     found = [heading_pitch_roll(body.axes) for body in bodies]
 
     def lines(columns: Sequence[int]) -> list[Series]:

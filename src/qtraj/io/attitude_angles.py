@@ -1,0 +1,83 @@
+"""Roll, pitch and heading of a recording as quaternions, by a convention that is said and never guessed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from qtraj.algebra import hamilton
+
+HEADINGS = ("north-clockwise", "x-anticlockwise")
+UNITS = {"deg": np.pi / 180, "rad": 1.0}
+BODIES = ("forward-right-down", "forward-left-up")
+
+OPTIONS = (
+    "sequence: three letters, x for roll, y for pitch and z for heading, upper case about the moving axes ('ZYX': "
+    "heading, then pitch, then roll), lower case about the fixed ones; heading: 'north-clockwise' or "
+    "'x-anticlockwise'; unit: 'deg' or 'rad'; body: 'forward-right-down' or 'forward-left-up'"
+)
+"""What a convention must say."""
+
+Quaternions = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+_ONE, _ROLLED_OVER, _NORTH = (1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttitudeAngles:
+    """What the roll, pitch and heading of a recording mean. Nothing has a default, because any guess may be wrong.
+
+    `sequence`: three letters for the order of the turns, x for roll, y for pitch, z for heading. Upper case turns about
+    the moving body axes, lower case about the axes of zero attitude; "ZYX" (heading, pitch, roll) is that of aircraft
+    and equals "xyz". `heading`: "north-clockwise", from world y towards world x, where the world is x east and y north,
+    or "x-anticlockwise", from world x towards world y. `unit`: "deg" or "rad". `body`: "forward-right-down" or
+    "forward-left-up", the body axes x, y, z; roll and pitch are right-handed about x and y, so a positive pitch raises
+    the nose of the former and lowers that of the latter.
+
+    **Raises:** ValueError for any other text, naming the options.
+    """
+
+    sequence: str
+    heading: str
+    unit: str
+    body: str
+
+    def __post_init__(self) -> None:
+        ordered = self.sequence in (self.sequence.upper(), self.sequence.lower())
+        if sorted(self.sequence.lower()) != ["x", "y", "z"] or not ordered:
+            raise ValueError(
+                f"the sequence of attitude angles must be x, y and z in some order, of one case, such as 'ZYX', but "
+                f"{self.sequence!r} was given"
+            )
+        for name, known in (("heading", HEADINGS), ("unit", tuple(UNITS)), ("body", BODIES)):
+            if getattr(self, name) not in known:
+                options = " or ".join(map(repr, known))
+                raise ValueError(
+                    f"the {name} of attitude angles must be {options}, but {getattr(self, name)!r} was given"
+                )
+
+    def quaternions(self, angles: np.ndarray) -> np.ndarray:
+        """Unit quaternions (n, 4) of `angles` (n, 3): roll, pitch, heading, in `unit`.
+
+        They are scalar first, body to world, for body axes forward, left, up, whatever `body` says of the angles; the
+        world has z up, and where heading is from north, x east and y north.
+        """
+        roll, pitch, heading = (UNITS[self.unit] * np.asarray(angles, float)).T
+        down, clockwise = self.body == BODIES[0], self.heading == HEADINGS[0]
+        turns = {"x": roll, "y": pitch, "z": heading if down == clockwise else -heading}
+        order = self.sequence.lower() if self.sequence.isupper() else self.sequence[::-1]
+        q = _constant(_NORTH if clockwise else _ONE, roll)
+        q = hamilton.product(q, _constant(_ROLLED_OVER if down else _ONE, roll))
+        for axis in order:
+            q = hamilton.product(q, _about("xyz".index(axis), turns[axis]))
+        return np.stack(hamilton.product(q, _constant(_ROLLED_OVER if down else _ONE, roll)), axis=1)
+
+
+def _about(axis: int, angle: np.ndarray) -> Quaternions:
+    vector = [np.zeros_like(angle) for _ in range(3)]
+    vector[axis] = np.sin(angle / 2)
+    return np.cos(angle / 2), vector[0], vector[1], vector[2]
+
+
+def _constant(q: tuple[float, ...], like: np.ndarray) -> Quaternions:
+    w, x, y, z = (np.full_like(like, component) for component in q)
+    return w, x, y, z

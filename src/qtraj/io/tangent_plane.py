@@ -1,0 +1,89 @@
+"""Latitude, longitude and height as metres east, north and up of a point on the Earth, exactly.
+
+The ellipsoid is that of WGS 84 (NGA.STND.0036); the map to its Earth-fixed axes is a closed form, and the rest a turn
+and a shift. So lengths and angles in space stay true, where a map projection scales and turns them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+SEMI_MAJOR_AXIS = 6378137.0
+"""Of WGS 84 [m]."""
+FLATTENING = 1 / 298.257223563
+ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
+
+OPTIONS = (
+    "projection='tangent-plane' (in a scenario projection = 'tangent-plane'): metres east, north and up of the first "
+    "sample, on the tangent plane of WGS 84 there; or qtraj.TangentPlane(origin) (in a scenario origin = [latitude, "
+    "longitude, height]) for those of a point of your own"
+)
+"""What may be done about latitudes and longitudes."""
+
+
+@dataclass(frozen=True)
+class TangentPlane:
+    """The axes east, north and up in the plane that touches the Earth at `origin`, whose position is (0, 0, 0).
+
+    `origin`: latitude and longitude [°] and height above the ellipsoid [m] on WGS 84; None for the first sample of the
+    recording. Distances and angles are exact. Since the Earth is round, z is not the height: at 10 km from the origin
+    level ground is 7.8 m below the plane.
+
+    **Raises:** ValueError for an origin that is not three finite numbers, or a latitude beyond ±90°.
+    """
+
+    origin: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.origin is None:
+            return
+        given = np.asarray(self.origin, float)
+        if given.shape != (3,) or not np.isfinite(given).all():
+            raise ValueError(
+                f"the origin of a tangent plane is [latitude °, longitude °, height m], but {self.origin!r} was given"
+            )
+        _require_angles(given[None], "the origin of a tangent plane")
+        object.__setattr__(self, "origin", tuple(map(float, given)))
+
+    def project(self, geodetic: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (n, 3) [m], and rotations (n, 3, 3) from the local axes at each sample, of `geodetic` (n, 3).
+
+        The columns of `geodetic` are latitude [°], longitude [°] and height above the ellipsoid [m]. A rotation maps
+        the components east, north and up at the sample, where its velocity and attitude are told, to those at the
+        origin.
+
+        **Raises:** ValueError for a latitude beyond ±90° or a longitude beyond ±360°, naming the sample.
+        """
+        geodetic = np.asarray(geodetic, float)
+        _require_angles(geodetic, "the recording")
+        origin = geodetic[:1] if self.origin is None else np.asarray([self.origin], float)
+        plane = local_axes(origin)[0]
+        offsets = earth_fixed(geodetic) - earth_fixed(origin)
+        return offsets @ plane.T, plane @ np.swapaxes(local_axes(geodetic), -1, -2)
+
+
+def earth_fixed(geodetic: np.ndarray) -> np.ndarray:
+    """Earth-centred, Earth-fixed positions (n, 3) [m] of latitude [°], longitude [°] and height [m]."""
+    latitude, longitude, height = np.radians(geodetic[:, 0]), np.radians(geodetic[:, 1]), geodetic[:, 2]
+    normal = SEMI_MAJOR_AXIS / np.sqrt(1 - ECCENTRICITY_SQUARED * np.sin(latitude) ** 2)
+    level = (normal + height) * np.cos(latitude)
+    up = (normal * (1 - ECCENTRICITY_SQUARED) + height) * np.sin(latitude)
+    return np.stack([level * np.cos(longitude), level * np.sin(longitude), up], axis=1)
+
+
+def local_axes(geodetic: np.ndarray) -> np.ndarray:
+    """Rows east, north and up (n, 3, 3) in Earth-fixed components."""
+    latitude, longitude = np.radians(geodetic[:, 0]), np.radians(geodetic[:, 1])
+    (s, c), (sl, cl) = (np.sin(latitude), np.cos(latitude)), (np.sin(longitude), np.cos(longitude))
+    rows = [[-sl, cl, 0 * s], [-s * cl, -s * sl, c], [c * cl, c * sl, s]]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def _require_angles(geodetic: np.ndarray, what: str) -> None:
+    bad = np.flatnonzero((np.abs(geodetic[:, 0]) > 90) | (np.abs(geodetic[:, 1]) > 360))
+    if bad.size:
+        latitude, longitude = geodetic[bad[0], :2].tolist()
+        raise ValueError(
+            f"{what} holds latitude {latitude:.9g}° and longitude {longitude:.9g}° (sample {bad[0]}), but a "
+            "latitude is within ±90° and a longitude within ±360°. Name the columns as latitude, longitude, height."
+        )

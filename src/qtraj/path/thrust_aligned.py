@@ -1,0 +1,163 @@
+"""The frame of a multirotor: z along the thrust, a − g, and the yaw along the velocity or as given.
+
+Differential flatness (Mellinger and Kumar, "Minimum snap trajectory generation and control for quadrotors", ICRA 2011,
+section III): position and heading fix the attitude. With f = r'' − g and a forward reference c, the axes are
+z = f/|f|, y = z × c/|z × c| and x = y × z. For a heading ψ, c = (cos ψ, sin ψ, 0): ψ is the first of their Z-X-Y
+angles, so y stands across the heading, and x points along it as seen along the thrust.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.algebra.vector import unit
+from qtraj.foundation.arrays import as_float, concrete, real_scalar, real_vector, require_finite
+from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
+from qtraj.foundation.types import ArrayInput, Flag, Scalar, Vec3
+from qtraj.path.frame_axes import THRUST_ALIGNED
+from qtraj.path.frenet import Invariants
+from qtraj.path.regularity import exceeds, moves
+from qtraj.path.trihedral import STEEP, AbstractFrame, Trihedral, axis, inverse_root, with_axes
+
+STANDARD_GRAVITY = 9.80665
+"""[m/s²]."""
+
+Three = tuple[Vec3, Vec3, Vec3]
+"""A vector with its first two time derivatives."""
+
+
+@storable
+class ThrustAligned(AbstractFrame):
+    """The frame of a multirotor: z along its thrust, a − g; x forward, y to the left.
+
+    `heading`: None for a yaw along the velocity, so that the vehicle never slips sideways (the velocity has no part
+    along y); a number [rad], from world x towards world y, to keep this heading; or a function of the time [s],
+    written with `jax.numpy`, that returns the heading [rad] and has two derivatives. `gravity`: its size [m/s²], along
+    −z of the world, or a vector (3,), world axes.
+
+    The x axis is not the tangent: it is the direction of the velocity, or of the heading, as seen along the thrust.
+    The frame does not exist in free fall (a = g), where the thrust is along the velocity or the heading, nor, for a yaw
+    along the velocity, where the path stops: `defined` is false there. Rate and acceleration are exact; they need the
+    third and the fourth derivative of the path. A frame with a function as its heading cannot be saved.
+
+    **Raises:** ValueError for a heading that is no number and no such function, or a gravity that is not finite or of
+    another shape.
+    """
+
+    heading: Any
+    gravity: Vec3
+
+    def __init__(self, heading: ArrayInput | Callable[..., Any] | None = None, gravity: ArrayInput = STANDARD_GRAVITY):
+        self.heading = None if heading is None else _heading(heading)
+        self.gravity = _gravity(gravity)
+
+    def __repr__(self) -> str:
+        return shown(self, heading="rad", gravity="m/s²")
+
+    @property
+    def name(self) -> str:
+        """What the frame is called in labelled data."""
+        return THRUST_ALIGNED
+
+    def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
+        """The trihedral at t = 0, which matters only where the heading is a function of time."""
+        return self.at(jnp.zeros_like(duration), r, duration)
+
+    def at(self, t: Scalar, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
+        of, duration = Invariants(r), duration.astype(r.dtype)
+        gravity = self.gravity.astype(r.dtype)
+        f = (r[2] - gravity, r[3], r[4])
+        exists = moves(of, duration) if self.heading is None else jnp.asarray(True)
+        c = (r[1], r[2], r[3]) if self.heading is None else self._level(t.astype(r.dtype))
+        w = _cross(f, c)
+        F, C, W = f[0] @ f[0], c[0] @ c[0], w[0] @ w[0]
+        exists &= exceeds(F, r[2] @ r[2] + gravity @ gravity + duration**2 * (r[3] @ r[3])) & exceeds(W, F * C)
+        z = unit(f[0], axis(r[2], 2))
+        side = w[0] - z * (z @ w[0])  # across the thrust to round-off, also where w has lost most of its digits
+        y = unit(jnp.where(exists, side, 0.0), _sideways(z))
+        x = jnp.cross(y, z)
+        rate, acceleration = _rates((x, y, z), f, w, inverse_root(F, exists), inverse_root(W, exists))
+        return with_axes(of, duration, x, y, rate, acceleration, exists)
+
+    def _level(self, t: Scalar) -> Three:
+        """The direction of the heading and its time derivatives."""
+        if not callable(self.heading):
+            psi = self.heading.astype(t.dtype)
+            still = jnp.zeros((3,), t.dtype)
+            return _direction(psi), still, still
+        psi = lambda t: jnp.asarray(self.heading(t)).astype(t.dtype)  # noqa: E731
+        along = lambda t: _direction(psi(t))  # noqa: E731
+        once = lambda t: jax.jvp(along, (t,), (jnp.ones_like(t),))  # noqa: E731
+        (c, c1), (_, c2) = jax.jvp(once, (t,), (jnp.ones_like(t),))
+        return c, c1, c2
+
+
+def _rates(axes: Three, f: Three, w: Three, inv_f: Scalar, inv_w: Scalar) -> tuple[Vec3, Vec3]:
+    """ω [rad/s] and ε [rad/s²] in the frame's own axes, with z = f/|f| and y = w/|w|.
+
+    ω = (−f'·y/|f|, f'·x/|f|, −w'·x/|w|) (Mellinger and Kumar, eqs 7 and 8, write the first two as h_ω), and ε is its
+    derivative.
+    """
+    x, y, z = axes
+    growth, widening = (f[1] @ z) * inv_f, (w[1] @ y) * inv_w  # the logarithmic derivatives of |f| and |w|
+    p, q, s = -(f[1] @ y) * inv_f, (f[1] @ x) * inv_f, -(w[1] @ x) * inv_w
+    return jnp.stack([p, q, s]), jnp.stack(
+        [
+            -(f[2] @ y) * inv_f - 2 * p * growth + q * s,
+            (f[2] @ x) * inv_f - 2 * q * growth - p * s,
+            -(w[2] @ x) * inv_w - 2 * s * widening + q * (w[1] @ z) * inv_w,
+        ]
+    )
+
+
+def _cross(a: Three, b: Three) -> Three:
+    """a × b with its first two derivatives."""
+    first = jnp.cross(a[1], b[0]) + jnp.cross(a[0], b[1])
+    second = jnp.cross(a[2], b[0]) + 2 * jnp.cross(a[1], b[1]) + jnp.cross(a[0], b[2])
+    return jnp.cross(a[0], b[0]), first, second
+
+
+def _direction(psi: Scalar) -> Vec3:
+    return jnp.stack([jnp.cos(psi), jnp.sin(psi), jnp.zeros_like(psi)])
+
+
+def _sideways(z: Vec3) -> Vec3:
+    """A unit vector across z, for where there is no heading: that of a heading along x, or along y where z is."""
+    steep: Flag = z[0] ** 2 > STEEP
+    side = jnp.cross(z, jnp.where(steep, axis(z, 1), axis(z, 0)))
+    return unit(side, axis(z, 1))
+
+
+def _heading(given: Any) -> Any:
+    if not callable(given):
+        heading = real_scalar(given, "the heading of a thrust-aligned frame")
+        require_finite(heading, "the heading of a thrust-aligned frame")
+        return heading
+    wrapped: Any = given if isinstance(given, eqx.Module) else jax.tree_util.Partial(given)
+    try:
+        shape = jax.eval_shape(wrapped, jax.ShapeDtypeStruct((), jnp.result_type(float))).shape
+    except (jax.errors.JAXTypeError, AttributeError, TypeError) as error:
+        raise ValueError(
+            "the heading of a thrust-aligned frame cannot be traced by JAX: write it with jax.numpy, as a function of "
+            "one instant [s] that returns one angle [rad]"
+        ) from error
+    if shape != ():
+        raise ValueError(f"the heading of a thrust-aligned frame must be one angle [rad], but its shape is {shape}")
+    return wrapped
+
+
+def _gravity(given: ArrayInput) -> Vec3:
+    size = as_float(given)
+    if size.ndim == 0:
+        known = concrete(size)
+        if known is not None and not known >= 0:
+            raise ValueError(
+                f"the gravity of a thrust-aligned frame is a size ≥ 0 [m/s²] or a vector, but {known} was given"
+            )
+        given = jnp.zeros_like(size, shape=3).at[2].set(-size)
+    return real_vector(given, "the gravity of a thrust-aligned frame", 3)

@@ -1,0 +1,65 @@
+"""Recordings with attitudes or on the globe, as scenarios name them."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import qtraj as qt
+
+NED_TO_ENU = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1.0]])
+FLU_TO_FRD = np.diag([1.0, -1.0, -1.0])
+
+
+def table(tmp_path, header, rows, name="track.csv"):
+    file = tmp_path / name
+    file.write_text(header + "\n" + "\n".join(",".join(map(repr, map(float, row))) for row in rows) + "\n")
+
+
+def test_the_commands_read_and_report_attitudes(qtraj, tmp_path):
+    """A scenario names the convention; terminal, JSON and report say how the recorder is mounted."""
+    helix = qt.SpiralHelix([20.0], [0.0, 0.4], [1.0, 0.3], 4.0)
+    times = np.linspace(0, 4, 41)
+    program, mounting = qt.FrameProgram(helix, qt.Upright()), Rotation.from_euler("ZYX", [10, -4, 2], degrees=True)
+    flat = Rotation.from_quat([program(t).quaternion for t in times], scalar_first=True) * mounting
+    ned = Rotation.from_matrix(NED_TO_ENU.T @ flat.as_matrix() @ FLU_TO_FRD)
+    positions = np.array([helix.position(t) for t in times])
+    rows = np.column_stack([times, positions, ned.as_euler("ZYX", degrees=True)[:, ::-1]])
+    table(tmp_path, "t,x,y,z,roll,pitch,heading", rows)
+    text = (
+        "[track]\nfile = 'track.csv'\n[track.angles]\nsequence = 'ZYX'\nheading = 'north-clockwise'\nunit = 'deg'\n"
+        "body = 'forward-right-down'\n[limits]\ncurvature = 0.06\n"
+    )
+    (tmp_path / "s.toml").write_text(text)
+    result = qtraj("evaluate", tmp_path / "s.toml", "--samples", 3, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "yaw 10.00°, pitch -4.00°, roll 2.00° (Z-Y-X)" in result.stdout
+    assert all(len(line) <= 80 for line in result.stdout.splitlines() if "s.toml" not in line and "table." not in line)
+    fit = json.loads(qtraj("evaluate", tmp_path / "s.toml", "--samples", 3, "--json").stdout)["fit"]
+    assert np.degrees(fit["mounting_yaw"]) == pytest.approx(10.0, abs=1e-2)
+    assert np.degrees(fit["attitude_rms"]) < 1e-2
+    (tmp_path / "s.toml").write_text(text.replace("unit = 'deg'\n", ""))
+    refused = qtraj("evaluate", tmp_path / "s.toml")
+    assert refused.exit_code == 2
+    assert "track.angles" in refused.stderr
+    assert "unit" in refused.stderr
+
+
+def test_a_scenario_reads_latitudes_and_longitudes(qtraj, tmp_path):
+    """A circle of 30 m on the globe is fitted as such; without a projection the file is refused with the options."""
+    t = np.linspace(0.0, 5.0, 51)
+    degrees = np.degrees(1 / 6371000.0)
+    rows = np.column_stack([t, 10.0 + 30 * np.sin(0.3 * t) * degrees, 20.0 + 30 * np.cos(0.3 * t) * degrees, 0 * t])
+    table(tmp_path, "t,lat,lon,height", rows)
+    text = "[track]\nfile = 'track.csv'\nprojection = 'tangent-plane'\n[limits]\ncurvature = 0.06\n"
+    (tmp_path / "s.toml").write_text(text)
+    fit = json.loads(qtraj("evaluate", tmp_path / "s.toml", "--samples", 3, "--json").stdout)["fit"]
+    assert fit["successful"]
+    assert fit["radius_max"] == pytest.approx(30.0, rel=0.05)  # degrees of longitude are 1.5 % shorter here
+    (tmp_path / "s.toml").write_text(text.replace("projection = 'tangent-plane'\n", ""))
+    refused = qtraj("evaluate", tmp_path / "s.toml")
+    assert refused.exit_code == 2
+    assert "tangent-plane" in refused.stderr
+    (tmp_path / "s.toml").write_text(text.replace("projection = 'tangent-plane'", "origin = [1, 2, 3]"))
+    assert "belongs to projection" in qtraj("evaluate", tmp_path / "s.toml").stderr

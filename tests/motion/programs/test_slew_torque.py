@@ -1,0 +1,158 @@
+"""Torques of turns: Euler's equations, integrated independently, give back the turn; limits hold on all of it."""
+
+import jax
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import qtraj as qt
+
+TENSOR = np.array([[10.0, 1.0, 0.5], [1.0, 14.0, -2.0], [0.5, -2.0, 20.0]])
+START = [0.9, 0.1, -0.3, 0.2]
+VECTOR = np.array([0.9, 0.7, -1.1])
+END = qt.quaternion.product(np.array(START), np.asarray(qt.rotation.from_rotation_vector(VECTOR)))
+LAWS = {
+    "time-optimal": qt.TimeOptimal(1.0, 0.5),
+    "no coast": qt.TimeOptimal(None, 0.5),
+    "s-curve": qt.SCurve(1.0, 0.5, 0.4),
+    "cubic": qt.Cubic(max_rate=1.0),
+    "quintic": qt.Quintic(max_rate=1.0, max_acceleration=0.5),
+    "septic": qt.Septic(max_jerk=1.0),
+}
+INERTIAS = {"sphere": 12.0, "principal": [10.0, 14.0, 20.0], "tensor": TENSOR}
+LIMITS = {"length": 2.0, "axes": [1.0, 2.0, 2.5]}
+
+
+def tensor(inertia):
+    J = np.asarray(inertia, float)
+    return J if J.ndim == 2 else np.diag(np.broadcast_to(J, 3))
+
+
+def torques(program, inertia, times):
+    """J ε + ω × J ω by NumPy."""
+    at = jax.vmap(program)(times)
+    J, rate = tensor(inertia), np.asarray(at.rate)
+    return np.asarray(at.acceleration) @ J + np.cross(rate, rate @ J)
+
+
+def dense(program):
+    """Instants on both sides of every switch."""
+    switches = np.asarray(program.switches)
+    both = np.concatenate([switches, switches - 1e-9])
+    return np.unique(np.concatenate([np.linspace(0, float(program.duration), 4001), both]))[:-1]
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("inertia", INERTIAS)
+@pytest.mark.parametrize("limit", LIMITS)
+def test_the_limit_holds_on_the_whole_turn_and_binds(name, inertia, limit):
+    plain = qt.EulerTurn(START, END, LAWS[name])
+    turn = qt.within_torque(plain, INERTIAS[inertia], LIMITS[limit])
+    found, bound = torques(turn, INERTIAS[inertia], dense(turn)), np.asarray(LIMITS[limit])
+    used = np.linalg.norm(found, axis=1) / bound if bound.ndim == 0 else np.abs(found) / bound
+    assert used.max() <= 1 + 1e-11
+    assert used.max() > 1 - 1e-5
+    assert float(turn.duration) > float(plain.duration)
+    peak = qt.peak_torque(turn, INERTIAS[inertia])
+    assert peak.norm == pytest.approx(np.linalg.norm(found, axis=1).max(), rel=1e-5)
+    np.testing.assert_allclose(peak.axes, np.abs(found).max(axis=0), rtol=1e-4, atol=1e-6)
+    for k, t in enumerate(peak.axes_times):
+        sides = np.abs(torques(turn, INERTIAS[inertia], np.array([t, max(t - 1e-9, 0.0)]))[:, k])
+        assert sides.max() == pytest.approx(peak.axes[k], rel=1e-6, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["time-optimal", "s-curve", "quintic"])
+def test_a_body_under_these_torques_makes_the_turn(name):
+    """SciPy integrates J ω' = M(t) − ω × Jω and the attitude: it ends where the turn does, at rest."""
+    turn = qt.within_torque(qt.EulerTurn(START, END, LAWS[name]), TENSOR, LIMITS["axes"])
+    program, J = jax.jit(lambda t: turn(t)), TENSOR
+    e = VECTOR / np.linalg.norm(VECTOR)
+
+    def moment(t):
+        at = program(t)
+        acceleration, rate = np.asarray(at.acceleration) @ e, np.asarray(at.rate) @ e
+        return acceleration * (J @ e) + rate**2 * np.cross(e, J @ e)
+
+    def motion(t, state):
+        q, w = state[:4], state[4:]
+        turning = 0.5 * np.asarray(
+            [
+                -q[1:] @ w,
+                *(q[0] * w + np.cross(q[1:], w)),
+            ]
+        )
+        return np.concatenate([turning, np.linalg.solve(J, moment(t) - np.cross(w, J @ w))])
+
+    state, before = np.concatenate([np.array(START) / np.linalg.norm(START), np.zeros(3)]), 0.0
+    for switch in np.unique(np.asarray(turn.switches)):  # torques jump there
+        # Just before its end a piece counts itself, not the next one.
+        span = (before, switch * (1 - 1e-12))
+        state = solve_ivp(motion, span, state, rtol=1e-11, atol=1e-12, method="DOP853").y[:, -1]
+        before = switch
+    wanted = Rotation.from_quat(np.asarray(END), scalar_first=True)
+    reached = Rotation.from_quat(state[:4], scalar_first=True)
+    assert (wanted.inv() * reached).magnitude() < 1e-8
+    np.testing.assert_allclose(state[4:], 0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("limit", LIMITS)
+@pytest.mark.parametrize("rate", [0.3, 1.0, None])
+def test_no_trapezoid_within_the_limits_is_shorter(limit, rate):
+    """Against all coasting rates and accelerations of a fine grid, by the torque's own formula."""
+    law = qt.TimeOptimal(rate, 0.3)
+    turn = qt.within_torque(qt.EulerTurn(START, END, law), TENSOR, LIMITS[limit])
+    angle = np.linalg.norm(VECTOR)
+    e, bound = VECTOR / angle, np.asarray(LIMITS[limit])
+    p, q = TENSOR @ e, np.cross(e, TENSOR @ e)
+    V, A = np.meshgrid(np.linspace(0.005, min(rate or 2.0, 2.0), 1500), np.linspace(0.0005, 0.3, 1500))
+    if bound.ndim == 0:
+        kept = np.sqrt(A**2 * (p @ p) + V**4 * (q @ q)) <= bound
+    else:
+        kept = (A[..., None] * np.abs(p) + V[..., None] ** 2 * np.abs(q) <= bound).all(axis=-1)
+    possible = kept & (A * angle >= V**2)
+    best = (angle / V + V / A)[possible].min()
+    assert best * (1 - 2e-3) < float(turn.duration) < best * (1 + 1e-9)
+
+
+def test_a_chain_keeps_the_limit_in_every_turn():
+    attitudes = [START, END, [0.2, 0.9, 0.1, -0.3]]
+    chain = qt.within_torque(qt.TurnChain(attitudes, LAWS["quintic"]), TENSOR, LIMITS["axes"])
+    used = np.abs(torques(chain, TENSOR, np.linspace(0, float(chain.duration), 5001)[:-1])) / LIMITS["axes"]
+    assert 0.999 < used.max() <= 1 + 1e-11
+    peak = qt.peak_torque(chain, TENSOR)
+    assert (np.array(peak.axes) / LIMITS["axes"]).max() == pytest.approx(1.0, rel=1e-9)
+
+
+def test_a_turn_that_keeps_the_limit_stays_as_it_is():
+    turn = qt.EulerTurn(START, END, LAWS["quintic"])
+    assert qt.within_torque(turn, TENSOR, 100.0) is turn
+    still = qt.EulerTurn(START, START, LAWS["time-optimal"])
+    assert qt.peak_torque(still, TENSOR).norm == 0.0
+    assert qt.within_torque(still, TENSOR, 1e-3) is still
+
+
+def test_about_a_principal_axis_the_torque_is_along_it():
+    turn = qt.EulerTurn([1, 0, 0, 0], qt.rotation.from_rotation_vector(np.array([0, 0, 1.0])), LAWS["time-optimal"])
+    limited = qt.within_torque(turn, [10.0, 14.0, 20.0], [1e-9, 1e-9, 2.0])
+    assert float(limited.law.max_acceleration) == pytest.approx(0.1)
+    assert float(limited.duration) == pytest.approx(2 * (1.0 / 0.1) ** 0.5)
+
+
+@pytest.mark.parametrize(
+    ("law", "inertia", "limit", "words"),
+    [
+        (qt.Quintic(duration=1.0), TENSOR, 2.0, "times the torque that max_torque .* no freedom to slow it down"),
+        (qt.TimeOptimal(1.0, 0.5, end_rate=0.1), TENSOR, 2.0, "end rates leave no freedom"),
+        (LAWS["quintic"], TENSOR, [1.0, 0.0, 1.0], "must be a positive number or three of them"),
+        (LAWS["quintic"], -1.0, 2.0, "positive principal moments"),
+    ],
+)
+def test_what_cannot_be_kept_is_explained(law, inertia, limit, words):
+    with pytest.raises(ValueError, match=words):
+        qt.within_torque(qt.EulerTurn(START, END, law), inertia, limit)
+
+
+def test_other_programs_have_no_such_torque():
+    with pytest.raises(ValueError, match="an EulerTurn or a TurnChain was expected"):
+        qt.peak_torque(qt.FrameProgram(qt.SpiralHelix([10.0], [0.0, 0.4], [0.0], 5.0)), 1.0)

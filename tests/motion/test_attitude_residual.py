@@ -1,0 +1,91 @@
+"""Recorded attitudes against a program: the mounting is SciPy's mean, the rest is what was put in."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import qtraj as qt
+
+HELIX = qt.SpiralHelix([20.0, 0.5], [0.1, 0.4], [1.0, 0.3], 4.0)
+TIMES = np.linspace(0.0, 4.0, 60)
+MOUNTING = Rotation.from_euler("ZYX", [0.8, -0.1, 0.05])
+
+
+@pytest.fixture(scope="module")
+def program():
+    return qt.FrameProgram(HELIX, qt.Upright())
+
+
+@pytest.fixture(scope="module")
+def wanted(program):
+    return Rotation.from_quat(np.asarray(jax.vmap(program)(TIMES).quaternion), scalar_first=True)
+
+
+def recorded(rotations, seed=18):
+    """A track with these attitudes, of either sign and any length."""
+    rng = np.random.default_rng(seed)
+    lengths = rng.choice([-1.0, 1.0], len(TIMES)) * rng.uniform(0.1, 10.0, len(TIMES))
+    positions = np.array(jax.vmap(HELIX.position)(TIMES))
+    return qt.Track(100.0 + TIMES, positions, None, lengths[:, None] * rotations.as_quat(scalar_first=True))
+
+
+def test_a_constant_mounting_is_found_and_nothing_remains(program, wanted):
+    found = qt.compare_attitude(program, recorded(wanted * MOUNTING))
+    same = abs(found.mounting @ MOUNTING.as_quat(scalar_first=True))
+    assert float(same) == pytest.approx(1.0, abs=1e-14)
+    assert float(found.maximum) < 1e-12
+    assert int(found.samples) == len(TIMES)
+
+
+def test_noise_is_reported_and_averaged_as_scipy_does(program, wanted):
+    vectors = np.random.default_rng(5).normal(size=(len(TIMES), 3)) * [0.02, 0.05, 0.1]
+    attitudes = wanted * MOUNTING * Rotation.from_rotvec(vectors)
+    found = qt.compare_attitude(program, recorded(attitudes))
+    mean = (wanted.inv() * attitudes).mean()
+    assert float(abs(found.mounting @ mean.as_quat(scalar_first=True))) == pytest.approx(1.0, abs=1e-13)
+    rest = (mean.inv() * wanted.inv() * attitudes).as_rotvec()
+    np.testing.assert_allclose(found.axis_rms, np.sqrt(np.mean(rest**2, axis=0)), rtol=1e-9)
+    angles = np.linalg.norm(rest, axis=1)
+    assert float(found.rms) == pytest.approx(np.sqrt(np.mean(angles**2)))
+    assert (float(found.maximum), float(found.time)) == pytest.approx((angles.max(), TIMES[angles.argmax()]))
+    given = qt.compare_attitude(program, recorded(attitudes), 3.0 * MOUNTING.as_quat(scalar_first=True))
+    np.testing.assert_allclose(given.axis_rms, np.sqrt(np.mean(vectors**2, axis=0)), rtol=1e-9)
+
+
+def test_the_residual_has_derivatives_in_the_path(program, wanted):
+    attitudes = wanted * MOUNTING * Rotation.from_rotvec(np.random.default_rng(7).normal(0, 0.05, (len(TIMES), 3)))
+    track = recorded(attitudes)
+
+    def rms(climb):
+        path = qt.SpiralHelix(HELIX.radius, HELIX.angle, jnp.stack([jnp.ones(()), climb]), HELIX.duration)
+        return qt.compare_attitude(qt.FrameProgram(path, qt.Upright()), track).rms
+
+    slope = float(rms(0.9 + 1e-5) - rms(0.9 - 1e-5)) / 2e-5
+    assert float(jax.grad(rms)(0.9)) == pytest.approx(slope, rel=1e-5)
+    assert float(jax.jacfwd(rms)(0.9)) == pytest.approx(slope, rel=1e-5)
+
+
+def test_a_fit_reports_recorded_attitudes_and_keeps_them(wanted, tmp_path):
+    fitted = qt.fit(recorded(wanted * MOUNTING))
+    assert float(abs(fitted.attitude.mounting @ MOUNTING.as_quat(scalar_first=True))) == pytest.approx(1.0, abs=1e-6)
+    assert float(fitted.attitude.maximum) < 1e-3
+    dataset = fitted.to_xarray()
+    assert float(dataset["attitude_rms"]) == float(fitted.attitude.rms)
+    fitted.save(tmp_path / "fitted.toml")
+    np.testing.assert_array_equal(qt.load(tmp_path / "fitted.toml").attitude.mounting, fitted.attitude.mounting)
+    plain = qt.fit(qt.Track(TIMES, np.array(jax.vmap(HELIX.position)(TIMES))))
+    assert plain.attitude is None
+    assert "attitude_rms" not in plain.to_xarray()
+
+
+def test_what_cannot_be_compared_is_explained(program, wanted):
+    track = recorded(wanted)
+    with pytest.raises(ValueError, match=r"has no attitudes to compare.*AttitudeAngles"):
+        qt.compare_attitude(program, qt.Track(TIMES, track.positions))
+    with pytest.raises(ValueError, match="the track lasts 4 s, but the program only 3 s"):
+        qt.compare_attitude(qt.FrameProgram(qt.SpiralHelix([20.0], [0.0, 0.4], [0.0], 3.0)), track)
+    with pytest.raises(ValueError, match="must be a quaternion other than zero"):
+        qt.compare_attitude(program, track, [0.0, 0.0, 0.0, 0.0])
+    assert "RMS" in repr(qt.compare_attitude(program, track))
