@@ -36,7 +36,7 @@ from qtraj.viz.figures import limits_figure, tuning_figure
 #
 # Uniform rotation is the model of the paper; a polynomial angle, the default, follows the recording four times closer.
 # The nearer the axis, the sharper the best turn about it. So that a bus gets around, we keep the axis 12 m away, which
-# costs some of that closeness.
+# costs some of that closeness. The result says that this bound is active, and what to do if that is not intended.
 
 # %%
 track = qt.read_track(files("qtraj.io") / "data" / "boreas_right_angle.csv").window(1093.5, 1099.5)

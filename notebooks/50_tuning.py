@@ -16,6 +16,7 @@
 
 # %%
 # %matplotlib inline
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -49,7 +50,8 @@ RANDOM = np.random.default_rng(50)
 #
 # One turn, under 32 limits of its curvature. What differs from problem to problem has the lanes in front, as `jax.vmap`
 # makes them, and what is shared need not be repeated. One compiled search works on all of them; the second call shows
-# what the first one spent on compiling.
+# what the first one spent on compiling. Times differ from run to run, so they go to stderr, which the stored notebook
+# leaves out: run it to see them.
 
 # %%
 start = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, 7.0, 0.3])
@@ -63,7 +65,7 @@ for _ in range(2):
     begun = time.perf_counter()
     family = qt.tune(starts, end, limits, starts=1)  # from the given states alone
     seconds.append(time.perf_counter() - begun)
-print(f"{seconds[0]:.1f} s, and {1e3 * seconds[1] / LANES:.1f} ms for each problem once compiled")
+print(f"{seconds[0]:.1f} s, and {1e3 * seconds[1] / LANES:.1f} ms for each problem once compiled", file=sys.stderr)
 assert family.converged.all()
 assert np.all(family.certificate.holds)
 family
@@ -189,24 +191,25 @@ for k in left:
 #
 # `tune` searches by sequential quadratic programming, "sqp", which is made for these problems. It takes any optimiser
 # of optax as well: around it is an augmented Lagrangian, whose rounds the optimiser minimises and which raises the
-# multipliers of the limits in between. Path and certificate are the same; what differs is what it costs. Below, times
-# of the first call, with compiling, and of the second.
+# multipliers of the limits in between. Path and certificate are the same; what differs is what it costs: steps, and the
+# times of the first call, with compiling, and of the second (on stderr).
 
 # %%
 limits = qt.Limits(curvature=0.048, lateral_acceleration=2.2)
 methods = {"sqp": "sqp", "lbfgs": "lbfgs", "adam": optax.adam(1e-2)}
-rows = {}
+rows, seconds = {}, {}
 for name, method in methods.items():
-    for again in (False, True):
+    seconds[name] = []
+    for _ in range(2):
         begun = time.perf_counter()
         found = qt.tune(start, end, limits, method=method, starts=1)
         jax.block_until_ready(found.objective)
-        seconds = time.perf_counter() - begun
-        rows.setdefault(name, {})["again [ms]" if again else "first call [s]"] = 1e3 * seconds if again else seconds
+        seconds[name].append(time.perf_counter() - begun)
+    print(f"{name}: {seconds[name][0]:.1f} s, then {1e3 * seconds[name][1]:.1f} ms", file=sys.stderr)
     assert found.converged
     assert found.certificate.holds
     excess = max(value / limit - 1 for _, value, limit in found.certificate.worst.values())
-    rows[name] |= {
+    rows[name] = {
         "objective [m²/s²]": float(found.objective),
         "worst value over its limit": float(excess),
         "steps": int(found.iterations),

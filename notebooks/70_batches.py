@@ -17,19 +17,18 @@
 
 # %%
 # %matplotlib inline
+import sys
 import time
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from matplotlib.figure import Figure
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_num_cpu_devices", 2)  # before JAX is first used; it is no matter to a GPU
 
 import qtraj as qt
 from qtraj.viz.figures import loops_figure
-from qtraj.viz.style import frame, series
 
 DEVICES = jax.devices()
 print(f"{len(DEVICES)} × {DEVICES[0].device_kind}, by the backend {jax.default_backend()!r}")
@@ -89,7 +88,8 @@ peaks.to_xarray()
 # ## Throughput
 #
 # Time for each instant over their number, compiled, for the default seven outputs. Small calls pay for being called,
-# large ones for memory, unless only the peaks are wanted.
+# large ones for memory, unless only the peaks are wanted. Times differ from run to run, so they go to stderr, which the
+# stored notebook leaves out; docs/performance.md has measured ones.
 
 # %%
 COUNTS = (1, 10, 100, 1000)
@@ -111,16 +111,8 @@ whole = [seconds(lambda some=some: qt.evaluate(some, instants)) for some in batc
 reduced = [seconds(lambda some=some: qt.evaluate(some, instants, reduce="max")) for some in batches]
 samples = np.array(COUNTS) * INSTANTS
 for count, a, b in zip(COUNTS, 1e9 * np.array(whole) / samples, 1e9 * np.array(reduced) / samples, strict=True):
-    print(f"{count:5d} paths: {a:8.0f} ns an instant, {b:8.0f} ns of peaks only")
-figure = Figure(figsize=(7.5, 3.4), layout="constrained")
-axes = figure.subplots()
-for k, (name, taken) in enumerate({"all samples stored": whole, "peaks only": reduced}.items()):
-    axes.loglog(samples, 1e9 * np.array(taken) / samples, **series(k), marker="o", ms=4, label=name)
-axes.set(xlabel="instants in all", ylabel="time for each [ns]", title=f"evaluate on {DEVICES[0].device_kind}")
-frame(axes)
-axes.legend(frameon=False)
+    print(f"{count:5d} paths: {a:8.0f} ns an instant, {b:8.0f} ns of peaks only", file=sys.stderr)
 assert whole[-1] / samples[-1] < whole[0] / samples[0]  # an instant of many is cheaper than one of few
-figure
 
 # %% [markdown]
 # ## Several devices
@@ -135,7 +127,7 @@ alone = qt.evaluate(paths, instants, devices=DEVICES[:1])
 for name in ("position", "quaternion", "rate"):
     assert np.allclose(getattr(spread, name), getattr(alone, name), rtol=0, atol=1e-12), name
 for shard in spread.position.addressable_shards:
-    print(f"{shard.device}: paths {shard.index[0].start or 0} to {(shard.index[0].stop or PATHS) - 1}")
+    print(f"device {shard.device.id}: paths {shard.index[0].start or 0} to {(shard.index[0].stop or PATHS) - 1}")
 assert len(spread.position.sharding.device_set) == len(DEVICES)
 
 # %% [markdown]

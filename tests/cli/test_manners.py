@@ -67,6 +67,30 @@ def test_an_interrupt_between_two_moves_waits(tmp_path, monkeypatch):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+KILLED = """
+import os, signal
+from pathlib import Path
+from qtraj.cli import output
+def write(file):
+    file.write_text("half")
+    {there}
+os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+output.write_all(Path("out"), {{"a": write, "b": write}})
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/sys/kernel/random/boot_id").exists(), reason="staging folders are swept on Linux")
+@pytest.mark.parametrize("there", ["pass", "Path('out').mkdir(exist_ok=True)"], ids=["late", "meanwhile"])
+def test_a_run_after_a_killed_one_leaves_only_results(tmp_path, there):
+    """Killed between staging and moving, in a folder that was there before, or is since."""
+    for _ in range(2):
+        done = subprocess.run([sys.executable, "-c", KILLED.format(there=there)], env=surroundings(), cwd=tmp_path)
+        assert done.returncode == -signal.SIGKILL
+        assert list(tmp_path.rglob(".qtraj-*/a"))
+    output.write_all(tmp_path / "out", {"a": writes("1"), "b": writes("2")})
+    assert sorted(str(file.relative_to(tmp_path)) for file in tmp_path.rglob("*")) == ["out", "out/a", "out/b"]
+
+
 def test_a_folder_in_the_way_is_told_before_anything_moves(tmp_path):
     (tmp_path / "b").mkdir()
     with pytest.raises(IsADirectoryError, match="there is a folder of this name"):

@@ -1,6 +1,11 @@
 """Datasets as files: everything comes back, floats bit by bit, and other tools read them."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +20,7 @@ from qtraj.foundation.extras import needed
 from qtraj.io import dataset_file
 from qtraj.io.dataset import path_dataset
 
+SOURCE = Path(__file__).parents[2] / "src"
 SUFFIXES = [".nc", ".zarr", ".parquet", ".csv"]
 FLAT = [".parquet", ".csv"]
 SMALLEST, LARGEST = 5e-324, np.finfo(float).max
@@ -127,6 +133,29 @@ def test_pandas_reads_the_table(paths, tmp_path):
             assert set(own["duration"]) == {float(paths["duration"][k])}
         assert frame["defined"].dtype == bool
         assert not [name for name in frame.columns if name.startswith("recorded")]
+
+
+KILLED = """
+import os, signal, sys
+import qtraj as qt
+paths = qt.load_dataset("a.nc")
+os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+qt.save_dataset(paths, sys.argv[1])
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/sys/kernel/random/boot_id").exists(), reason="staging folders are swept on Linux")
+@pytest.mark.parametrize("suffix", [".csv", ".zarr"])
+def test_saving_after_a_killed_process_leaves_only_the_file(paths, tmp_path, suffix):
+    """Killed after the whole file was staged, before it was moved."""
+    qt.save_dataset(paths, tmp_path / "a.nc")
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")} | {"PYTHONPATH": str(SOURCE)}
+    done = subprocess.run([sys.executable, "-c", KILLED, f"b{suffix}"], cwd=tmp_path, env=environment)
+    assert done.returncode == -signal.SIGKILL
+    assert list(tmp_path.glob(f".qtraj-*/b{suffix}"))
+    qt.save_dataset(paths, tmp_path / f"b{suffix}")
+    assert sorted(os.listdir(tmp_path)) == ["a.nc", f"b{suffix}"]
+    assert qt.load_dataset(tmp_path / f"b{suffix}").identical(paths)
 
 
 def test_pyarrow_sees_the_units(paths, tmp_path):

@@ -1,14 +1,14 @@
 """Files that appear whole or not at all."""
 
 import os
-import shutil
 import signal
-import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
+
+from qtraj.foundation.files import move, staging, sweep
 
 Writer = Callable[[Path], None]
 
@@ -26,7 +26,8 @@ def write_all(out: Path, writers: Mapping[str, Writer]) -> list[Path]:
     """Write every file by name into the folder `out`, each of them whole.
 
     They are written into a hidden folder of the same file system and moved only when all are complete, so that an
-    error or an interrupt while writing leaves nothing. Files of other names in `out` stay as they are.
+    error or an interrupt while writing leaves nothing, and the next run removes what a killed one left. Files of other
+    names in `out` stay as they are.
 
     **Raises:** OSError where something cannot be written.
     """
@@ -34,19 +35,20 @@ def write_all(out: Path, writers: Mapping[str, Writer]) -> list[Path]:
     targets = [out / name for name in writers]
     if blocked := [target for target in targets if target.is_dir()]:
         raise IsADirectoryError(f"{blocked[0]}: a file is to be written here, but there is a folder of this name")
-    try:
-        stage = Path(tempfile.mkdtemp(prefix=".qtraj-", dir=_existing(out)))
-    except OSError as error:
-        raise OSError(f"{out}: nothing can be written there ({error.strerror})") from error
-    try:
+    root = _existing(out)
+    if root == out.absolute():
+        sweep(root.parent)  # where an earlier run staged, if `out` was not there yet
+    with ExitStack() as stack:
+        try:
+            stage = stack.enter_context(staging(root))
+        except OSError as error:
+            raise OSError(f"{out}: nothing can be written there ({error.strerror})") from error
         for name, write in writers.items():
             write(stage / name)
         with _uninterrupted():
             out.mkdir(parents=True, exist_ok=True)
             for name in writers:
-                os.replace(stage / name, out / name)
-    finally:
-        shutil.rmtree(stage, ignore_errors=True)
+                move(stage / name, out / name)
     return targets
 
 

@@ -6,13 +6,12 @@ column for each component, and a header with everything else (see `qtraj.io.flat
 """
 
 import os
-import shutil
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from qtraj.foundation.extras import needed
+from qtraj.foundation.files import move, staging
 
 if TYPE_CHECKING:
     import xarray
@@ -43,14 +42,9 @@ def save_dataset(dataset: "xarray.Dataset | Labelled", file: str | os.PathLike[s
     content = dataset if isinstance(dataset, xarray.Dataset) else dataset.to_xarray()
     if path.is_dir() and not _is_store(path):
         raise IsADirectoryError(f"{path}: this folder is no Zarr store and is left alone")
-    stage = Path(tempfile.mkdtemp(prefix=".qtraj-", dir=path.absolute().parent))
-    try:
+    with staging(path.absolute().parent) as stage:
         write(content.drop_encoding(), stage / path.name)
-        if path.is_dir():
-            os.replace(path, stage / "old")
-        os.replace(stage / path.name, path)
-    finally:
-        shutil.rmtree(stage, ignore_errors=True)
+        move(stage / path.name, path)
 
 
 def load_dataset(file: str | os.PathLike[str]) -> "xarray.Dataset":
