@@ -312,7 +312,14 @@ def test_what_the_calls_give_back_are_results():
         qt.Trihedral,
         qt.SpiralHelix,
     }
-    wanted |= {qt.Attitude, qt.BoundaryState, qt.Residual, qt.control.ClosedMotion, qt.dynamics.FrictionDemand}
+    wanted |= {
+        qt.Attitude,
+        qt.AttitudeResidual,
+        qt.BoundaryState,
+        qt.Residual,
+        qt.control.ClosedMotion,
+        qt.dynamics.FrictionDemand,
+    }
     assert classes == wanted
 
 
