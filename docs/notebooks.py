@@ -26,6 +26,7 @@ import sys
 import tempfile
 import types
 from contextlib import redirect_stdout
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -203,7 +204,7 @@ def _store(name: str) -> bool:
     return outputs is not None
 
 
-def _check(name: str) -> bool:
+def _check(name: str, tolerant: bool = False) -> bool:
     outputs = _executed(name)
     if outputs is None:
         return False
@@ -212,7 +213,7 @@ def _check(name: str) -> bool:
         print(f"{name}: {fault}")
     if faults:
         print(f"{name}: if this is meant, store it: python docs/notebooks.py {name}")
-    return not faults
+    return tolerant or not faults
 
 
 def _bring_prose(name: str) -> bool:
@@ -255,6 +256,7 @@ def main() -> int:
     parser.add_argument("names", nargs="*", help="notebooks without suffix; all by default")
     parser.add_argument("--prose", action="store_true", help="store changed prose, and execute nothing")
     parser.add_argument("--check", action="store_true", help="compare with what is stored and write nothing")
+    parser.add_argument("--warn", action="store_true", help="with --check: differences are told, and fail nothing")
     parser.add_argument("--execute-here", metavar="FILE", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.execute_here:
@@ -262,7 +264,7 @@ def main() -> int:
         Path(given.execute_here).write_text(json.dumps(execute(name)), encoding="utf-8")
         return 0
     names = [Path(name).stem for name in given.names] or sorted(file.stem for file in FOLDER.glob("*.py"))
-    work = _check if given.check else _bring_prose if given.prose else _store
+    work = partial(_check, tolerant=given.warn) if given.check else _bring_prose if given.prose else _store
     results = [work(name) for name in names]
     return 0 if all(results) else 1
 

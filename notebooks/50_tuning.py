@@ -37,7 +37,7 @@ from qtraj.design.tuning.methods import method_of
 from qtraj.design.tuning.motions.registry import motion_of
 from qtraj.design.tuning.objectives.registry import objective_of
 from qtraj.design.tuning.problem import pose
-from qtraj.design.tuning.task import Task, by_slots, present
+from qtraj.design.tuning.task import Task, by_slots, names_of, present
 from qtraj.io.dataset import path_dataset
 from qtraj.viz.figures import tuning_figure
 from qtraj.viz.style import frame, series
@@ -232,14 +232,14 @@ compared
 # %%
 posed = pose(start, end, objective_of("nearest"), motion_of("uniform"), None, 0, None)
 low, high = box(posed, (), {})
-task = Task(posed, jnp.asarray(by_slots(limits, 1)[0]), low, high, jnp.ones(()))
+task = Task(posed, jnp.asarray(by_slots(limits, None, 1)[0]), low, high, jnp.ones(()))
 tasks = jax.tree.map(lambda x: x[None], task)  # searches run side by side: here a batch of one
 
 
 @eqx.filter_jit
 def proceed(search, states, steps):
     """A search after further steps: its state, the number of steps, the objective and the worst violation."""
-    states = search.proceed(tasks, present(limits), states, steps)
+    states = search.proceed(tasks, present(names_of(limits)), states, steps)
     found, cost = search.ended(tasks, states, jnp)
     return states, (found.steps[0], posed.scale * cost[0], found.violation[0])
 
