@@ -169,6 +169,8 @@ def test_what_is_no_place_on_the_globe_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"'longitude' seems to hold angles.*projection='tangent-plane'"):
         qt.read_track(file, {"position": ["longitude", "latitude", "altitude"]})
     assert qt.read_track(file, projection="tangent-plane").positions.shape == (4, 3)
+    with pytest.raises(ValueError, match="latitude comes before longitude"):
+        qt.read_track(file, {"position": ["longitude", "latitude", "altitude"]}, projection="tangent-plane")
     swapped = table(tmp_path, "t,lat,lon,alt", rows - [0, 40, 0, 0], "swapped.csv")
     with pytest.raises(ValueError, match=re.escape(str(swapped)) + r".*holds latitude -119° .*within ±90°"):
         qt.read_track(swapped, projection="tangent-plane")

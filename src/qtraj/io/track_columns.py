@@ -65,6 +65,15 @@ LIKE = 0.7
 Columns = Mapping[str, str | Sequence[str] | None]
 
 
+def _require_latitude_first(names: list[str]) -> None:
+    """Raise a ValueError where the names say that the longitude comes first."""
+    if "lon" in names[0].lower() or "lat" in names[1].lower():
+        raise ValueError(
+            f"columns['position'] names {names[0]!r} before {names[1]!r}, but latitude comes before longitude: name "
+            "latitude, longitude and height in this order"
+        )
+
+
 def choose(
     path: Path, header: list[str], columns: Columns, angles: AttitudeAngles | None = None, globe: bool = False
 ) -> dict[str, tuple[str, ...]]:
@@ -102,6 +111,8 @@ def choose(
             raise ValueError(f"columns[{part!r}] must name {count} column(s), but {list(names)!r} was given")
         if missing := [name for name in names if name not in header]:
             raise ValueError(f"{path}: there is no column {missing[0]!r}. The columns are {listed}.")
+        if part == "position" and globe:
+            _require_latitude_first(list(names))
         if trouble := _in_other_units(part, names, angles, globe):
             raise ValueError(f"{path}: {trouble}")
         chosen[part] = tuple(names)
