@@ -3,7 +3,12 @@
 import atexit
 import gc
 import importlib.util
+import os
 import sys
+from contextlib import suppress
+from typing import NoReturn
+
+from qtraj.cli import BAD_INPUT, INTERRUPTED
 
 NEEDED = ("typer", "rich", "pydantic", "xarray", "h5netcdf", "matplotlib")
 """What the command line needs beyond the core of qtraj."""
@@ -20,7 +25,7 @@ def main() -> None:
             f"error: the command line needs {', '.join(missing)}, which this environment lacks. "
             "Install it with: pip install 'qtraj[all]'\n"
         )
-        sys.exit(2)
+        sys.exit(BAD_INPUT)
     gc.set_threshold(*SELDOM)
     atexit.register(gc.freeze)  # a process that ends need not search for garbage once more
     try:
@@ -32,4 +37,19 @@ def main() -> None:
         app(prog_name="qtraj")
     except KeyboardInterrupt:  # before a command has begun, which sees to it itself
         sys.stderr.write("interrupted\n")
-        sys.exit(130)
+        _leave()
+    except SystemExit as end:
+        if end.code == INTERRUPTED:
+            _leave()
+        raise
+
+
+def _leave() -> NoReturn:
+    """End an interrupted process at once.
+
+    JAX's threads may still compile or compute. JAX clears its caches at the usual exit, under which they can crash.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):
+            stream.flush()
+    os._exit(INTERRUPTED)

@@ -8,10 +8,8 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress as Bars, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+from qtraj.cli import BAD_INPUT, INTERRUPTED
 from qtraj.foundation.progress import Progress
-
-BAD_INPUT = 2
-INTERRUPTED = 130
 
 
 def stdout() -> Console:

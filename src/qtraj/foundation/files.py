@@ -50,7 +50,8 @@ def move(staged: Path, target: Path) -> None:
     """Move a complete file or folder out of its staging folder to `target`, replacing what has this name there.
 
     A folder cannot be replaced in one step. The old one waits in the staging folder. If the process fails before the
-    new one is in its place, the old one is put back; if it is killed, the next `sweep` does so.
+    new one is in its place, the old one is put back. If the process is killed, the next `sweep` of this folder puts it
+    back. After a restart of the machine, or without file locks, it stays in the staging folder, as `.replaced`.
 
     **Raises:** OSError where it cannot be moved, such as a file to the name of a folder.
     """

@@ -57,7 +57,11 @@ def turn_program(part: TurnPart, angles: str) -> EulerTurn | TurnChain:
 
 
 def least_duration(part: TurnPart, angles: str, program: EulerTurn | TurnChain) -> float | None:
-    """The least time [s] within the limits of rate, acceleration, jerk and torque; None where no law limits it."""
+    """The time [s] of the shortest turn found within the limits; None where no law limits it.
+
+    Within rate, acceleration and jerk it is the least there is. To keep a torque limit laws are slowed down (see
+    `within_torque`), of a chain all legs alike, and another turn may be shorter.
+    """
     law = fastest_law(part.law, angles)
     if law is None:
         return None

@@ -62,7 +62,7 @@ def _print_end(console: Console, content: dict[str, Any]) -> None:
         text = f"The program ends at λ = {_vector(end['quaternion'])}, the given quaternion with the other sign: "
         console.print(Text(text + "the same attitude by the shorter way. Go on from this sign."))
     if content["least_duration"] is not None:
-        console.print(Text(f"Within the limits the least duration is {content['least_duration']:.4f} s."))
+        console.print(Text(f"Within the limits the shortest turn found takes {content['least_duration']:.4f} s."))
     for note in content["notes"]:
         console.print(Text(note))
 

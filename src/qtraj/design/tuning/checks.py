@@ -15,12 +15,13 @@ from qtraj.design.limits import Limits
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.objectives.objective import AbstractObjective
 from qtraj.design.tuning.problem import Problem
+from qtraj.design.tuning.task import bounds_of
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import Scalar
 from qtraj.path.boundary import BoundaryState, Cylindrical
 from qtraj.path.boundary_problem import axis_between
-from qtraj.path.quantity import CORRIDOR, QUANTITIES, quantity
+from qtraj.path.quantity import QUANTITIES, quantity
 
 BOUNDING = tuple(name for name, entry in QUANTITIES.items() if entry.per_time > 0 and entry.bounds_speed)
 """Limits of which a fastest path needs one, not to arrive at once."""
@@ -98,7 +99,7 @@ def require_sound(problem: Problem, turn: Scalar | None, limits: Limits, corrido
 
 def _data(problem: Problem, turn: Scalar | None, limits: Limits, corridor: Array | None, placed: bool) -> _Data:
     parts = (problem.start, problem.end, problem.duration, problem.speed, problem.scale, problem.turn)
-    given = limits.given() | ({} if corridor is None else {CORRIDOR.name: corridor})
+    given = bounds_of(limits, corridor)
     if any(concrete(leaf) is None for leaf in jax.tree.leaves((parts, turn, given))):
         return _Data(problem, turn, given, placed, jnp)
     problem, turn, given = jax.tree.map(

@@ -44,9 +44,14 @@ class Task(eqx.Module):
     weight: Any  # Float["*batch"]
 
 
+def bounds_of(limits: Limits, corridor: Any = None) -> dict[str, Any]:
+    """The limits that are given by name, in the order of their slots; a corridor is the last."""
+    return limits.given() | ({} if corridor is None else {CORRIDOR.name: corridor})
+
+
 def names_of(limits: Limits, corridor: Any = None) -> tuple[str, ...]:
-    """The limits that are given, in the order of their slots; a corridor is the last."""
-    return (*limits.given(), *(() if corridor is None else (CORRIDOR.name,)))
+    """The names of `bounds_of`."""
+    return tuple(bounds_of(limits, corridor))
 
 
 def present(names: Sequence[str]) -> Present:
@@ -63,7 +68,7 @@ def by_slots(limits: Limits, corridor: Array | None, count: int) -> Array | np.n
 
     In NumPy arrays where they are known. A slot without a limit holds one.
     """
-    given = limits.given() | ({} if corridor is None else {CORRIDOR.name: corridor})
+    given = bounds_of(limits, corridor)
     known = all(concrete(x) is not None for x in given.values())
     xp: Any = np if known else jnp
     aims = [xp.maximum(AIM * (np.asarray(x) if known else x), LEAST_LIMIT) for x in given.values()]
