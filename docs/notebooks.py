@@ -175,7 +175,7 @@ def _text(outputs: list[Output]) -> str:
 
 
 def agree(before: str, after: str) -> bool:
-    """Whether two texts say the same, numbers up to rounding: 2 %, 1e-6, or one in the last digit."""
+    """Whether two texts say the same, numbers up to rounding: 2 %, 1e-6, or one in the last decimal."""
     texts = [OTHERWISE_ELSEWHERE.sub("some", text) for text in (before, after)]
     if len({"".join(NUMBER.sub(" # ", text).split()) for text in texts}) > 1:
         return False
@@ -188,8 +188,10 @@ def _close(before: str, after: str) -> bool:
 
 
 def _last_digit(number: str) -> float:
+    """The unit of the last decimal; zero for a whole number, which is exact."""
     mantissa, _, exponent = number.lower().partition("e")
-    return 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
+    decimals = mantissa.partition(".")[2]
+    return 10.0 ** (int(exponent or 0) - len(decimals)) if decimals else 0.0
 
 
 def outputs_of(stored: dict[str, Any]) -> list[list[Output]]:

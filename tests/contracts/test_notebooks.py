@@ -185,7 +185,6 @@ def test_figures_are_pictures_and_datasets_are_text():
         ("2 … 73 steps", "1 … 81 steps"),
         ("jax 0.10.2, numpy 2.4.6", "jax 0.11.0rc1, numpy 2.5.0"),
         ("[1.   0.5]", "[1. 0.5]"),
-        ("8 of 9", "9 of 9"),
     ],
 )
 def test_rounding_is_no_difference(before, after):
@@ -201,7 +200,7 @@ def test_rounding_is_no_difference(before, after):
         ("error 2.8e-16", "error 2.8e-5"),
         ("converged in 139 steps", "not converged in 139 steps"),
         ("[1. 0.5]", "[1. 0.5 0.2]"),
-        ("8 of 9", "5 of 9"),
+        ("8 of 9", "9 of 9"),
         ("x1", "x2"),
     ],
 )

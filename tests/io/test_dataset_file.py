@@ -158,6 +158,29 @@ def test_saving_after_a_killed_process_leaves_only_the_file(paths, tmp_path, suf
     assert qt.load_dataset(tmp_path / f"b{suffix}").identical(paths)
 
 
+KILLED_IN_BETWEEN = """
+import os, signal, sys
+import qtraj as qt
+paths = qt.load_dataset("b.zarr")
+def replace(old, new, first=os.replace):
+    os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+    first(old, new)
+os.replace = replace
+qt.save_dataset(paths, "b.zarr")
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/sys/kernel/random/boot_id").exists(), reason="staging folders are swept on Linux")
+def test_a_store_whose_replacement_was_killed_is_still_loaded(paths, tmp_path):
+    qt.save_dataset(paths, tmp_path / "b.zarr")
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")} | {"PYTHONPATH": str(SOURCE)}
+    done = subprocess.run([sys.executable, "-c", KILLED_IN_BETWEEN], cwd=tmp_path, env=environment)
+    assert done.returncode == -signal.SIGKILL
+    assert not (tmp_path / "b.zarr").exists()
+    assert qt.load_dataset(tmp_path / "b.zarr").identical(paths)
+    assert os.listdir(tmp_path) == ["b.zarr"]
+
+
 def test_pyarrow_sees_the_units(paths, tmp_path):
     qt.save_dataset(paths, tmp_path / "a.parquet")
     schema = pq.read_schema(tmp_path / "a.parquet")

@@ -80,6 +80,20 @@ def test_a_fit_reports_recorded_attitudes_and_keeps_them(wanted, tmp_path):
     assert "attitude_rms" not in plain.to_xarray()
 
 
+def test_samples_at_a_stop_are_left_out(program):
+    """From rest the upright frame begins with the first metre: what is recorded before does not count."""
+    ends = [qt.BoundaryState([20.0, 0, 0], [0.0, 0, 0]), qt.BoundaryState([0, 20.0, 0], [-8.0, 1.0, 0])]
+    starting = qt.FrameProgram(qt.SpiralHelix.hermite(*ends, 4.0), qt.Upright())
+    quaternions = np.array(jax.vmap(starting)(TIMES).quaternion)
+    positions = np.array(jax.vmap(starting.path.position)(TIMES))
+    quaternions[0] = [0.5, 0.5, 0.5, 0.5]
+    found = qt.compare_attitude(starting, qt.Track(TIMES, positions, None, quaternions))
+    assert (int(found.samples), float(found.maximum) < 1e-7) == (len(TIMES) - 1, True)
+    standing = qt.FrameProgram(qt.Curve(lambda t: jnp.zeros(3) + 0 * t, 4.0), qt.Upright())
+    with pytest.raises(ValueError, match=r"defined at no sample.*track\.window"):
+        qt.compare_attitude(standing, qt.Track(TIMES, positions, None, quaternions))
+
+
 def test_what_cannot_be_compared_is_explained(program, wanted):
     track = recorded(wanted)
     with pytest.raises(ValueError, match=r"has no attitudes to compare.*AttitudeAngles"):

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from qtraj.foundation.extras import needed
-from qtraj.foundation.files import move, staging
+from qtraj.foundation.files import move, staging, sweep
 
 if TYPE_CHECKING:
     import xarray
@@ -56,6 +56,8 @@ def load_dataset(file: str | os.PathLike[str]) -> "xarray.Dataset":
     path = Path(file)
     read = _by_suffix(path, _READERS)
     needed("xarray", "loading a dataset")
+    if not path.exists():
+        sweep(path.absolute().parent)  # puts a store back whose replacement was killed
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
     return read(path)

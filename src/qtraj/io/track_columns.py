@@ -59,6 +59,9 @@ GEOGRAPHIC = {"lat", "lon", "lng", "latitude", "longitude"}
 COUNTS = {"time": 1, "position": 3, "velocity": 3, "attitude": 4}
 NEEDED = ("time", "position")
 
+ANGLE_WORDS = (("roll",), ("pitch",), ("heading", "yaw"))
+"""Words in the names of columns that tell roll, pitch and heading."""
+
 LIKE = 0.7
 """A column less alike a common name than this, from 0 to 1, is not taken for it misspelt."""
 
@@ -72,6 +75,17 @@ def _require_latitude_first(names: list[str]) -> None:
             f"columns['position'] names {names[0]!r} before {names[1]!r}, but latitude comes before longitude: name "
             "latitude, longitude and height in this order"
         )
+
+
+def _require_heading_last(names: list[str]) -> None:
+    """Raise a ValueError where the names say that the angles come in another order than roll, pitch, heading."""
+    for k, name in enumerate(names):
+        found = [place for place, words in enumerate(ANGLE_WORDS) if any(word in name.lower() for word in words)]
+        if found and k not in found:
+            raise ValueError(
+                f"columns['attitude'] names {', '.join(names)}, but the order is roll, pitch, heading: name them in "
+                "this order, whatever the sequence of the rotations"
+            )
 
 
 def choose(
@@ -113,6 +127,8 @@ def choose(
             raise ValueError(f"{path}: there is no column {missing[0]!r}. The columns are {listed}.")
         if part == "position" and globe:
             _require_latitude_first(list(names))
+        if part == "attitude" and angled:
+            _require_heading_last(list(names))
         if trouble := _in_other_units(part, names, angles, globe):
             raise ValueError(f"{path}: {trouble}")
         chosen[part] = tuple(names)

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.algebra import quaternion, rotation
 from qtraj.foundation.arrays import as_array, as_float, concrete, real_vector
@@ -13,7 +13,9 @@ from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, extent, in_lanes
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
 from qtraj.motion.attitude import AbstractProgram
+from qtraj.motion.programs.frame_program import FrameProgram
 from qtraj.path.track import Track, known, known_elapsed
+from qtraj.path.trihedral import AbstractFrame, trihedral
 
 OVERHANG = 1e-6
 """A track may outlast the program it is compared with by this part of the program's duration: rounding, no more."""
@@ -21,7 +23,7 @@ OVERHANG = 1e-6
 
 @storable
 class AttitudeResidual(AbstractResult):
-    """Recorded attitudes against a program, over all samples.
+    """Recorded attitudes against a program, over all samples at which its frame is defined.
 
     `mounting` (4,), the constant unit quaternion m from the recorder's axes to those of the program: the recorded
     attitude is λ⁰(t)∘m∘δ(t). Of the rest δ: `rms` and `maximum` [rad], the root mean square and the largest of its
@@ -79,8 +81,11 @@ def compare_attitude(program: AbstractProgram, track: Track, mounting: ArrayInpu
     lengths of recorded quaternions do not matter. Where the frame of a program flips, as the natural one does at
     inflections, the comparison shows it: take `FrameProgram(path, Upright())` for vehicles.
 
-    **Raises:** ValueError where the track has no attitudes or lasts longer than the program, for a mounting that is
-    zero, not finite or of another shape, or inside a trace in which the track is not known.
+    Samples at which the frame of a program is not defined, such as those at a stop, are left out.
+
+    **Raises:** ValueError where the track has no attitudes or lasts longer than the program, where the program's frame
+    is defined at no sample, for a mounting that is zero, not finite or of another shape, or inside a trace in which the
+    track is not known.
     """
     if track.attitudes is None:
         raise ValueError(
@@ -95,35 +100,55 @@ def compare_attitude(program: AbstractProgram, track: Track, mounting: ArrayInpu
         raise ValueError("the mounting must be a quaternion other than zero")
     dtype = jnp.result_type(program.duration, float)
     attitudes = as_array(known(track.attitudes), dtype)
-    estimated, vectors = _compared(program, as_array(times, dtype), attitudes, given)
-    squares = jnp.sum(vectors**2, axis=1)
+    estimated, vectors, defined = _compared(program, as_array(times, dtype), attitudes, given)
+    _require_some(concrete(defined))
+    components = jnp.where(defined[:, None], vectors**2, 0.0)
+    squares, samples = jnp.sum(components, axis=1), jnp.sum(defined.astype(dtype))
     worst = jnp.argmax(squares)
     return AttitudeResidual(
         mounting=estimated,
-        rms=_root(jnp.mean(squares)),
+        rms=_root(jnp.sum(squares) / samples),
         maximum=_root(squares[worst]),
-        axis_rms=_root(jnp.mean(vectors**2, axis=0)),
+        axis_rms=_root(jnp.sum(components, axis=0) / samples),
         time=as_array(times, dtype)[worst],
-        samples=len(times),
+        samples=samples,
     )
 
 
-def mean(quaternions: Float[Array, "n 4"]) -> Quat:
-    """The average rotation: the eigenvector of Σqqᵀ with the largest eigenvalue, scalar part ≥ 0."""
-    unit = jax.vmap(quaternion.unit)(quaternions)
+def _require_some(defined: np.ndarray | None) -> None:
+    if defined is not None and not defined.any():
+        raise ValueError(
+            "the frame of this program is defined at no sample of the track, so there is no attitude to compare with: "
+            "take a part of the track on which the vehicle moves, track.window(t0, t1)"
+        )
+
+
+def mean(quaternions: Float[Array, "n 4"], weights: Float[Array, " n"]) -> Quat:
+    """The average rotation: the eigenvector of Σwqqᵀ with the largest eigenvalue, scalar part ≥ 0."""
+    unit = weights[:, None] ** 0.5 * jax.vmap(quaternion.unit)(quaternions)
     return quaternion.canonical(jnp.linalg.eigh(jnp.matmul(unit.T, unit, precision="highest"))[1][:, -1])
 
 
 @eqx.filter_jit
 def _compared(
     program: AbstractProgram, times: Float[Array, " n"], attitudes: Float[Array, "n 4"], given: Quat | None
-) -> tuple[Quat, Float[Array, "n 3"]]:
-    """The mounting, and the rotation vectors of the rest in the recorder's axes."""
+) -> tuple[Quat, Float[Array, "n 3"], Bool[Array, " n"]]:
+    """The mounting, the rotation vectors of the rest in the recorder's axes, and where the program is defined."""
+    defined = _defined(program, times)
     wanted = jax.vmap(lambda t: program(t).quaternion)(times)
     mounted = jax.vmap(lambda p, q: quaternion.product(quaternion.conjugate(p), quaternion.unit(q)))(wanted, attitudes)
-    mounting = mean(mounted) if given is None else quaternion.unit(given.astype(mounted.dtype))
+    dtype = mounted.dtype
+    mounting = mean(mounted, defined.astype(dtype)) if given is None else quaternion.unit(given.astype(dtype))
     rest = jax.vmap(lambda q: quaternion.product(quaternion.conjugate(mounting), q))(mounted)
-    return mounting, jax.vmap(rotation.to_rotation_vector)(rest)
+    return mounting, jax.vmap(rotation.to_rotation_vector)(rest), defined
+
+
+def _defined(program: AbstractProgram, times: Float[Array, " n"]) -> Bool[Array, " n"]:
+    """Where the frame of a path exists; everywhere for other programs."""
+    if not isinstance(program, FrameProgram) or not isinstance(program.frame, AbstractFrame):
+        return jnp.ones(times.shape, bool)
+    path, frame = program.path, program.frame
+    return jax.vmap(lambda t: trihedral(path, t, frame).defined)(times)
 
 
 def _root(square: Array) -> Array:
