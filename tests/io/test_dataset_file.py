@@ -162,9 +162,10 @@ KILLED_IN_BETWEEN = """
 import os, signal, sys
 import qtraj as qt
 paths = qt.load_dataset("b.zarr")
-def replace(old, new, first=os.replace):
-    os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
-    first(old, new)
+def replace(old, new, truly=os.replace):
+    if str(old).endswith("b.zarr") and str(new).endswith("b.zarr") and ".replaced" not in str(new):
+        os.kill(os.getpid(), signal.SIGKILL)
+    truly(old, new)
 os.replace = replace
 qt.save_dataset(paths, "b.zarr")
 """
