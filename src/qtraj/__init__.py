@@ -4,6 +4,7 @@ Each public name is imported when it is first used, so that `import qtraj` costs
 """
 
 import importlib
+import warnings
 from typing import TYPE_CHECKING, Any
 
 from qtraj._version import __version__ as __version__
@@ -47,7 +48,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to 
     from qtraj.motion.profiles.s_curve import SCurve as SCurve
     from qtraj.motion.profiles.smooth_step import Cubic as Cubic, Quintic as Quintic, Septic as Septic
     from qtraj.motion.profiles.time_optimal import TimeOptimal as TimeOptimal
-    from qtraj.motion.programs.euler_turn import EulerTurn as EulerTurn, TurnChain as TurnChain
+    from qtraj.motion.programs.euler_turn import EulerTurn as EulerTurn, SlewSequence as SlewSequence
     from qtraj.motion.programs.frame_program import FrameProgram as FrameProgram
     from qtraj.motion.programs.rotation_minimizing import RotationMinimizing as RotationMinimizing
     from qtraj.motion.programs.slew_torque import (
@@ -117,7 +118,7 @@ _HOMES = {
     "qtraj.motion.profiles.s_curve": ("SCurve",),
     "qtraj.motion.profiles.smooth_step": ("Cubic", "Quintic", "Septic"),
     "qtraj.motion.profiles.time_optimal": ("TimeOptimal",),
-    "qtraj.motion.programs.euler_turn": ("EulerTurn", "TurnChain"),
+    "qtraj.motion.programs.euler_turn": ("EulerTurn", "SlewSequence"),
     "qtraj.motion.programs.frame_program": ("FrameProgram",),
     "qtraj.motion.programs.rotation_minimizing": ("RotationMinimizing",),
     "qtraj.motion.programs.slew_torque": ("TorquePeak", "peak_torque", "within_torque"),
@@ -162,7 +163,15 @@ if not TYPE_CHECKING:  # which takes the names from the imports
     __all__ = sorted(["__version__", *_HOME_OF, *_MODULES.keys() - {*_ROOMS}])
 
 
+_RENAMED = {"TurnChain": "SlewSequence"}
+"""Former public names, which warn until 1.0, and the present ones."""
+
+
 def __getattr__(name: str) -> Any:
+    if name in _RENAMED:
+        now = _RENAMED[name]
+        warnings.warn(f"qtraj.{name} is now called qtraj.{now}", DeprecationWarning, stacklevel=2)
+        return __getattr__(now)
     if name in _HOME_OF:
         value = getattr(importlib.import_module(_HOME_OF[name]), name)
     elif name in _MODULES:

@@ -54,3 +54,16 @@ def test_placements_and_frames_show_their_values():
     placed = repr(qt.Placement([1.0, 2.0, 0.5]))
     assert placed == "Placement(origin=[1, 2, 0.5] m, orientation=[1, 0, 0, 0])"
     assert repr(qt.Upright()) == "Upright(up=[0, 0, 1])"
+
+
+def test_former_names_warn_and_are_the_present_ones():
+    with pytest.warns(DeprecationWarning, match="TurnChain is now called qtraj.SlewSequence"):
+        assert qt.TurnChain is qt.SlewSequence
+    assert "TurnChain" not in dir(qt)
+
+
+def test_files_with_former_names_are_read(tmp_path):
+    turns = qt.SlewSequence(np.eye(4)[:3], qt.TimeOptimal(0.1, 0.2))
+    turns.save(tmp_path / "now.toml")
+    (tmp_path / "then.toml").write_text((tmp_path / "now.toml").read_text().replace("SlewSequence", "TurnChain"))
+    assert isinstance(qt.load(tmp_path / "then.toml"), qt.SlewSequence)

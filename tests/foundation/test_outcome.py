@@ -18,7 +18,7 @@ made = []
 class Solved(AbstractOutcome):
     """A result with no more than its codes; it notes which texts it was asked for."""
 
-    code: Int[Array, "*lanes"]
+    code: Int[Array, "*batch"]
 
     def explain(self, at):
         made.append(at)

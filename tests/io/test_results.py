@@ -140,19 +140,19 @@ def test_numbers_stand_where_their_labels_say(results):
     tuned, one = data["tuneds"], results["tuned"]
     assert tuned["worst_value"].sel(limit="curvature").values.tolist() == [1 / 3] * LANES
     assert tuned["limit_unit"].sel(limit="curvature").item() == "m-1"
-    assert tuned["start_velocity"].sel(lane=1, world="z").item() == 1 / 3
+    assert tuned["start_velocity"].sel(batch=1, world="z").item() == 1 / 3
     assert tuned["outcome"].values.tolist() == ["converged"] * LANES
     assert tuned["radius"].sel(radius_power=1).values.tolist() == [0.1] * LANES
     assert data["tuned"]["objective"].item() == float(one.objective)
     assert data["tuned"]["status"].values.tolist() == ["proved", "undefined"]
-    assert data["certificates of two lanes"]["status"].dims == ("lane_1", "lane_2", "limit")
+    assert data["certificates of two lanes"]["status"].dims == ("batch_1", "batch_2", "limit")
     closed = data["closeds"]
-    assert closed["quaternion"].dims == ("lane", "sample", "component")
-    assert closed["time"].dims == ("lane", "sample")
+    assert closed["quaternion"].dims == ("batch", "sample", "component")
+    assert closed["time"].dims == ("batch", "sample")
     assert closed["command"].attrs["units"] == "rad s-2"
     for word in ("quaternion", "error", "angle"):  # the closed form is named as the loop that it is compared with
         xarray.testing.assert_identical(data["closed form"][word], data["closed"][word])
-    assert data["closed forms"]["error"].dims == ("lane", "sample", "component")
+    assert data["closed forms"]["error"].dims == ("batch", "sample", "component")
     assert data["open"].attrs["frame"] == "inertial"
     assert data["open"]["result"].item() == results["open"].result
     assert data["closed"]["error"].sel(time=0.1, component="y").item() == 6 / 3 / 5
@@ -162,10 +162,10 @@ def test_numbers_stand_where_their_labels_say(results):
     assert data["trihedral"]["dcm"].sel(body="normal", world="y").item() == 1.0
     assert data["track"]["time"].values[0] == 7.0
     assert data["state"]["acceleration"].sel(world="z").item() == 1 / 7
-    assert data["states"]["position"].dims == ("lane", "world")
+    assert data["states"]["position"].dims == ("batch", "world")
     assert "acceleration" not in results["tuned"].start.to_xarray()
     assert data["friction"]["side"].item() == 1 / 3
-    assert data["frictions, one in flight"]["total"].dims == ("lane",)
+    assert data["frictions, one in flight"]["total"].dims == ("batch",)
     assert data["frictions, one in flight"]["total"].values.tolist() == [0.5, np.inf]
     assert "residual_horizontal_rms" in data["fitted"]
     assert data["propagations"]["result"].shape == (LANES,)
@@ -332,14 +332,14 @@ def test_plain_arrays_are_labelled():
     dataset = qt.label(times, {"title": "two"}, quaternion=qs, error=mu, angle=np.zeros(4), felt=pushed)
     assert dataset["quaternion"].dims == ("time", "component")
     assert np.array_equal(dataset["error"].sel(component="w"), mu[:, 0])
-    assert dataset["felt"].dims == ("lane", "time", "body")
+    assert dataset["felt"].dims == ("batch", "time", "body")
     assert dataset["felt"].attrs == {"units": "m s-2", "long_name": "specific force"}
     assert dataset["angle"].dims == ("time",)
     assert dataset.attrs["title"] == "two"
     assert dataset.attrs["quaternion_convention"].startswith("scalar first")
     square = qt.label(times, quaternion=np.eye(4), angle=np.eye(4))  # four instants, and four lanes of angles
     assert square["quaternion"].dims == ("time", "component")
-    assert square["angle"].dims == ("lane", "time")
+    assert square["angle"].dims == ("batch", "time")
 
 
 @pytest.mark.parametrize(
@@ -350,17 +350,17 @@ def test_plain_arrays_are_labelled():
         *(
             ({name: np.zeros(shape)}, f"{name} must be {expected}, but")
             for name, shape, expected in [
-                ("rate", (3, 3), "(*lanes, 4, 3) or (*lanes, 4, 4)"),
-                ("acceleration", (4,), "(*lanes, 4, 3) or (*lanes, 4, 4)"),
-                ("quaternion", (4, 3), "(*lanes, 4, 4)"),
-                ("error", (2, 4), "(*lanes, 4, 4)"),
-                ("command", (4, 3), "(*lanes, 4, 4)"),
-                ("torque", (4, 4), "(*lanes, 4, 3)"),
-                ("force", (4,), "(*lanes, 4, 3)"),
-                ("angle", (4, 3), "(*lanes, 4)"),
+                ("rate", (3, 3), "(*batch, 4, 3) or (*batch, 4, 4)"),
+                ("acceleration", (4,), "(*batch, 4, 3) or (*batch, 4, 4)"),
+                ("quaternion", (4, 3), "(*batch, 4, 4)"),
+                ("error", (2, 4), "(*batch, 4, 4)"),
+                ("command", (4, 3), "(*batch, 4, 4)"),
+                ("torque", (4, 4), "(*batch, 4, 3)"),
+                ("force", (4,), "(*batch, 4, 3)"),
+                ("angle", (4, 3), "(*batch, 4)"),
             ]
         ),
-        ({"felt": (np.zeros((4, 5)), "m", "five")}, "felt must be (*lanes, 4) or (*lanes, 4, 3) or (*lanes, 4, 4)"),
+        ({"felt": (np.zeros((4, 5)), "m", "five")}, "felt must be (*batch, 4) or (*batch, 4, 3) or (*batch, 4, 4)"),
         ({"time": (np.zeros(4), "s", "other times")}, "the name 'time' is that of a coordinate"),
         ({"body": (np.zeros(4), "m", "a body")}, "the name 'body' is that of a coordinate"),
         ({"times": [0.0, np.nan, 2.0, 3.0], "angle": np.zeros(4)}, "some are NaN"),
@@ -380,9 +380,9 @@ def test_lanes_of_findings_end():
     for lane in (LANES, -LANES - 1, np.int64(LANES), jnp.asarray(LANES), np.asarray(-LANES - 1)):
         with pytest.raises(IndexError, match=f"there are 3 paths, and none at {lane}"):
             lots[lane]
-    with pytest.raises(TypeError, match="only those on many have lanes"):
+    with pytest.raises(TypeError, match="only the certificate of a batch can be indexed"):
         lots[0][0]
-    with pytest.raises(TypeError, match="only those on many have a length"):
+    with pytest.raises(TypeError, match="only the certificate of a batch has a length"):
         len(lots[0])
 
 
@@ -422,10 +422,10 @@ def test_every_ending_of_a_propagation_has_its_own_words():
 
 @pytest.mark.parametrize("timed", [True, False])
 def test_rows_run_over_lanes_and_over_nothing_that_is_only_called_so(timed):
-    dims = ("lane_1", "lane_2", "lane_width", *(["time"] if timed else []))
+    dims = ("batch_1", "batch_2", "batch_width", *(["time"] if timed else []))
     values = np.arange(2.0 * 3 * 2 * (4 if timed else 1)).reshape(2, 3, 2, *([4] if timed else []))
     dataset = xarray.Dataset({"x": (dims, values)}, {"time": ("time", np.arange(4.0))} if timed else {})
     flat = flatten(dataset)
-    assert flat.header["rows"] == [dim for dim in dims if dim != "lane_width"]
+    assert flat.header["rows"] == [dim for dim in dims if dim != "batch_width"]
     np.testing.assert_array_equal(flat.columns["x_1"], values[:, :, 1].ravel())
     xarray.testing.assert_identical(unflatten(flat), dataset)

@@ -136,7 +136,7 @@ def test_the_demand_over_a_path_is_labelled_data(ramp):
     demand = jax.vmap(lambda t: dynamics.friction_demand(ramp, t, MASS, G))(times)
     dataset = demand.to_xarray()
     for name in ("side", "total"):
-        assert dataset[name].dims == ("lane",)
+        assert dataset[name].dims == ("batch",)
         assert dataset[name].attrs["units"] == "1"
         assert dataset[name].dtype == np.float64
         np.testing.assert_array_equal(dataset[name], getattr(demand, name))

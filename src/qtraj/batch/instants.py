@@ -22,7 +22,7 @@ from qtraj.batch.cpu import DIVISION, cos_sin, derivatives_in_one_loop, inverse_
 from qtraj.path.components import Triple, chosen, cross, dot, jet, scaled, times, total
 from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate, upright_rates
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.moving_basis import MovingPolynomials, moving_components
+from qtraj.path.moving_basis import MovingPolynomials, in_moving_basis
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import PathQuantity
 from qtraj.path.regularity import bends, leaves_vertical, moves
@@ -213,7 +213,7 @@ def _moving_rows(known: MovingPolynomials, t: Times) -> tuple[list[Triple], Arra
     single = [c for p in given for c in split(p.astype(t.dtype), [1] * p.shape[1], axis=1)]
     spread = iter(derivatives_in_one_loop([jnp.broadcast_to(c, (c.shape[0], t.shape[1])) for c in single]))
     x, z, angle, *y = (jet([next(spread) for _ in range(p.shape[1])], t, ORDER) for p in given)
-    return moving_components(x, y[0] if y else [0] * len(x), z, angle), angle[0]  # type: ignore[return-value]
+    return in_moving_basis(x, y[0] if y else [0] * len(x), z, angle), angle[0]  # type: ignore[return-value]
 
 
 def _world_rows(paths: AbstractHodograph, t: Times) -> list[Triple]:

@@ -19,7 +19,7 @@ from qtraj.batch.long_rows import LONG, by_path, long_row
 from qtraj.batch.reduction import LINEAR, block_peak, joiner
 from qtraj.batch.sums import integrals, neighbours
 from qtraj.batch.task import Task
-from qtraj.foundation.derivatives import carrying
+from qtraj.foundation.derivatives import with_tangent_of
 from qtraj.path.channel import CHANNELS
 
 
@@ -89,7 +89,7 @@ def _with_place(instants: Array, times: Array) -> Array:
     near = lambda of: jnp.argmin(jnp.abs(fixed[of[0]] - of[1]))  # noqa: E731
     at_once = max(1, _samples() // times.shape[1])
     place = jax.lax.map(near, (rows.ravel(), instants.ravel()), batch_size=at_once).reshape(instants.shape)
-    return carrying(instants, times[rows, place])
+    return with_tangent_of(instants, times[rows, place])
 
 
 def _frozen(tree: Any) -> Any:

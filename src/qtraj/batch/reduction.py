@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array
 
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import AbstractResult, in_lanes
+from qtraj.foundation.result import AbstractResult, batch_prefix
 from qtraj.foundation.units import integrated
 from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import framed, labels_of
@@ -58,7 +58,7 @@ class Reduced(AbstractResult):
         first = next(iter(variables.values()))
         count = (np.shape(first.values)[first.axes.index("path")],) if self.batched else ()
         return Record(
-            f"{in_lanes(count, 'paths')}{self.reduction} over time, {self.frame} frame: {', '.join(self.values)}",
+            f"{batch_prefix(count, 'paths')}{self.reduction} over time, {self.frame} frame: {', '.join(self.values)}",
             variables,
             attributes=framed(self.frame) | {"reduction": self.reduction, "quaternion_convention": QUATERNIONS},
             labels=labels_of(self.frame),

@@ -14,7 +14,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from qtraj.batch.blocks import SAMPLES, Work
-from qtraj.foundation.derivatives import carrying
+from qtraj.foundation.derivatives import with_tangent_of
 
 WIDTH = 64
 """Blocks of one row are multiples of it: of a size that vectors and threads do not divide, loops take twice as long."""
@@ -68,7 +68,7 @@ def _together(work: Work, paths: Any, row: Float[Array, "rows m"], wide: int, in
         # The values are cut from the row, which copies nothing. Their derivatives come as blocks of their own: else the
         # reverse pass would add up a whole row in every step. Where the times have none, nothing is left of these.
         cuts = [lax.dynamic_slice_in_dim(values, i * wide + k, wide, axis=1) for k in range(3)]
-        before, t, after = (carrying(cut, slope) for cut, slope in zip(cuts, slopes, strict=True))
+        before, t, after = (with_tangent_of(cut, slope) for cut, slope in zip(cuts, slopes, strict=True))
         inside = jnp.arange(wide) < instants - i * wide
         weights = 0.5 * (after - before)
         return jax.tree.map(lambda x: jnp.where(inside, x.astype(row.dtype) * weights, 0.0), work(paths, (t,)))

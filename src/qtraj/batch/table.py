@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from qtraj.foundation.drawing import drawing
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import AbstractResult, in_lanes, over
+from qtraj.foundation.result import AbstractResult, batch_prefix, over
 from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import framed, labels_of
 
@@ -77,7 +77,7 @@ class Table(AbstractResult):
         time = Quantity(self.time, "s", "time from the start of the path", instants[-self.time.ndim :])
         paths = [np.shape(q.values)[q.axes.index("path")] for q in variables.values() if "path" in q.axes][:1]
         return Record(
-            f"{in_lanes(tuple(paths), 'paths')}{over(self.time)}, {self.frame} frame: {', '.join(variables)}",
+            f"{batch_prefix(tuple(paths), 'paths')}{over(self.time)}, {self.frame} frame: {', '.join(variables)}",
             variables,
             {"time": time},
             framed(self.frame),

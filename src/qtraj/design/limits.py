@@ -70,7 +70,7 @@ class Limits(eqx.Module):
     def __repr__(self) -> str:
         return shown(self, **{name: quantity(name).label for name in self.given()})
 
-    def given(self) -> dict[str, Float[Array, "*lanes"]]:
+    def given(self) -> dict[str, Float[Array, "*batch"]]:
         """The limits that are set, by name."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         return {name: value for name, value in values.items() if value is not None}

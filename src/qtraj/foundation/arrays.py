@@ -125,13 +125,13 @@ def require_positive(x: Array, name: str, unit: str) -> None:
         raise ValueError(f"{name} must be positive and finite [{unit}], but {value.tolist()} was given")
 
 
-def require_lane(lane: Any, count: int, what: str) -> None:
-    """Raise an IndexError where `lane` is a known whole number, of Python, NumPy or JAX, and none of `count`."""
-    known = concrete(lane) if isinstance(lane, int | np.integer | np.ndarray | jax.Array) else None
+def require_element(index: Any, count: int, what: str) -> None:
+    """Raise an IndexError where `index` is a known whole number, of Python, NumPy or JAX, and none of `count`."""
+    known = concrete(index) if isinstance(index, int | np.integer | np.ndarray | jax.Array) else None
     if known is None or known.ndim > 0 or known.dtype.kind not in "iu":
         return
     if not -count <= int(known) < count:
-        raise IndexError(f"there are {count} {what}, and none at {lane}")
+        raise IndexError(f"there are {count} {what}, and none at {index}")
 
 
 def warn_if_coarse(x: Array, name: str) -> None:

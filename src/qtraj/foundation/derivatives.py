@@ -23,11 +23,11 @@ def with_derivatives(f: Callable[[Array], Any], x: Float[Array, " n"]) -> tuple[
 
 
 @jax.custom_jvp
-def carrying(value: Array, derivatives: Array) -> Array:
+def with_tangent_of(value: Array, derivatives: Array) -> Array:
     """`value`, with the derivatives of the second array, whose own value is not asked for."""
     return value
 
 
-@carrying.defjvp
+@with_tangent_of.defjvp
 def _carried(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Array, Array]:
-    return carrying(*primals), tangents[1]
+    return with_tangent_of(*primals), tangents[1]

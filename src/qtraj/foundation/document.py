@@ -30,6 +30,7 @@ Change = Callable[[dict[str, Any]], dict[str, Any]]
 
 _classes: dict[str, type] = {}
 _changes: dict[str, Change] = {}
+_former: dict[str, str] = {}
 
 T = TypeVar("T")
 
@@ -38,6 +39,16 @@ def storable(cls: type[T]) -> type[T]:
     """Let `save` write and `load` read instances of this Module class."""
     _classes[cls.__name__] = cls
     return cls
+
+
+def formerly(name: str) -> Callable[[type[T]], type[T]]:
+    """Let `load` read documents in which this class has a former name."""
+
+    def of(cls: type[T]) -> type[T]:
+        _former[name] = cls.__name__
+        return cls
+
+    return of
 
 
 def reads_older(change: Change) -> Callable[[type[T]], type[T]]:
@@ -128,8 +139,9 @@ def _encode(value: Any) -> Any:
 def _decode(value: Any) -> Any:
     if isinstance(value, dict) and "type" in value:
         name, fields = value["type"], {k: v for k, v in value.items() if k != "type"}
-        if isinstance(name, str) and name in _changes:
-            fields = _changes[name](fields)
+        if isinstance(name, str):
+            name = _former.get(name, name)
+            fields = _changes[name](fields) if name in _changes else fields
         return _construct(name, {k: _decode(v) for k, v in fields.items()})
     if isinstance(value, dict):
         return {k: _decode(v) for k, v in value.items()}

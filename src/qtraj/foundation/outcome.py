@@ -200,14 +200,14 @@ class Texts(Sequence[str]):
 class AbstractOutcome(AbstractResult):
     """The result of a solve: `code`, a `ResultCode` for each element of the batch, and its text on demand."""
 
-    code: eqx.AbstractVar[Int[Array, "*lanes"]]
+    code: eqx.AbstractVar[Int[Array, "*batch"]]
 
     @abc.abstractmethod
     def explain(self, at: tuple[int, ...]) -> str:
         """How the solve of one element of the batch ended and what to do; of one problem `at` is empty."""
 
     @property
-    def successful(self) -> Bool[Array, "*lanes"]:
+    def successful(self) -> Bool[Array, "*batch"]:
         """Whether the solve did what it was asked; also inside a trace."""
         return self.code < FAILURES
 

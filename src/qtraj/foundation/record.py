@@ -29,7 +29,7 @@ CONVENTIONS = {
 
 
 class Quantity(NamedTuple):
-    """Values, their unit as netCDF writes it ("m s-2"), their meaning, and the axes that stand behind the lanes.
+    """Values, their unit as netCDF writes it ("m s-2"), their meaning, and the axes after those of the batch.
 
     A number without unit has "1"; a text, or a number in units told by its meaning, has "".
     """
@@ -45,7 +45,7 @@ class Record:
     """What a result consists of.
 
     `summary`, a line for people; `variables` and `coordinates`; `attributes` of the whole; `labels` along axes of
-    components. A quantity with more dimensions than axes has lanes in front, of which all have the same.
+    components. A quantity with more dimensions than axes has batch axes in front, the same for all.
     """
 
     summary: str
@@ -59,10 +59,10 @@ class Record:
         return {**self.coordinates, **self.variables}
 
     def dims(self, quantity: Quantity) -> tuple[str, ...]:
-        """The names of all its dimensions: `lane`, or `lane_1`, `lane_2` … where there are several, and its axes."""
-        most = max(_lanes(each) for each in self.everything().values())
-        names = ("lane",) if most == 1 else tuple(f"lane_{k + 1}" for k in range(most))
-        return (*names[most - _lanes(quantity) :], *quantity.axes)
+        """The names of all its dimensions: `batch`, or `batch_1`, `batch_2` … where there are several, and its axes."""
+        most = max(_batch_axes(each) for each in self.everything().values())
+        names = ("batch",) if most == 1 else tuple(f"batch_{k + 1}" for k in range(most))
+        return (*names[most - _batch_axes(quantity) :], *quantity.axes)
 
 
 def to_dataset(record: Record, attributes: Mapping[str, Any] | None = None) -> "xarray.Dataset":
@@ -97,5 +97,5 @@ def require_known(values: Any) -> None:
         raise ValueError("a dataset needs known values, and inside jit, grad or vmap they are not: return them first")
 
 
-def _lanes(quantity: Quantity) -> int:
+def _batch_axes(quantity: Quantity) -> int:
     return np.ndim(quantity.values) - len(quantity.axes)

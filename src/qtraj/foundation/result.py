@@ -22,7 +22,7 @@ MOST_TEXTS = 4
 
 
 class AbstractResult(eqx.Module):
-    """The outcome of a call: labelled arrays, of one problem or of many (lanes in front of every array)."""
+    """The outcome of a call: labelled arrays, of one problem or of many (batch axes in front of every array)."""
 
     @abc.abstractmethod
     def record(self) -> Record:
@@ -65,9 +65,10 @@ def counted(texts: Any) -> str:
     return ", ".join([*shown, *([f"{len(most) - MOST_TEXTS} others"] if len(most) > MOST_TEXTS else [])])
 
 
-def in_lanes(shape: tuple[int, ...], what: str = "lanes") -> str:
-    """ "3 lanes, ", "2 × 3 lanes, ", or nothing for one problem alone: the head of a summary."""
-    return f"{' × '.join(map(str, shape))} {what}, " if shape else ""
+def batch_prefix(shape: tuple[int, ...], what: str = "") -> str:
+    """ "3 paths, ", "batch of 2 × 3, ", or nothing for one problem alone: the beginning of a summary."""
+    count = " × ".join(map(str, shape))
+    return "" if not shape else f"{count} {what}, " if what else f"batch of {count}, "
 
 
 def extent(values: Any, unit: str = "") -> str:

@@ -1,7 +1,7 @@
 """A dataset as one table with a header: what Parquet and CSV files hold.
 
-The rows are the instants, path by path (or lane by lane) where there are several: the dimensions of `time`, `path`,
-and `lane`, or `lane_1`, `lane_2` … Paths and lanes without names have a column of their numbers, from 0. A variable of
+The rows are the instants, path by path or element by element of a batch: the dimensions of `time`, `path`, and `batch`,
+or `batch_1`, `batch_2` … Paths and elements without names have a column of their numbers, from 0. A variable of
 more dimensions has a column for each component (`position_x`, `dcm_tangent_x`); one of fewer is repeated (`duration` on
 each row of its path). Numbers alone make one row. What has nothing to do with the rows (the names of axes, a recording)
 stands in the header, beside all dimensions, types, units and other attributes.
@@ -21,7 +21,7 @@ import xarray
 FORMAT = "qtraj-dataset/1"
 TEXT, NUMBERS = "str", "int64"
 KINDS = "fiub"
-LANE = re.compile(r"lane(_\d+)?")
+BATCH = re.compile(r"(?:batch|lane)(_\d+)?")
 """The dimensions of many problems, as results name them."""
 
 
@@ -103,25 +103,25 @@ def _rows(dataset: xarray.Dataset) -> list[Any]:
     """The dimensions along which the rows run."""
     if not dataset.variables:
         raise ValueError("an empty dataset makes no table: save it as .nc or .zarr")
-    lanes = [dim for dim in dataset.sizes if _is_lane(dim)]
+    batch_dims = [dim for dim in dataset.sizes if _is_batch(dim)]
     if "time" not in dataset.variables:
-        return lanes or list(dataset.sizes)[:1]
-    return [dim for dim in dataset.sizes if dim in lanes or dim in dataset["time"].dims]
+        return batch_dims or list(dataset.sizes)[:1]
+    return [dim for dim in dataset.sizes if dim in batch_dims or dim in dataset["time"].dims]
 
 
 def _numbers(dataset: xarray.Dataset, rows: list[Any]) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    """Columns that number the paths and lanes of a table that have no names, and their dimensions."""
+    """Columns that number the paths and batch elements of a table that have no names, and their dimensions."""
     shape = [dataset.sizes[dim] for dim in rows]
     columns, numbers = {}, {}
     for k, dim in enumerate(rows):
-        if _is_lane(dim) and dim not in dataset.variables and len(rows) > 1:
+        if _is_batch(dim) and dim not in dataset.variables and len(rows) > 1:
             columns[str(dim)] = np.indices(shape)[k].ravel().astype(NUMBERS)
             numbers[str(dim)] = str(dim)
     return columns, numbers
 
 
-def _is_lane(dim: Any) -> bool:
-    return dim == "path" or LANE.fullmatch(str(dim)) is not None
+def _is_batch(dim: Any) -> bool:
+    return dim == "path" or BATCH.fullmatch(str(dim)) is not None
 
 
 def _spread(

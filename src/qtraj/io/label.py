@@ -40,9 +40,9 @@ def label(
     """Arrays over `times` (n,) [s] as an `xarray.Dataset` with units, conventions and provenance (extra `io`).
 
     For what `propagate`, `propagate_samples`, `error_response` and `jax.vmap` give as plain arrays:
-    `label(times, quaternion=qs)`. Known by their names are quaternion, error and command (*lanes, n, 4), rate and
-    acceleration (*lanes, n, 3) or with the virtual one in front (*lanes, n, 4), torque and force (*lanes, n, 3), and
-    angle (*lanes, n). Any other array, with 3, 4 or no components, is given as (array, unit, meaning), its unit as
+    `label(times, quaternion=qs)`. Known by their names are quaternion, error and command (*batch, n, 4), rate and
+    acceleration (*batch, n, 3) or with the virtual one in front (*batch, n, 4), torque and force (*batch, n, 3), and
+    angle (*batch, n). Any other array, with 3, 4 or no components, is given as (array, unit, meaning), its unit as
     netCDF writes it ("m s-2"), three components then in body axes. `attributes` are added to the dataset's.
 
     **Raises:** ValueError for other shapes, a name that is not known or that a coordinate has, times that are NaN, no
@@ -78,5 +78,5 @@ def _quantity(name: str, given: Any, count: int) -> Quantity:
         return Quantity(values, unit, meaning, ("time", COMPONENTS[values.shape[-1]]))
     if values.shape[-1:] == (count,) and 0 in sizes:
         return Quantity(values, unit, meaning, ("time",))
-    forms = [f"(*lanes, {count}, {size})" if size else f"(*lanes, {count})" for size in sizes]
+    forms = [f"(*batch, {count}, {size})" if size else f"(*batch, {count})" for size in sizes]
     raise ValueError(f"{name} must be {' or '.join(forms)}, but an array of shape {values.shape} was given")

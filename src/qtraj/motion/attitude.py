@@ -8,7 +8,7 @@ import numpy as np
 
 from qtraj.foundation import document
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import AbstractResult, extent, in_lanes, vector_text
+from qtraj.foundation.result import AbstractResult, batch_prefix, extent, vector_text
 from qtraj.foundation.types import Quat, Scalar, ScalarLike, Vec3
 
 
@@ -33,7 +33,9 @@ class Attitude(AbstractResult):
         turning, pushed = (np.linalg.norm(np.asarray(x), axis=-1) for x in (self.rate, self.acceleration))
         shown = f"|rate| {extent(turning, 'rad/s')}, |acceleration| {extent(pushed, 'rad/s²')}"
         first = "" if self.quaternion.ndim > 1 else f"quaternion {vector_text(self.quaternion)}, "
-        return Record(f"{in_lanes(self.quaternion.shape[:-1])}{first}{shown}", variables, attributes={"frame": "body"})
+        return Record(
+            f"{batch_prefix(self.quaternion.shape[:-1])}{first}{shown}", variables, attributes={"frame": "body"}
+        )
 
 
 class AbstractProgram(eqx.Module):

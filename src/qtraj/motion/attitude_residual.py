@@ -10,7 +10,7 @@ from qtraj.algebra import quaternion, rotation
 from qtraj.foundation.arrays import as_array, as_float, concrete, real_vector
 from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import AbstractResult, extent, in_lanes
+from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
 from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.programs.frame_program import FrameProgram
@@ -69,7 +69,7 @@ class AttitudeResidual(AbstractResult):
         summary = (
             f"RMS {extent(self.rms, 'rad')}, largest {extent(self.maximum, 'rad')}, {extent(self.samples)} samples"
         )
-        return Record(f"{in_lanes(self.samples.shape)}{summary}", variables, attributes={"frame": "body"})
+        return Record(f"{batch_prefix(self.samples.shape)}{summary}", variables, attributes={"frame": "body"})
 
 
 def compare_attitude(program: AbstractProgram, track: Track, mounting: ArrayInput | None = None) -> AttitudeResidual:

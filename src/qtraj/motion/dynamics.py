@@ -10,7 +10,7 @@ import numpy as np
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_float, concrete, real_vector, require_finite, require_positive
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import AbstractResult, extent, in_lanes
+from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Mat3, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import Attitude
 from qtraj.path.hodograph import AbstractHodograph
@@ -112,7 +112,7 @@ class FrictionDemand(AbstractResult):
         }
         pulled = np.isinf(np.asarray(self.total))
         flies = "" if not pulled.any() else f", {'' if pulled.all() else 'partly '}the road would have to pull"
-        summary = f"{in_lanes(self.total.shape)}side {extent(self.side)}, total {extent(self.total)}{flies}"
+        summary = f"{batch_prefix(self.total.shape)}side {extent(self.side)}, total {extent(self.total)}{flies}"
         return Record(summary, variables, attributes={"frame": "trihedral"})
 
 

@@ -8,7 +8,7 @@ from qtraj.algebra.vector import norm, unit
 from qtraj.foundation.arrays import real_vector, warn_if_coarse
 from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import AbstractResult, extent, in_lanes, vector_text
+from qtraj.foundation.result import AbstractResult, batch_prefix, extent, vector_text
 from qtraj.foundation.types import ArrayInput, Scalar, Vec3
 from qtraj.path.placement import Placement
 
@@ -47,7 +47,7 @@ class BoundaryState(AbstractResult):
     def _summary(self) -> str:
         if self.position.ndim > 1:
             speed = extent(np.linalg.norm(np.asarray(self.velocity), axis=-1), "m/s")
-            return f"{in_lanes(self.position.shape[:-1])}|velocity| {speed}"
+            return f"{batch_prefix(self.position.shape[:-1])}|velocity| {speed}"
         whole = f"position {vector_text(self.position)} m, velocity {vector_text(self.velocity)} m/s"
         return whole if self.acceleration is None else f"{whole}, acceleration {vector_text(self.acceleration)} m/s²"
 

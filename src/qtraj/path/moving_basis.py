@@ -24,10 +24,10 @@ Series = Sequence[Any]
 class MovingPolynomials(eqx.Module):
     """Ascending coefficients in t [s] of x, y, z [m] and of the angle φ [rad]; `y` is None where it vanishes."""
 
-    x: Float[Array, "*lanes _"]
-    y: Float[Array, "*lanes _"] | None
-    z: Float[Array, "*lanes _"]
-    angle: Float[Array, "*lanes _"]
+    x: Float[Array, "*batch _"]
+    y: Float[Array, "*batch _"] | None
+    z: Float[Array, "*batch _"]
+    angle: Float[Array, "*batch _"]
     placement: Placement | None = None
 
     def series(self, t: ScalarLike, order: int) -> tuple[Series, Series, Series, Series]:
@@ -38,10 +38,10 @@ class MovingPolynomials(eqx.Module):
 
     def components(self, t: ScalarLike, order: int) -> list[Triple]:
         """Derivatives of r at one instant in the moving basis, orders 0 … `order`, a triple each."""
-        return moving_components(*self.series(t, order))
+        return in_moving_basis(*self.series(t, order))
 
 
-def moving_components(x: Series, y: Series, z: Series, angle: Series) -> list[Triple]:
+def in_moving_basis(x: Series, y: Series, z: Series, angle: Series) -> list[Triple]:
     """Derivatives of R_z(φ)·(x, y, z) in the moving basis, orders 0 … n−1, a triple each.
 
     In the plane r = (x + iy) e^{iφ}: with g(s) = e^{i(φ(t+s)−φ(t))}, g' = iφ'g gives the series of g, and that of the

@@ -12,7 +12,7 @@ from qtraj.algebra import polynomial
 from qtraj.foundation.arrays import as_array, as_float, bucket, concrete
 from qtraj.foundation.document import reads_older, storable
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import AbstractResult, extent, in_lanes
+from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.spiral_helix import SpiralHelix
@@ -93,7 +93,7 @@ class Residual(AbstractResult):
         quantities = {name: Quantity(getattr(self, name), unit, text) for name, (unit, text) in MEANINGS.items()}
         variables = {name: q for name, q in quantities.items() if q.values is not None}
         rms = f"{extent(self.horizontal_rms, 'm')} horizontal, {extent(self.vertical_rms, 'm')} vertical"
-        summary = f"{in_lanes(self.samples.shape)}RMS {rms}, largest {extent(self.maximum, 'm')}"
+        summary = f"{batch_prefix(self.samples.shape)}RMS {rms}, largest {extent(self.maximum, 'm')}"
         return Record(f"{summary}, {extent(self.samples)} samples", variables, attributes={"frame": "world"})
 
 

@@ -10,7 +10,7 @@ from qtraj.algebra import polynomial
 from qtraj.foundation.arrays import as_float, one_instant, real_scalar, require_finite, require_positive
 from qtraj.foundation.document import reads_older, storable
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import AbstractResult, extent, in_lanes
+from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path import boundary_problem as problem
 from qtraj.path.boundary import BoundaryState
@@ -78,7 +78,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         turn, climb = (np.diff(_ends(x, self.duration), axis=0) for x in (self.angle, self.height))
         over = f"turn {extent(np.rad2deg(turn))}°, climb {extent(climb, 'm')} in {extent(self.duration, 's')}"
         shape = f"radius {first} to {last}, {over}"
-        return Record(f"{in_lanes(self.duration.shape)}{shape}", variables, attributes={"frame": "world"})
+        return Record(f"{batch_prefix(self.duration.shape)}{shape}", variables, attributes={"frame": "world"})
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         rows = self.rotating_derivatives(t, order)
@@ -151,7 +151,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
 
 
 def _ends(coefficients: Array, duration: Array) -> np.ndarray:
-    """The values of polynomials (*lanes, n) at 0 and at the durations (*lanes): (2, *lanes)."""
+    """The values of polynomials (*batch, n) at 0 and at the durations (*batch): (2, *batch)."""
     known, span = np.asarray(coefficients), np.asarray(duration)
     powers = span[..., None] ** np.arange(known.shape[-1])
     return np.stack([known[..., 0], np.sum(known * powers, axis=-1)])

@@ -18,7 +18,7 @@ from qtraj.algebra.vector import norm, unit
 from qtraj.foundation.arrays import as_float, concrete, one_instant, real_vector
 from qtraj.foundation.document import storable
 from qtraj.foundation.record import Record
-from qtraj.foundation.result import AbstractResult, extent, in_lanes
+from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Mat3, Quat, Scalar, ScalarLike, Vec3
 from qtraj.path.channel import CHANNELS
@@ -80,7 +80,7 @@ class Trihedral(AbstractResult):
         variables = {name: CHANNELS[name].labelled(x) for name, x in values.items()}
         exists = "" if np.all(self.defined) else ", not defined" if not np.any(self.defined) else ", partly defined"
         shown = f"speed {extent(self.speed, 'm/s')}, curvature {extent(self.curvature, '1/m')}"
-        summary = f"{in_lanes(self.speed.shape)}{shown}, torsion {extent(self.torsion, '1/m')}{exists}"
+        summary = f"{batch_prefix(self.speed.shape)}{shown}, torsion {extent(self.torsion, '1/m')}{exists}"
         return Record(summary, variables, attributes=framed("trihedral"), labels=labels_of("trihedral"))
 
 

@@ -7,7 +7,7 @@ from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.components import Triple
 from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.moving_basis import moving_components
+from qtraj.path.moving_basis import in_moving_basis
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import quantity
 
@@ -18,7 +18,7 @@ def invariants_at(path: AbstractHodograph, t: ScalarLike, order: int) -> Invaria
     if known is None:
         return Invariants([(row[0], row[1], row[2]) for row in path.derivatives(t, order)])
     x, y, z, angle = known.series(t, order)
-    return Invariants(moving_components(x, y, z, angle), up(known.placement, angle[0]))
+    return Invariants(in_moving_basis(x, y, z, angle), up(known.placement, angle[0]))
 
 
 def squared(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:

@@ -194,7 +194,7 @@ def test_the_gauge_of_gibbs_keeps_the_scalar_at_one_and_the_gibbs_vector_linear(
     program, k1, k2 = ThreeAxis(), 2.5, 1.2
     at = program(1.0)
     quaternion, rate = jnp.asarray([0.2, -0.4, 0.3, -0.6]), jnp.asarray([0.7, 0.5, -0.3, 0.9])
-    scaled, gauged = control.gibbs_gauge(at, quaternion, rate)
+    scaled, gauged = control.gibbs_normalization(at, quaternion, rate)
     np.testing.assert_allclose(gauged[1:], rate[1:])
     np.testing.assert_allclose(np.abs(scaled @ quaternion), np.linalg.norm(scaled) * np.linalg.norm(quaternion))
     for kind in ("body", "inertial"):

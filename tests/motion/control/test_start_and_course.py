@@ -118,7 +118,7 @@ def test_closed_motions_are_labelled_data(closed):
     dataset = one.to_xarray()
     np.testing.assert_array_equal(dataset["time"], one.times)
     np.testing.assert_array_equal(dataset["error"].sel(component="y"), one.error[:, 2])
-    assert lanes.to_xarray()["angle"].dims == ("lane", "sample")
+    assert lanes.to_xarray()["angle"].dims == ("batch", "sample")
     assert repr(one).startswith("ClosedMotion(4 instants, 0 … 2 s: angle to the program ")
     assert repr(lanes).startswith("ClosedMotion(3 lanes, 4 instants, ")
 

@@ -13,7 +13,7 @@ from qtraj.foundation.document import load
 from qtraj.motion.profiles.s_curve import SCurve
 from qtraj.motion.profiles.smooth_step import Quintic, Septic
 from qtraj.motion.profiles.time_optimal import TimeOptimal
-from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
+from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 
 ROUND_OFF = 2e-14
 GRADIENT = 1e-8  # of central differences of a smooth function of size 1, step 1e-5, relative to its third derivative
@@ -153,7 +153,7 @@ def test_end_rates_along_the_axis():
 def test_a_chain_passes_its_attitudes_at_rest():
     attitudes = quaternions(6, seed=4) * np.array([1.0, -2.0, 1.0, 0.5, -1.0, 1.0])[:, None]
     attitudes[3] = -attitudes[2]  # no turn at all in between
-    chain = TurnChain(attitudes, SCurve(1.0, 0.8, 2.0))
+    chain = SlewSequence(attitudes, SCurve(1.0, 0.8, 2.0))
     times = np.asarray(chain.times)
     singles = jax.vmap(lambda a, b: EulerTurn(a, b, chain.law)(0.3).quaternion)
     durations = jax.vmap(lambda a, b: EulerTurn(a, b, chain.law).duration)
@@ -179,7 +179,7 @@ def test_the_switches_of_a_chain_are_those_of_its_turns():
     attitudes = quaternions(4, seed=6)
     attitudes[2] = -attitudes[1]  # no turn at all in between: its switches are one instant
     law = SCurve(1.0, 0.8, 2.0)
-    chain, singles = TurnChain(attitudes, law), [EulerTurn(attitudes[k], attitudes[k + 1], law) for k in range(3)]
+    chain, singles = SlewSequence(attitudes, law), [EulerTurn(attitudes[k], attitudes[k + 1], law) for k in range(3)]
     shifted = [float(t) + single.switches for t, single in zip(chain.times, singles, strict=False)]
     np.testing.assert_allclose(chain.switches, np.concatenate(shifted), rtol=1e-14)
     np.testing.assert_allclose(chain.switches[7:14], chain.times[1], atol=1e-9)
@@ -207,7 +207,7 @@ def test_round_off_is_no_turn(whole_turns):
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
 def test_programs_are_stored_exactly(suffix, tmp_path):
     law = TimeOptimal(0.3, 0.2)
-    for program in (EulerTurn(BASE, HALF, law), TurnChain([BASE, HALF, -BASE], law)):
+    for program in (EulerTurn(BASE, HALF, law), SlewSequence([BASE, HALF, -BASE], law)):
         program.save(tmp_path / f"program{suffix}")
         again = load(tmp_path / f"program{suffix}")
         assert jax.tree.structure(again) == jax.tree.structure(program)
@@ -221,10 +221,10 @@ def test_programs_are_stored_exactly(suffix, tmp_path):
         (lambda: EulerTurn(BASE, [1.0, 0, 0], Quintic(1.0)), r"end_q must have shape \(4,\)"),
         (lambda: EulerTurn(BASE, [math.nan, 0, 0, 0], Quintic(1.0)), "end_q must be finite"),
         (lambda: EulerTurn(BASE, HALF, TimeOptimal(1.0, 1.0, duration=0.1)), "needs at least"),
-        (lambda: TurnChain([BASE], Quintic(1.0)), "at least two quaternions"),
-        (lambda: TurnChain([BASE, 0 * BASE], Quintic(1.0)), "quaternion 1 is zero"),
-        (lambda: TurnChain([BASE, BASE, HALF], SCurve(1.0, 1.0, 1.0, duration=1.0)), "needs at least"),
-        (lambda: TurnChain([BASE, HALF], TimeOptimal(1.0, 1.0, end_rate=0.0)), "rests at each attitude"),
+        (lambda: SlewSequence([BASE], Quintic(1.0)), "at least two quaternions"),
+        (lambda: SlewSequence([BASE, 0 * BASE], Quintic(1.0)), "quaternion 1 is zero"),
+        (lambda: SlewSequence([BASE, BASE, HALF], SCurve(1.0, 1.0, 1.0, duration=1.0)), "needs at least"),
+        (lambda: SlewSequence([BASE, HALF], TimeOptimal(1.0, 1.0, end_rate=0.0)), "rests at each attitude"),
     ],
 )
 def test_bad_input_is_refused(make, message):

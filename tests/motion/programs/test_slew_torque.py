@@ -117,7 +117,7 @@ def test_no_trapezoid_within_the_limits_is_shorter(limit, rate):
 
 def test_a_chain_keeps_the_limit_in_every_turn():
     attitudes = [START, END, [0.2, 0.9, 0.1, -0.3]]
-    chain = qt.within_torque(qt.TurnChain(attitudes, LAWS["quintic"]), TENSOR, LIMITS["axes"])
+    chain = qt.within_torque(qt.SlewSequence(attitudes, LAWS["quintic"]), TENSOR, LIMITS["axes"])
     used = np.abs(torques(chain, TENSOR, np.linspace(0, float(chain.duration), 5001)[:-1])) / LIMITS["axes"]
     assert 0.999 < used.max() <= 1 + 1e-11
     peak = qt.peak_torque(chain, TENSOR)
@@ -154,5 +154,5 @@ def test_what_cannot_be_kept_is_explained(law, inertia, limit, words):
 
 
 def test_other_programs_have_no_such_torque():
-    with pytest.raises(ValueError, match="an EulerTurn or a TurnChain was expected"):
+    with pytest.raises(ValueError, match="an EulerTurn or a SlewSequence was expected"):
         qt.peak_torque(qt.FrameProgram(qt.SpiralHelix([10.0], [0.0, 0.4], [0.0], 5.0)), 1.0)

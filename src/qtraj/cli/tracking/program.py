@@ -18,7 +18,7 @@ from qtraj.io.stored import load
 from qtraj.io.tracking_model import ProgramPart, TrackingScenario
 from qtraj.io.turn_model import LIMITS, NEEDED, TurnPart
 from qtraj.motion.attitude import AbstractProgram
-from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
+from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 from qtraj.motion.programs.frame_program import FrameProgram
 from qtraj.motion.programs.rotation_minimizing import RotationMinimizing, name_of
 from qtraj.motion.programs.slew_torque import within_torque
@@ -57,12 +57,12 @@ def holds(program: AbstractProgram) -> bool:
     """Whether the program comes to rest at its end: then it may be followed for longer."""
     if isinstance(program, EulerTurn):
         return float(program.profile.end_rate) == 0
-    return isinstance(program, TurnChain)
+    return isinstance(program, SlewSequence)
 
 
 def program_jumps(program: AbstractProgram) -> np.ndarray | None:
     """The instants at which the program's acceleration may jump [s]; None for none."""
-    return np.unique(program.switches) if isinstance(program, EulerTurn | TurnChain) else None
+    return np.unique(program.switches) if isinstance(program, EulerTurn | SlewSequence) else None
 
 
 def described(part: ProgramPart, program: AbstractProgram) -> str:
@@ -72,10 +72,10 @@ def described(part: ProgramPart, program: AbstractProgram) -> str:
         return f"{name_of(along)} frame of {part.path}"
     if part.file is not None:
         return f"{type(program).__name__} of {part.file}"
-    return "chain of turns" if isinstance(program, TurnChain) else "turn"
+    return "chain of turns" if isinstance(program, SlewSequence) else "turn"
 
 
-def _turn(part: TurnPart, angles: str) -> EulerTurn | TurnChain:
+def _turn(part: TurnPart, angles: str) -> EulerTurn | SlewSequence:
     """The program of a turn that keeps every limit given, also one of a fixed duration."""
     try:
         program = turn_program(part, angles)

@@ -14,7 +14,7 @@ from qtraj.io.attitude_part import radians
 from qtraj.io.instants import Column
 from qtraj.io.scenario import ScenarioFile
 from qtraj.io.turn_model import JERKY, TurnScenario
-from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
+from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 from qtraj.motion.programs.slew_torque import peak_torque
 
 STILL = "there is nothing to turn: all attitudes are the same."
@@ -22,7 +22,7 @@ STILL = "there is nothing to turn: all attitudes are the same."
 
 def turn_content(
     given: ScenarioFile[TurnScenario],
-    program: EulerTurn | TurnChain,
+    program: EulerTurn | SlewSequence,
     turns: Sequence[Leg],
     times: np.ndarray,
     columns: Mapping[str, Column],

@@ -8,11 +8,11 @@ import numpy as np
 from qtraj.io.attitude_part import radians
 from qtraj.io.scenario_part import given
 from qtraj.io.turn_model import END_RATES, LIMITS, NEEDED, TurnLawPart, TurnPart
-from qtraj.motion.profiles.profile import AbstractLaw, Profile
+from qtraj.motion.profiles.profile import AbstractProfile, Profile
 from qtraj.motion.profiles.s_curve import SCurve
 from qtraj.motion.profiles.smooth_step import Cubic, Quintic, Septic
 from qtraj.motion.profiles.time_optimal import TimeOptimal
-from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
+from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 from qtraj.motion.programs.slew_torque import within_torque
 
 SMOOTH = {"cubic": Cubic, "quintic": Quintic, "septic": Septic}
@@ -44,7 +44,7 @@ class Leg:
         return [self.start + t for t in found]
 
 
-def turn_program(part: TurnPart, angles: str) -> EulerTurn | TurnChain:
+def turn_program(part: TurnPart, angles: str) -> EulerTurn | SlewSequence:
     """The program of the tables of a turn: one turn, or a chain by way of [[via]].
 
     **Raises:** ValueError for a duration in which no such turn is possible.
@@ -56,7 +56,7 @@ def turn_program(part: TurnPart, angles: str) -> EulerTurn | TurnChain:
         raise ValueError(f"[law]: {error}") from error
 
 
-def least_duration(part: TurnPart, angles: str, program: EulerTurn | TurnChain) -> float | None:
+def least_duration(part: TurnPart, angles: str, program: EulerTurn | SlewSequence) -> float | None:
     """The time [s] of the shortest turn found within the limits; None where no law limits it.
 
     Within rate, acceleration and jerk it is the least there is. To keep a torque limit laws are slowed down (see
@@ -65,7 +65,7 @@ def least_duration(part: TurnPart, angles: str, program: EulerTurn | TurnChain) 
     law = fastest_law(part.law, angles)
     if law is None:
         return None
-    chain = isinstance(program, TurnChain)
+    chain = isinstance(program, SlewSequence)
     fastest = _program(np.asarray(program.attitudes if chain else [program.start_q, program.end_q]), law)
     body = part.body
     if body is not None and body.max_torque is not None and not given(part.law, *END_RATES):
@@ -73,11 +73,11 @@ def least_duration(part: TurnPart, angles: str, program: EulerTurn | TurnChain) 
     return float(fastest.duration)
 
 
-def _program(attitudes: np.ndarray, law: AbstractLaw) -> EulerTurn | TurnChain:
-    return TurnChain(attitudes, law) if len(attitudes) > 2 else EulerTurn(attitudes[0], attitudes[1], law)
+def _program(attitudes: np.ndarray, law: AbstractProfile) -> EulerTurn | SlewSequence:
+    return SlewSequence(attitudes, law) if len(attitudes) > 2 else EulerTurn(attitudes[0], attitudes[1], law)
 
 
-def _with_torque(program: EulerTurn | TurnChain, part: TurnPart) -> EulerTurn | TurnChain:
+def _with_torque(program: EulerTurn | SlewSequence, part: TurnPart) -> EulerTurn | SlewSequence:
     """The program slowed to its torque limit; with a duration or end rates of its own it is judged afterwards."""
     body = part.body
     if body is None or body.max_torque is None or given(part.law, "duration", *END_RATES):
@@ -85,14 +85,14 @@ def _with_torque(program: EulerTurn | TurnChain, part: TurnPart) -> EulerTurn | 
     return within_torque(program, body.inertia, body.max_torque)
 
 
-def turn_law(part: TurnLawPart, angles: str) -> AbstractLaw:
+def turn_law(part: TurnLawPart, angles: str) -> AbstractProfile:
     """The law of a table [law]; a polynomial of fixed duration without its limits, which are judged afterwards."""
     if part.duration is not None and part.kind not in NEEDED:
         return SMOOTH[part.kind](duration=part.duration)
     return _limited(part, angles, part.duration)
 
 
-def fastest_law(part: TurnLawPart, angles: str) -> AbstractLaw | None:
+def fastest_law(part: TurnLawPart, angles: str) -> AbstractProfile | None:
     """The law that takes the least time within the limits; None where none is given."""
     return _limited(part, angles, None) if given(part, *LIMITS) else None
 
@@ -102,7 +102,7 @@ def turn_limits(part: TurnLawPart, angles: str) -> dict[str, float]:
     return {name: radians(angles) * getattr(part, name) for name in given(part, *LIMITS)}
 
 
-def legs(program: EulerTurn | TurnChain) -> list[Leg]:
+def legs(program: EulerTurn | SlewSequence) -> list[Leg]:
     """The turns of a program, one after the other."""
     if isinstance(program, EulerTurn):
         return [Leg(0.0, program, program.profile)]
@@ -112,7 +112,7 @@ def legs(program: EulerTurn | TurnChain) -> list[Leg]:
     return [Leg(start, turn, turn.profile) for start, turn in zip(starts, turns, strict=True)]
 
 
-def _limited(part: TurnLawPart, angles: str, duration: float | None) -> AbstractLaw:
+def _limited(part: TurnLawPart, angles: str, duration: float | None) -> AbstractProfile:
     limits = turn_limits(part, angles)
     if part.kind == "time_optimal":
         ends = {name: radians(angles) * getattr(part, name) for name in given(part, *END_RATES)}

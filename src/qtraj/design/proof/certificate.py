@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from qtraj.foundation.arrays import as_array, as_float, concrete, require_lane
+from qtraj.foundation.arrays import as_array, as_float, concrete, require_element
 from qtraj.foundation.document import storable
 from qtraj.foundation.outcome import AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import counted, in_lanes
+from qtraj.foundation.result import batch_prefix, counted
 from qtraj.foundation.types import ArrayInput
 from qtraj.foundation.units import with_unit
 from qtraj.path.quantity import quantity
@@ -80,10 +80,10 @@ class Certificate(AbstractOutcome):
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
-    codes: Int[Array, "*lanes n"]
-    times: Float[Array, "*lanes n"]
-    values: Float[Array, "*lanes n"]
-    limits: Float[Array, "*lanes n"]
+    codes: Int[Array, "*batch n"]
+    times: Float[Array, "*batch n"]
+    values: Float[Array, "*batch n"]
+    limits: Float[Array, "*batch n"]
 
     def __init__(
         self, names: Sequence[str], codes: ArrayInput, times: ArrayInput, values: ArrayInput, limits: ArrayInput
@@ -146,7 +146,7 @@ class Certificate(AbstractOutcome):
         return [Finding(name, STATUSES[code], *rest) for name, code, *rest in rows]
 
     @property
-    def code(self) -> Int[Array, "*lanes"]:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def code(self) -> Int[Array, "*batch"]:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The `ResultCode` of the whole path: that of its worst finding."""
         code = jnp.full(self.codes.shape[:-1], ResultCode.successful, jnp.int32)
         for finding, result in reversed(_WORST):
@@ -175,7 +175,7 @@ class Certificate(AbstractOutcome):
             "limit": Quantity(np.array(self.names, dtype=str), "", "what is limited", along),
             "limit_unit": Quantity(np.array([quantity(x).unit for x in self.names], dtype=str), "", "its unit", along),
         }
-        summary = f"{in_lanes(self.codes.shape[:-1], 'paths')}{self.summary}"
+        summary = f"{batch_prefix(self.codes.shape[:-1], 'paths')}{self.summary}"
         return Record(summary, variables, coordinates, {"frame": "natural"})
 
     def __bool__(self) -> bool:
@@ -183,14 +183,14 @@ class Certificate(AbstractOutcome):
 
     def __len__(self) -> int:
         if self.codes.ndim == 1:
-            raise TypeError("these are the findings on one path: only those on many have a length")
+            raise TypeError("this is the certificate of one path: only the certificate of a batch has a length")
         return self.codes.shape[0]
 
-    def __getitem__(self, lane: Any) -> "Certificate":
+    def __getitem__(self, index: Any) -> "Certificate":
         if self.codes.ndim == 1:
-            raise TypeError("these are the findings on one path: only those on many have lanes")
-        require_lane(lane, len(self), "paths")
-        return Certificate(self.names, self.codes[lane], self.times[lane], self.values[lane], self.limits[lane])
+            raise TypeError("this is the certificate of one path: only the certificate of a batch can be indexed")
+        require_element(index, len(self), "paths")
+        return Certificate(self.names, self.codes[index], self.times[index], self.values[index], self.limits[index])
 
     def __str__(self) -> str:
         if self.codes.ndim > 1:

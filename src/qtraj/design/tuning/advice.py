@@ -220,12 +220,12 @@ def _values(task: Task, which: Present, at: Found) -> Float[Array, "slots k"]:
 _values_there = eqx.filter_jit(_values)
 
 
-def _value(problem: Problem, number: _Number) -> Float[Array, "*lanes"]:
+def _value(problem: Problem, number: _Number) -> Float[Array, "*batch"]:
     part = getattr(problem, number.of)
     return part if number.field is None else getattr(part, number.field)
 
 
-def _with(problem: Problem, number: _Number, value: Float[Array, "*lanes"]) -> Problem:
+def _with(problem: Problem, number: _Number, value: Float[Array, "*batch"]) -> Problem:
     def where(p: Any) -> Any:
         return getattr(p, number.of) if number.field is None else getattr(getattr(p, number.of), number.field)
 

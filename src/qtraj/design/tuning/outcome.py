@@ -14,12 +14,12 @@ from qtraj.design.proof.certificate import Certificate
 from qtraj.design.tuning.advisor import Advisor
 from qtraj.design.tuning.verdict import verdict
 from qtraj.foundation import document
-from qtraj.foundation.arrays import as_array, as_float, concrete, part, require_lane
+from qtraj.foundation.arrays import as_array, as_float, concrete, part, require_element
 from qtraj.foundation.document import reads_older, storable
 from qtraj.foundation.drawing import drawing
 from qtraj.foundation.outcome import ILL_POSED, AbstractOutcome, ResultCode, known_codes, names_of, renumbered
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import counted, extent, in_lanes
+from qtraj.foundation.result import batch_prefix, counted, extent
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.spiral_helix import SpiralHelix
@@ -57,13 +57,13 @@ class Tuned(AbstractOutcome):
     path: SpiralHelix
     start: BoundaryState
     end: BoundaryState
-    objective: Float[Array, "*lanes"]
+    objective: Float[Array, "*batch"]
     certificate: Certificate
-    code: Int[Array, "*lanes"]
-    iterations: Int[Array, "*lanes"]
+    code: Int[Array, "*batch"]
+    iterations: Int[Array, "*batch"]
     advice: str = eqx.field(static=True)
     advisor: Advisor | None = eqx.field(static=True)
-    place: Int[Array, "*lanes 2"] | None
+    place: Int[Array, "*batch 2"] | None
 
     def __init__(
         self,
@@ -128,21 +128,21 @@ class Tuned(AbstractOutcome):
                 variables[f"{side}_{name}"] = Quantity(values, unit, text, ("world",))
         steps = extent(self.iterations)
         search = f"objective {extent(self.objective)}, {steps} {'step' if steps == '1' else 'steps'}"
-        summary = f"{in_lanes(self.code.shape, 'problems')}{counted(status)}, {search}; {self.certificate.summary}"
+        summary = f"{batch_prefix(self.code.shape, 'problems')}{counted(status)}, {search}; {self.certificate.summary}"
         return Record(summary, variables, findings.coordinates, findings.attributes)
 
-    def __getitem__(self, lane: Any) -> "Tuned":
+    def __getitem__(self, index: Any) -> "Tuned":
         if self.code.ndim == 0:
-            raise TypeError("this is the outcome of one problem: only that of many has lanes")
-        require_lane(lane, len(self), "problems")
-        return jax.tree.map(lambda x: part(x, lane), self)
+            raise TypeError("this is the result of one problem: only the result of a batch can be indexed")
+        require_element(index, len(self), "problems")
+        return jax.tree.map(lambda x: part(x, index), self)
 
     def __bool__(self) -> bool:
         return True  # it is there, whatever it says; else Python would ask for its length
 
     def __len__(self) -> int:
         if self.code.ndim == 0:
-            raise TypeError("this is the outcome of one problem: only that of many has a length")
+            raise TypeError("this is the result of one problem: only the result of a batch has a length")
         return self.code.shape[0]
 
     def plot(self, frame: Any = None) -> "Figure":

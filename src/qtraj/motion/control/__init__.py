@@ -7,7 +7,7 @@ from qtraj.motion.control.errors import error_angle, error_quaternion, error_rat
 from qtraj.motion.control.gains import from_damping, from_settling_time, from_weights, rate_from_settling_time
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
 from qtraj.motion.control.response import error_response, error_state, growth
-from qtraj.motion.control.sheet import choose_sign, gibbs_gauge, least_norm, place
+from qtraj.motion.control.sheet import choose_sign, gibbs_normalization, least_norm, place
 
 __all__ = [
     "AbstractLaw",
@@ -29,7 +29,7 @@ __all__ = [
     "from_damping",
     "from_settling_time",
     "from_weights",
-    "gibbs_gauge",
+    "gibbs_normalization",
     "growth",
     "inertial_command",
     "inertial_correction",

@@ -10,7 +10,7 @@ from qtraj.foundation import document
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import AbstractResult, extent, in_lanes, over
+from qtraj.foundation.result import AbstractResult, batch_prefix, extent, over
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
 from qtraj.motion.attitude import Attitude
 from qtraj.motion.control.errors import error_angle, error_quaternion, error_rate, state_from_error
@@ -26,10 +26,10 @@ class ClosedMotion(AbstractResult):
     Under `vmap` everything has the lanes in front.
     """
 
-    times: Float[Array, "*lanes n"]
-    error: Float[Array, "*lanes n 4"]
-    quaternion: Float[Array, "*lanes n 4"]
-    angle: Float[Array, "*lanes n"]
+    times: Float[Array, "*batch n"]
+    error: Float[Array, "*batch n 4"]
+    quaternion: Float[Array, "*batch n 4"]
+    angle: Float[Array, "*batch n"]
 
     def __init__(self, times: ArrayInput, error: ArrayInput, quaternion: ArrayInput, angle: ArrayInput):
         self.times, self.error = as_float(times), as_float(error)
@@ -44,7 +44,7 @@ class ClosedMotion(AbstractResult):
             "quaternion": Quantity(self.quaternion, "1", "attitude, body to inertial, of any length", axes),
             "angle": Quantity(self.angle, "rad", "angle between body and program", (along,)),
         }
-        lanes = in_lanes(self.angle.shape[:-1])
+        lanes = batch_prefix(self.angle.shape[:-1])
         summary = f"{lanes}{over(self.times)}: angle to the program {extent(self.angle, 'rad')}"
         return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": "body"})
 

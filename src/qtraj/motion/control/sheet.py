@@ -74,7 +74,7 @@ def choose_sign(law: AccelerationLaw | RateLaw, reference: Attitude, quaternion:
     return sign * quaternion
 
 
-def gibbs_gauge(reference: Attitude, quaternion: Quat, rate: Quat) -> tuple[Quat, Quat]:
+def gibbs_normalization(reference: Attitude, quaternion: Quat, rate: Quat) -> tuple[Quat, Quat]:
     """The same attitude and physical rate, with |λ| and ω0 such that μ0 = 1 and μ̇0 = 0.
 
     Then μ0 ≡ 1 under scalar gains, and the Gibbs vector of the error, g = μ_v/μ0, obeys g̈ + K1ġ + K2g = 0. For body and
@@ -94,7 +94,7 @@ def place(
 
     `excess` (3,) [rad/s], body axes: its rate less the program's. `sign` of λ: "near" (μ0 ≥ 0), "far"
     or "auto", the better one for laws whose error is linear (`choose_sign`) and the near one for others. `gauge`:
-    "unit" (|λ| = 1, ω0 = 0) or "gibbs" (`gibbs_gauge`, in which μ0 = 1 whatever the sign).
+    "unit" (|λ| = 1, ω0 = 0) or "gibbs" (`gibbs_normalization`, in which μ0 = 1 whatever the sign).
 
     **Raises:** ValueError for another sign or gauge, and for the Gibbs gauge of the far sign or at a half turn.
     """
@@ -111,7 +111,7 @@ def _placed(law: AbstractLaw, reference: Attitude, mu: Quat, excess: Vec3, sign:
     quaternion, rate = state_from_error(reference, near, jnp.zeros_like(near))
     rate = pure(rate[1:] + excess)
     if gauge == "gibbs":
-        return gibbs_gauge(reference, quaternion, rate)
+        return gibbs_normalization(reference, quaternion, rate)
     if sign == "far":
         return -quaternion, rate
     if sign == "auto" and isinstance(law, AccelerationLaw | RateLaw):

@@ -133,7 +133,7 @@ def _extremes(coefficients: np.ndarray, order: int) -> list[tuple[float, np.floa
     return [(u, np.float64(curve(u))) for u in (0.0, *inner, 1.0)]
 
 
-class AbstractLaw(eqx.Module):
+class AbstractProfile(eqx.Module):
     """How a turn proceeds in time: what makes the profile for any angle, the shortest or one of a fixed `duration` [s].
 
     `name` is what messages call it.
@@ -158,7 +158,7 @@ class AbstractLaw(eqx.Module):
 
 
 @eqx.filter_jit
-def _timed(law: AbstractLaw, total: Scalar) -> tuple[Profile, Scalar]:
+def _timed(law: AbstractProfile, total: Scalar) -> tuple[Profile, Scalar]:
     return law.timed(total)
 
 
@@ -197,13 +197,13 @@ def limit(value: ArrayInput | None) -> Scalar | None:
 UNITS = {"max_rate": "rad/s", "max_acceleration": "rad/s²", "max_jerk": "rad/s³", "duration": "s"}
 
 
-def given_limits(law: AbstractLaw) -> dict[str, Scalar]:
+def given_limits(law: AbstractProfile) -> dict[str, Scalar]:
     """The limits and the duration that a law has, by the names of its fields."""
     found = {name: getattr(law, name, None) for name in UNITS}
     return {name: value for name, value in found.items() if value is not None}
 
 
-def require_limits(law: AbstractLaw) -> None:
+def require_limits(law: AbstractProfile) -> None:
     """Raise a ValueError unless every limit of the law, and its duration, is a positive finite number."""
     for name, value in given_limits(law).items():
         require_positive(value, name, UNITS[name])
@@ -215,7 +215,7 @@ def fixed_duration(asked: Scalar, minimal: Scalar) -> tuple[Scalar, Flag]:
     return jnp.where(feasible, asked, minimal), feasible
 
 
-def require_feasible(law: AbstractLaw, profile: Profile, minimal: Scalar) -> None:
+def require_feasible(law: AbstractProfile, profile: Profile, minimal: Scalar) -> None:
     """Raise a ValueError that names the minimal duration where a known profile is not the one that was asked for."""
     known = concrete(profile.feasible)
     if known is None or known or law.duration is None:

@@ -10,7 +10,7 @@ from qtraj.foundation.arrays import real_scalar
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Flag, Scalar
 from qtraj.motion.profiles.profile import (
-    AbstractLaw,
+    AbstractProfile,
     Profile,
     fixed_duration,
     is_turn,
@@ -24,7 +24,7 @@ JERKS = (1, 0, -1, 0, -1, 0, 1)
 
 
 @storable
-class SCurve(AbstractLaw):
+class SCurve(AbstractProfile):
     """Seven pieces of constant jerk: the acceleration is a trapezoid, or a triangle where its limit is not reached.
 
     `max_rate` [rad/s] may be None; `max_acceleration` [rad/s²]; `max_jerk` [rad/s³]. With a `duration` [s] the coast

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import Scalar
 from qtraj.motion.profiles.profile import (
-    AbstractLaw,
+    AbstractProfile,
     Profile,
     fixed_duration,
     given_limits,
@@ -19,7 +19,7 @@ from qtraj.motion.profiles.profile import (
 )
 
 
-class AbstractSmoothStep(AbstractLaw):
+class AbstractSmoothStep(AbstractProfile):
     """Φ(t) = Φ s(u), u = t/T, with one polynomial s from 0 to 1 on [0, 1], at rest at both ends.
 
     `coefficients` of s, ascending; `peaks`, the largest |ds/du|, |d²s/du²| and |d³s/du³|.

@@ -10,7 +10,7 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Flag, Scalar
 from qtraj.motion.profiles.profile import (
     TOLERANCE,
-    AbstractLaw,
+    AbstractProfile,
     Profile,
     fixed_duration,
     is_turn,
@@ -21,7 +21,7 @@ from qtraj.motion.profiles.profile import (
 
 
 @storable
-class TimeOptimal(AbstractLaw):
+class TimeOptimal(AbstractProfile):
     """Full acceleration, a coast at `max_rate` where it is reached, full braking.
 
     `max_rate` [rad/s] may be None; `max_acceleration` [rad/s²]. From rest to rest unless `start_rate` and `end_rate`

@@ -9,11 +9,11 @@ from jaxtyping import Array, Float
 from qtraj.algebra import quaternion, rotation
 from qtraj.algebra.vector import norm, unit
 from qtraj.foundation.arrays import as_float, concrete, one_instant, real_vector, require_finite
-from qtraj.foundation.document import storable
+from qtraj.foundation.document import formerly, storable
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.checks import common_dtype, require_axes
-from qtraj.motion.profiles.profile import AbstractLaw, Profile
+from qtraj.motion.profiles.profile import AbstractProfile, Profile
 
 UNRESOLVED = 8
 """In machine epsilons [rad]: the quaternions of one attitude, normalised and multiplied, may differ by so much."""
@@ -35,9 +35,9 @@ class EulerTurn(AbstractProgram):
 
     start_q: Quat
     end_q: Quat
-    law: AbstractLaw
+    law: AbstractProfile
 
-    def __init__(self, start_q: ArrayInput, end_q: ArrayInput, law: AbstractLaw):
+    def __init__(self, start_q: ArrayInput, end_q: ArrayInput, law: AbstractProfile):
         start, end = (real_vector(q, name, 4) for q, name in ((start_q, "start_q"), (end_q, "end_q")))
         dtype = common_dtype(start, end)
         self.start_q, self.end_q, self.law = start.astype(dtype), end.astype(dtype), law
@@ -90,8 +90,9 @@ class EulerTurn(AbstractProgram):
         return e if axes == "body" else quaternion.rotate(self.start_q, e)
 
 
+@formerly("TurnChain")
 @storable
-class TurnChain(AbstractProgram):
+class SlewSequence(AbstractProgram):
     """Euler turns through several attitudes (n, 4), n ≥ 2, at rest at each.
 
     Each turn is the shorter one and follows `law`. The program starts at the first quaternion (normalised) and passes
@@ -103,9 +104,9 @@ class TurnChain(AbstractProgram):
     """
 
     attitudes: Float[Array, "n 4"]
-    law: AbstractLaw
+    law: AbstractProfile
 
-    def __init__(self, attitudes: ArrayInput, law: AbstractLaw):
+    def __init__(self, attitudes: ArrayInput, law: AbstractProfile):
         self.attitudes = rotation.continuous(attitude_table(attitudes, "a chain of turns"))
         self.law = law
         _require_law(law)
@@ -153,8 +154,8 @@ def attitude_table(values: ArrayInput, name: str) -> Float[Array, "n 4"]:
     return table
 
 
-def _require_law(law: AbstractLaw) -> None:
-    if not isinstance(law, AbstractLaw):
+def _require_law(law: AbstractProfile) -> None:
+    if not isinstance(law, AbstractProfile):
         raise ValueError(f"a law such as TimeOptimal(max_rate, max_acceleration) was expected, but {law!r} was given")
 
 
@@ -181,14 +182,14 @@ def _length(start: Quat, end: Quat) -> Scalar:
 
 
 @eqx.filter_jit
-def _arrivals(law: AbstractLaw, angles: Float[Array, " m"]) -> Float[Array, " m+1"]:
+def _arrivals(law: AbstractProfile, angles: Float[Array, " m"]) -> Float[Array, " m+1"]:
     """When turns by these angles, one after the other, are over [s]; 0 first."""
     durations = jax.vmap(lambda angle: law.profile(angle).duration)(angles)
     return jnp.concatenate([jnp.zeros_like(durations, shape=1), jnp.cumsum(durations)])
 
 
 @eqx.filter_jit
-def _switches(law: AbstractLaw, angles: Float[Array, " m"]) -> Float[Array, " _"]:
+def _switches(law: AbstractProfile, angles: Float[Array, " m"]) -> Float[Array, " _"]:
     """When pieces of turns by these angles, one after the other, end [s]."""
     within = jax.vmap(lambda angle: law.profile(angle).switches)(angles)
     return (_arrivals(law, angles)[:-1, None] + within).ravel()

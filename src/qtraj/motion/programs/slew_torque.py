@@ -16,9 +16,9 @@ from numpy.polynomial import Polynomial
 from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.dynamics import inertia_matrix
-from qtraj.motion.profiles.profile import AbstractLaw, Profile
+from qtraj.motion.profiles.profile import AbstractProfile, Profile
 from qtraj.motion.profiles.time_optimal import TimeOptimal
-from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
+from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 
 STEPS = 200
 """Most steps of the search for the best coast: each leaves 0.62 of the interval."""
@@ -40,7 +40,7 @@ class TorquePeak(NamedTuple):
     norm_time: float
 
 
-def peak_torque(program: EulerTurn | TurnChain, inertia: ArrayInput) -> TorquePeak:
+def peak_torque(program: EulerTurn | SlewSequence, inertia: ArrayInput) -> TorquePeak:
     """The largest torque [N m] on the whole of a turn, or of a chain of turns, in body axes.
 
     `inertia` [kg m²]: a scalar, (3,) principal moments, or (3, 3), about the centre of mass, in body axes. The values
@@ -68,7 +68,9 @@ def peak_torque(program: EulerTurn | TurnChain, inertia: ArrayInput) -> TorquePe
     return TorquePeak(_three(axes), _three(axes_times), norm, norm_time)
 
 
-def within_torque(program: EulerTurn | TurnChain, inertia: ArrayInput, max_torque: ArrayInput) -> EulerTurn | TurnChain:
+def within_torque(
+    program: EulerTurn | SlewSequence, inertia: ArrayInput, max_torque: ArrayInput
+) -> EulerTurn | SlewSequence:
     """The program under limits of torque as well: as it is where it keeps them, else slower.
 
     `inertia` as in `peak_torque`; `max_torque` [N m]: a number bounds the length of the torque, (3,) each component in
@@ -108,17 +110,17 @@ def _three(values: np.ndarray) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _legs(program: EulerTurn | TurnChain) -> list[tuple[float, np.ndarray, Profile]]:
+def _legs(program: EulerTurn | SlewSequence) -> list[tuple[float, np.ndarray, Profile]]:
     """Start [s], axis in body axes and profile of each turn."""
     if isinstance(program, EulerTurn):
         turns, starts = [program], [0.0]
-    elif isinstance(program, TurnChain):
+    elif isinstance(program, SlewSequence):
         turns = [
             EulerTurn(a, b, program.law) for a, b in zip(program.attitudes[:-1], program.attitudes[1:], strict=True)
         ]
         starts = [float(t) for t in program.times[:-1]]
     else:
-        raise ValueError(f"an EulerTurn or a TurnChain was expected, but a {type(program).__name__} was given")
+        raise ValueError(f"an EulerTurn or a SlewSequence was expected, but a {type(program).__name__} was given")
     if any(concrete(turn.angle) is None for turn in turns):
         raise ValueError("torques of a turn ask for its numbers: call this outside of jax.jit, grad and vmap")
     return [(start, np.asarray(turn.axis(), float), turn.profile) for start, turn in zip(starts, turns, strict=True)]
@@ -218,7 +220,7 @@ def _minimum(function: Callable[[float], float], high: float) -> float:
     return high if function(high) <= min(fa, fb) else (a if fa <= fb else b)
 
 
-def _slowed(law: AbstractLaw, factor: float) -> AbstractLaw:
+def _slowed(law: AbstractProfile, factor: float) -> AbstractProfile:
     """The law whose turns are those of `law`, so many times as long."""
     orders = {"max_rate": 1, "max_acceleration": 2, "max_jerk": 3}
     limits = {name: getattr(law, name, None) for name in orders}

@@ -14,7 +14,7 @@ from qtraj.foundation.arrays import as_float
 from qtraj.foundation.document import reads_older, storable
 from qtraj.foundation.outcome import AbstractOutcome, ResultCode, renumbered
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import extent, in_lanes, over
+from qtraj.foundation.result import batch_prefix, extent, over
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.checks import require_axes
 
@@ -47,13 +47,13 @@ class Solution(AbstractOutcome):
     **Raises:** ValueError for other `axes` or `commands`.
     """
 
-    times: Float[Array, "*lanes n"]
-    quaternion: Float[Array, "*lanes n 4"]
-    rate: Float[Array, "*lanes n 4"]
-    code: Int[Array, "*lanes"]
-    command: Float[Array, "*lanes n 4"] | None
-    error: Float[Array, "*lanes n 4"] | None
-    angle: Float[Array, "*lanes n"] | None
+    times: Float[Array, "*batch n"]
+    quaternion: Float[Array, "*batch n 4"]
+    rate: Float[Array, "*batch n 4"]
+    code: Int[Array, "*batch"]
+    command: Float[Array, "*batch n 4"] | None
+    error: Float[Array, "*batch n 4"] | None
+    angle: Float[Array, "*batch n"] | None
     axes: str = eqx.field(static=True)
     commands: str = eqx.field(static=True)
 
@@ -111,7 +111,7 @@ class Solution(AbstractOutcome):
         reached = f"{np.sum(self.successful)} of {self.code.size} reached every instant"
         ended = reached if self.code.ndim else _brief(str(self.result))
         error = "" if self.angle is None else f", angle to the program {extent(self.angle, 'rad')}"
-        summary = f"{in_lanes(self.code.shape)}{over(self.times)}: {ended}{error}"
+        summary = f"{batch_prefix(self.code.shape)}{over(self.times)}: {ended}{error}"
         return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": self.axes})
 
     def save(self, file: str | os.PathLike[str]) -> None:
@@ -122,21 +122,21 @@ class Solution(AbstractOutcome):
         document.save(self, file)
 
     @property
-    def norm(self) -> Float[Array, "*lanes n"]:
+    def norm(self) -> Float[Array, "*batch n"]:
         """|λ| at the instants: with ω0 = 0 its drift gauges the accuracy."""
         return _lengths(self.quaternion)
 
     @property
-    def virtual_command(self) -> Float[Array, "*lanes n"]:
+    def virtual_command(self) -> Float[Array, "*batch n"]:
         """The scalar part of the command, which steers |λ| in the on-board computer."""
         return _required(self.command)[..., 0]
 
     @property
-    def physical_command(self) -> Float[Array, "*lanes n 3"]:
+    def physical_command(self) -> Float[Array, "*batch n 3"]:
         """The vector part of the command, which acts on the body."""
         return _required(self.command)[..., 1:]
 
-    def settling_time(self, within: ArrayInput) -> Float[Array, "*lanes"]:
+    def settling_time(self, within: ArrayInput) -> Float[Array, "*batch"]:
         """From when on the angle stays within `within` [rad] to the last instant [s], linear between two instants.
 
         NaN where at the last instant, or where an instant was not reached, it does not.
@@ -145,7 +145,7 @@ class Solution(AbstractOutcome):
         return find(self.times, _required(self.angle), as_float(within).astype(self.times.dtype))
 
     @property
-    def peak_command(self) -> Float[Array, "*lanes"]:
+    def peak_command(self) -> Float[Array, "*batch"]:
         """The largest length of the physical command at the instants; NaN where one was not reached."""
         return jnp.max(_lengths(self.physical_command), axis=-1)
 
