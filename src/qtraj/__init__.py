@@ -186,4 +186,4 @@ def __dir__() -> list[str]:
     return sorted({"__version__", *_HOME_OF, *_MODULES.keys() - {*_ROOMS}})
 
 
-_drawing.drawn_by("qtraj.viz.plots")  # the lower floors, whose results have `plot()`, do not know it
+_drawing.set_plot_module("qtraj.viz.plots")  # the lower floors, whose results have `plot()`, do not know it

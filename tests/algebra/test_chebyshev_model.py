@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from qtraj.algebra.cell_polynomial import cell_polynomial
-from qtraj.algebra.cells import reach
+from qtraj.algebra.cells import semi_axes
 from qtraj.algebra.chebyshev_model import NODES, POINTS, TO_CHEBYSHEV, interpolated, multiple
 
 CELLS = [(0.0, 0.125), (0.875, 0.125), (-0.375, 2.0**-7), (0.625, 2.0**-20)]
@@ -30,7 +30,7 @@ def require_enclosed(build, truth, scale=1.0, tight=1e-11):
     """What is built of models in a cell differs from the truth by less than its bound, and that bound is small."""
     for centre, half in CELLS:
         cell = jnp.full((1, 1), centre), jnp.full((1, 1), half)
-        coefficients, error = jax.jit(lambda *cell: interpolated(build(*cell), reach(cell[1])))(*cell)
+        coefficients, error = jax.jit(lambda *cell: interpolated(build(*cell), semi_axes(cell[1])))(*cell)
         assert float(error[0, 0]) < tight * scale or half > 0.1, "only wide cells need dividing"
         with mpmath.workdps(DIGITS):
             own = [mpmath.mpf(float(x)) for x in coefficients[:, 0, 0]]
@@ -94,5 +94,5 @@ def test_an_inherited_error_is_passed_on():
 def test_what_is_not_finite_is_not_bounded():
     p, _ = vectors(3, 7, error=np.inf)
     cell = jnp.zeros((1, 1)), jnp.full((1, 1), 0.125)
-    _, error = interpolated(p.on(*cell)[0], reach(cell[1]))
+    _, error = interpolated(p.on(*cell)[0], semi_axes(cell[1]))
     assert not float(error[0, 0]) < np.inf

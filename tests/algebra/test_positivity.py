@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from qtraj.algebra.cell_polynomial import cell_polynomial
-from qtraj.algebra.cells import minimum
+from qtraj.algebra.cells import enclose_minimum
 from qtraj.algebra.chebyshev_model import NODES, ChebyshevModel
-from qtraj.algebra.positivity import NEGATIVE, OPEN, POSITIVE, positive
+from qtraj.algebra.positivity import NEGATIVE, POSITIVE, UNDECIDED, prove_positive
 
 ROUNDING = 1e-13
 """Of values near one: what lies so near to zero may be left open."""
@@ -24,7 +24,7 @@ def judged(c, error=0.0):
     """Whether polynomials are positive on [−1, 1], from ascending coefficients (paths, k)."""
     c = jnp.asarray(c)
     p = cell_polynomial(c.T[None, :, None, :], jnp.full((1, c.shape[0]), error, c.dtype))
-    return positive(lambda *cell: p.on(*cell)[0], jnp.full(c.shape[0], 2.0))
+    return prove_positive(lambda *cell: p.on(*cell)[0], jnp.full(c.shape[0], 2.0))
 
 
 def exact(c, s):
@@ -50,7 +50,7 @@ def touching(margin):
 
 
 @pytest.mark.parametrize(
-    ("margin", "code"), [(1e-8, POSITIVE), (1e-12, POSITIVE), (0.0, OPEN), (-1e-12, NEGATIVE), (-1e-3, NEGATIVE)]
+    ("margin", "code"), [(1e-8, POSITIVE), (1e-12, POSITIVE), (0.0, UNDECIDED), (-1e-12, NEGATIVE), (-1e-3, NEGATIVE)]
 )
 def test_a_touch_is_told_from_a_crossing_down_to_rounding(margin, code):
     answer = jax.tree.map(lambda x: x[0], judged(touching(margin)[None]))
@@ -83,8 +83,8 @@ def test_no_answer_contradicts_the_exact_minimum(degree):
 def test_a_minimum_that_is_everywhere_is_left_open_and_not_searched_forever():
     constants = np.zeros((2, 7))
     constants[1, 0] = 1e-6
-    assert judged(constants).code.tolist() == [OPEN, POSITIVE]
-    assert judged(constants[1:], 1e-5).code.tolist() == [OPEN]  # its own error is larger
+    assert judged(constants).code.tolist() == [UNDECIDED, POSITIVE]
+    assert judged(constants[1:], 1e-5).code.tolist() == [UNDECIDED]  # its own error is larger
 
 
 @pytest.mark.parametrize("pieces", [1, 4])
@@ -100,13 +100,13 @@ def test_one_cell_that_overflowed_is_not_forgotten(bad, at, pieces):
         size = jnp.abs(value)
         return ChebyshevModel(jnp.stack([value] * NODES), size, 0.0 * ones, jnp.stack([size] * 3))
 
-    assert positive(build, jnp.full(1, 2.0 / pieces)).code.tolist() == [OPEN]
+    assert prove_positive(build, jnp.full(1, 2.0 / pieces)).code.tolist() == [UNDECIDED]
 
 
 @pytest.mark.parametrize("degree", [0, 1])
 def test_low_degrees(degree):
     c = jnp.zeros((10, 1, 1)).at[: degree + 1, 0, 0].set(jnp.asarray([3.0, 2.0])[: degree + 1])
-    found = minimum(c, jnp.zeros((1, 1)))
+    found = enclose_minimum(c, jnp.zeros((1, 1)))
     assert found.low <= 3.0 - 2.0 * degree <= found.high
 
 

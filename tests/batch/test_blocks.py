@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import qtraj as qt
-from qtraj.batch import long_rows, program
+from qtraj.batch import executables, long_rows
 
 EXACT = 1e-12
 NAMES = ("position", "quaternion", "curvature", "torsion", "rate", "angular_acceleration")
@@ -31,8 +31,8 @@ def stack():
 def small_blocks(monkeypatch):
     """Blocks of 8 instants, so that a few instants make several, the last of them incomplete."""
     for name in ("_writing", "_reduction"):
-        monkeypatch.setattr(program, name, getattr(program, name).__wrapped__)
-    monkeypatch.setattr(program, "_samples", lambda: 8)
+        monkeypatch.setattr(executables, name, getattr(executables, name).__wrapped__)
+    monkeypatch.setattr(executables, "_samples", lambda: 8)
 
 
 def expected(path, times, name):
@@ -150,8 +150,8 @@ def test_reductions_are_those_of_the_samples(stack, small_blocks):
 @pytest.fixture
 def short_lanes(monkeypatch):
     """Four lanes, fetched three samples at a time, so that a few instants make a long row with something left over."""
-    monkeypatch.setattr(program, "_reduction", program._reduction.__wrapped__)
-    monkeypatch.setattr(program, "_long", lambda: 20)
+    monkeypatch.setattr(executables, "_reduction", executables._reduction.__wrapped__)
+    monkeypatch.setattr(executables, "_long", lambda: 20)
     monkeypatch.setattr(long_rows, "LANES", 4)
     monkeypatch.setattr(long_rows, "WINDOW", 3)
 

@@ -19,8 +19,8 @@ def test_every_lane_comes_back_in_its_place(lanes):
     calls = [(cores.take(given, part, SIZE),) for part in parts]
     assert all(call[0]["b"].shape == (SIZE, 2) for call in calls), "one size for all"
     found = None
-    for part, answer in zip(parts, cores.each(jax.jit(lambda x: (x["a"] ** 2, x["b"] + 1)), calls), strict=True):
-        found = cores.room(lanes, answer) if found is None else found
+    for part, answer in zip(parts, cores.map_blocks(jax.jit(lambda x: (x["a"] ** 2, x["b"] + 1)), calls), strict=True):
+        found = cores.allocate(lanes, answer) if found is None else found
         cores.put(found, part, answer)
     assert found is not None
     np.testing.assert_array_equal(found[0], given["a"] ** 2)
@@ -42,7 +42,7 @@ def test_a_new_call_is_compiled_by_one_thread_and_the_rest_are_shared_by_several
             meet.wait()  # two at a time, or never
         return double(x)
 
-    found = list(cores.each(call, [(np.full(3, k),) for k in range(5)]))
+    found = list(cores.map_blocks(call, [(np.full(3, k),) for k in range(5)]))
     np.testing.assert_array_equal(found, [[2 * k] * 3 for k in range(5)])
     assert len(traced) == 1
     assert threads[0] is threading.current_thread()
@@ -53,7 +53,7 @@ def test_threads_have_the_precision_of_the_caller():
     calls = [(np.ones(2),)] * 3
     for x64, dtype in ((True, np.float64), (False, np.float32)):
         with jax.enable_x64(x64):
-            assert [x.dtype for x in cores.each(lambda x: jnp.asarray(x) / 3, calls)] == [dtype] * 3
+            assert [x.dtype for x in cores.map_blocks(lambda x: jnp.asarray(x) / 3, calls)] == [dtype] * 3
 
 
 def test_every_block_is_worked_on_where_the_caller_says():
@@ -66,11 +66,11 @@ def test_every_block_is_worked_on_where_the_caller_says():
         seen.append(found.devices())
         return found
 
-    list(cores.each(call, calls, there))
+    list(cores.map_blocks(call, calls, there))
     with jax.default_device(here):
-        list(cores.each(call, calls))
+        list(cores.map_blocks(call, calls))
     assert seen == [{there}] * 4 + [{here}] * 4
-    assert list(cores.each(call, [])) == []
+    assert list(cores.map_blocks(call, [])) == []
 
 
 def test_an_error_of_a_block_is_raised():
@@ -80,4 +80,4 @@ def test_an_error_of_a_block_is_raised():
         return x
 
     with pytest.raises(ValueError, match="block 2 is bad"):
-        list(cores.each(call, [(np.full(1, k),) for k in range(4)]))
+        list(cores.map_blocks(call, [(np.full(1, k),) for k in range(4)]))

@@ -16,7 +16,7 @@ import pytest
 import xarray
 
 import qtraj as qt
-from qtraj.foundation.extras import needed
+from qtraj.foundation.extras import require_package
 from qtraj.io import dataset_file
 from qtraj.io.dataset import path_dataset
 
@@ -300,7 +300,9 @@ def test_a_store_that_would_unpickle_is_refused(paths, tmp_path):
 
 def test_a_missing_package_is_named_with_its_extra(paths, tmp_path, monkeypatch):
     with pytest.raises(ModuleNotFoundError, match=r"drawing needs no_such_package: pip install 'qtraj\[viz\]'"):
-        needed("no_such_package", "drawing", "viz")
-    monkeypatch.setattr(dataset_file, "needed", lambda package, purpose: needed(f"missing_{package}", purpose))
+        require_package("no_such_package", "drawing", "viz")
+    monkeypatch.setattr(
+        dataset_file, "require_package", lambda package, purpose: require_package(f"missing_{package}", purpose)
+    )
     with pytest.raises(ModuleNotFoundError, match=r"saving a dataset needs missing_xarray: pip install 'qtraj\[io\]'"):
         qt.save_dataset(paths, tmp_path / "a.parquet")

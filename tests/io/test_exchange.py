@@ -92,4 +92,4 @@ def test_wrong_shapes_and_missing_packages_are_told():
     with pytest.raises(ValueError, match="zero norm"):
         exchange.scipy_from_wxyz([0.0, 0.0, 0.0, 0.0])
     with pytest.raises(ModuleNotFoundError, match=r"needs no_such_package: pip install no_such_package$"):
-        extras.needed("no_such_package", "an exchange", None)
+        extras.require_package("no_such_package", "an exchange", None)

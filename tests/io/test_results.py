@@ -13,7 +13,7 @@ import xarray
 
 import qtraj as qt
 from qtraj.foundation import record
-from qtraj.foundation.result import AbstractResult, counted, extent
+from qtraj.foundation.result import AbstractResult, counts_text, extent
 from qtraj.io.flat import flatten, unflatten
 from qtraj.path.residual import compare
 
@@ -291,8 +291,8 @@ def test_traced_results_and_a_missing_xarray_are_told(monkeypatch):
     for name in ("tuned", "table", "closed", "path", "certificate"):
         with pytest.raises(ValueError, match="a dataset needs known values"):
             jax.jit(lambda x: x.to_xarray())(one[name])
-    needed = record.needed
-    monkeypatch.setattr(record, "needed", lambda package, purpose: needed(f"missing_{package}", purpose))
+    original = record.require_package
+    monkeypatch.setattr(record, "require_package", lambda package, purpose: original(f"missing_{package}", purpose))
     with pytest.raises(ModuleNotFoundError, match=r"needs missing_xarray: pip install 'qtraj\[io\]'"):
         one["attitude"].to_xarray()
 
@@ -390,9 +390,9 @@ def test_the_words_of_a_summary():
     assert extent(np.array([2.0, 1.0]), "m") == "1 … 2 m"
     assert extent(np.array([1.0, np.nan])) == "1 and others that are not finite"
     assert (extent(np.array(np.nan)), extent(np.zeros(0)), extent(np.array(3))) == ("not finite", "none", "3")
-    assert counted(np.array(["a", "b", "b"])) == "2 b, 1 a"
-    assert counted(np.array(["a", "a"])) == "all a"
-    assert counted(np.array(list("aabcdefg"))) == "2 a, 1 b, 1 c, 1 d, 3 others"
+    assert counts_text(np.array(["a", "b", "b"])) == "2 b, 1 a"
+    assert counts_text(np.array(["a", "a"])) == "all a"
+    assert counts_text(np.array(list("aabcdefg"))) == "2 a, 1 b, 1 c, 1 d, 3 others"
 
 
 def test_findings_are_true_whether_they_have_lanes_or_not():

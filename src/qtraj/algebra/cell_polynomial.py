@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.algebra.cells import Cells, reach
-from qtraj.algebra.chebyshev_model import AXIS, FLOOR, POINTS, SLACK, ChebyshevModel, after
+from qtraj.algebra.cells import Cells, semi_axes
+from qtraj.algebra.chebyshev_model import AXIS, FLOOR, POINTS, SLACK, ChebyshevModel, add_rounding
 
 FARTHEST = 3.0
 """No ellipse about a cell of at most an eighth of [−1, 1] leaves the disc of this radius."""
@@ -38,7 +38,7 @@ class CellPolynomial(eqx.Module):
 def cell_polynomial(coefficients: Float[Array, "axes k 1 paths"], error: Float[Array, "1 paths"]) -> CellPolynomial:
     """Polynomials whose coefficients have errors that sum up to at most `error` in each component."""
     size = jnp.max(jnp.sum(jnp.abs(coefficients), axis=AXIS), axis=0)
-    return CellPolynomial(coefficients, _shifts(coefficients), after(error, 2 * coefficients.shape[AXIS], size))
+    return CellPolynomial(coefficients, _shifts(coefficients), add_rounding(error, 2 * coefficients.shape[AXIS], size))
 
 
 @jax.jit
@@ -59,13 +59,13 @@ def _shifted(p: CellPolynomial, centre: Cells, half: Cells) -> ChebyshevModel:
     for _ in range(c.shape[AXIS] - 1):
         powers.append(powers[-1] * half)
     c = c * jnp.stack(powers)[None]
-    sizes, far = jnp.max(jnp.abs(c), axis=0), reach(half)
+    sizes, far = jnp.max(jnp.abs(c), axis=0), semi_axes(half)
     points = jnp.asarray(POINTS, c.dtype)[None, :, None, None]
     values, bound = c[:, -1:] * jnp.ones_like(points), sizes[-1][None] * jnp.ones_like(far)
     for k in reversed(range(c.shape[AXIS] - 1)):
         values, bound = values * points + c[:, k : k + 1], bound * far + sizes[k][None]
     size = jnp.sum(sizes, axis=0) * SLACK + FLOOR
-    error = after(p.error, 2 * c.shape[AXIS], size)
+    error = add_rounding(p.error, 2 * c.shape[AXIS], size)
     return ChebyshevModel(values, size, error, (bound + FARTHEST ** (c.shape[AXIS] - 1) * error[None]) * SLACK)
 
 

@@ -39,7 +39,7 @@ class Enclosure(eqx.Module):
     at: Cells
 
 
-def reach(half: Cells) -> Float[Array, "ellipses cells paths"]:
+def semi_axes(half: Cells) -> Float[Array, "ellipses cells paths"]:
     """The long semi-axes of the ellipses on which functions are bounded, in half widths of their cell.
 
     The largest serves in the long run; functions that vary much in a cell ask for a small one.
@@ -49,7 +49,7 @@ def reach(half: Cells) -> Float[Array, "ellipses cells paths"]:
 
 
 @jax.jit
-def minimum(c: Float[Array, "k cells paths"], error: Cells) -> Enclosure:
+def enclose_minimum(c: Float[Array, "k cells paths"], error: Cells) -> Enclosure:
     """The least value in each cell of functions within `error` of polynomials, enclosed without dividing the cell."""
     eps, count = float(np.finfo(c.dtype).eps), c.shape[0]
     size = jnp.sum(jnp.abs(c), axis=0)
@@ -112,7 +112,7 @@ class Front(eqx.Module):
         return jnp.any(self.active & (self.half > FINEST), axis=0) & ~self.overfull
 
 
-def undivided(left: PerPath, width: PerPath, going: Bool[Array, " paths"]) -> Front:
+def initial_front(left: PerPath, width: PerPath, going: Bool[Array, " paths"]) -> Front:
     """The first cells of pieces of [−1, 1] that begin at `left`; none where a path is not `going` on."""
     infinite = jnp.full_like(left, jnp.inf)
     half = jnp.broadcast_to(width[None] / (2 * CELLS), (CELLS, *width.shape))
@@ -129,12 +129,12 @@ def undivided(left: PerPath, width: PerPath, going: Bool[Array, " paths"]) -> Fr
     )
 
 
-def judged(build: Build, front: Front) -> Front:
+def refine(build: Build, front: Front) -> Front:
     """One round: enclose every cell, and divide those that may hold a value below zero.
 
     One cell is divided into all that there is space for, four of them into halves.
     """
-    found = minimum(*interpolated(build(front.centre, front.half), reach(front.half)))
+    found = enclose_minimum(*interpolated(build(front.centre, front.half), semi_axes(front.half)))
     low, high = (jnp.where(front.active, x, jnp.inf) for x in (found.low, found.high))
     lowest = jnp.min(high, axis=0)
     first = jnp.min(jnp.where(high == lowest[None], front.centre + front.half * found.at, 2.0), axis=0)

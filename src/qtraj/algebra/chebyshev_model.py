@@ -99,7 +99,7 @@ class ChebyshevModel(eqx.Module):
         """Times a whole number; a power of two rounds nothing."""
         size, error, bound = (abs(factor) * x for x in (self.size, self.error, self.bound))
         if abs(factor) & (abs(factor) - 1):
-            size, error, bound = size * SLACK, after(error, 1, size), bound * SLACK
+            size, error, bound = size * SLACK, add_rounding(error, 1, size), bound * SLACK
         return ChebyshevModel(factor * self.values, size, error, bound)
 
     def one(self) -> "ChebyshevModel":
@@ -112,7 +112,7 @@ class ChebyshevModel(eqx.Module):
 def multiple(p: ChebyshevModel, factor: Float[Array, "1 paths"], error: Float[Array, "1 paths"]) -> ChebyshevModel:
     """`p` times a positive number that is known to within `error`."""
     size, most = factor * p.size, (factor + error)[None] * p.bound * SLACK
-    rounding = after(factor * p.error + error * (p.size + p.error), 1, size)
+    rounding = add_rounding(factor * p.error + error * (p.size + p.error), 1, size)
     return ChebyshevModel(factor[None] * p.values, size * SLACK, rounding, most)
 
 
@@ -133,7 +133,7 @@ def interpolated(p: ChebyshevModel, reach: Float[Array, "ellipses cells paths"])
     return _applied(TO_POWERS, a), (LEBESGUE * p.error + rounding + conversion + elsewhere) * SLACK + TINY
 
 
-def after(inherited: Array, count: float, size: Array) -> Array:
+def add_rounding(inherited: Array, count: float, size: Array) -> Array:
     """An error bound after `count` more roundings of terms whose magnitudes sum up to `size`."""
     return (inherited + count * float(np.finfo(size.dtype).eps) * size) * SLACK + TINY
 
@@ -146,7 +146,7 @@ def largest(values: Array) -> Float[Array, "cells paths"]:
 def _of_products(values: Array, p: ChebyshevModel, q: ChebyshevModel, terms: int) -> ChebyshevModel:
     """Each value is a sum of so many products of components."""
     inherited, size = p.size * q.error + q.size * p.error + p.error * q.error, p.size * q.size
-    error = after(terms * inherited, terms * terms, size)
+    error = add_rounding(terms * inherited, terms * terms, size)
     found = size * SLACK + FLOOR if terms == 1 else largest(values)
     return ChebyshevModel(values, found, error, terms * p.bound * q.bound * SLACK)
 
@@ -174,7 +174,9 @@ def _product(p: ChebyshevModel, q: ChebyshevModel) -> ChebyshevModel:
 @jax.jit
 def _sum(p: ChebyshevModel, q: ChebyshevModel) -> ChebyshevModel:
     size = (p.size + q.size) * SLACK
-    return ChebyshevModel(p.values + q.values, size, after(p.error + q.error, 1, size), (p.bound + q.bound) * SLACK)
+    return ChebyshevModel(
+        p.values + q.values, size, add_rounding(p.error + q.error, 1, size), (p.bound + q.bound) * SLACK
+    )
 
 
 def _applied(matrix: np.ndarray, x: Float[Array, "k cells paths"]) -> Float[Array, "k cells paths"]:

@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from qtraj.algebra.cells import Build, PerPath, judged, undivided
+from qtraj.algebra.cells import Build, PerPath, initial_front, refine
 
-POSITIVE, OPEN, NEGATIVE = range(3)
+POSITIVE, UNDECIDED, NEGATIVE = range(3)
 """Codes of an answer: proved positive everywhere; neither; proved negative somewhere."""
 
 
@@ -20,7 +20,7 @@ NARROWER, NARROWEST = 4.0, 2.0**-9
 class Answer(eqx.Module):
     """What is known of the least value of a function on [−1, 1], for each path.
 
-    `code` is POSITIVE, NEGATIVE or OPEN; the least value lies in [`low`, `high`], and `high` bounds the value at `at`.
+    `code` is POSITIVE, NEGATIVE or UNDECIDED; the least value lies in [`low`, `high`], and `high` bounds the value at `at`.
     """
 
     code: Int[Array, " paths"]
@@ -29,7 +29,7 @@ class Answer(eqx.Module):
     at: PerPath
 
 
-def positive(build: Build, widest: Float[Array, " paths"]) -> Answer:
+def prove_positive(build: Build, widest: Float[Array, " paths"]) -> Answer:
     """Whether the functions that `build` makes, one for each path, are positive on the whole of [−1, 1].
 
     Piece after piece of [−1, 1] is judged, first of the `widest` width that is given for a path, a power of two. Where
@@ -39,12 +39,12 @@ def positive(build: Build, widest: Float[Array, " paths"]) -> Answer:
     def piece(s: _Sweep) -> _Sweep:
         front = jax.lax.while_loop(
             lambda front: jnp.any(front.undecided & (front.high >= 0)),
-            lambda front: judged(build, front),
-            undivided(s.left, s.width, s.going),
+            lambda front: refine(build, front),
+            initial_front(s.left, s.width, s.going),
         )
         narrower = front.overfull & (front.high >= 0) & (s.width > NARROWEST)
         left = front.overfull | jnp.any(front.active, axis=0)
-        code = jnp.where(front.high < 0, NEGATIVE, jnp.where(left, OPEN, POSITIVE)).astype(jnp.int32)
+        code = jnp.where(front.high < 0, NEGATIVE, jnp.where(left, UNDECIDED, POSITIVE)).astype(jnp.int32)
         done = s.going & ~narrower
         low = jnp.minimum(front.low, jnp.min(jnp.where(front.active, front.floor, jnp.inf), axis=0))
         lower = front.high < s.found.high

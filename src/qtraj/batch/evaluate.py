@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from qtraj.batch.minimizing import HUNG, hung
-from qtraj.batch.program import run
+from qtraj.batch.executables import run
+from qtraj.batch.minimizing import FRAME_OUTPUTS, frame_outputs
 from qtraj.batch.reduction import REDUCTIONS, Reduced
 from qtraj.batch.table import Table
 from qtraj.batch.task import Task
@@ -102,9 +102,9 @@ def _minimizing(
         )
     if not task.batched:
         require_initial(paths, frame.initial)
-    names = tuple(name for name in task.names if name not in HUNG)
+    names = tuple(name for name in task.names if name not in FRAME_OUTPUTS)
     plain = evaluate(paths, instants, names, components=task.components, devices=devices).values if names else {}
-    values = plain | hung(task, paths, frame, instants)
+    values = plain | frame_outputs(task, paths, frame, instants)
     ordered = {name: values[name] for name in task.names}
     return Table(time=instants, **ordered, batched=task.batched, components=task.components, frame=axes.MINIMIZING)
 

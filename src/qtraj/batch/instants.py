@@ -19,13 +19,13 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra import hamilton, quaternion, rotation
 from qtraj.batch.cpu import DIVISION, cos_sin, derivatives_in_one_loop, inverse_root, root
-from qtraj.path.components import Triple, chosen, cross, dot, jet, scaled, times, total
+from qtraj.path.components import Triple, add, cross, dot, jet, mul, scaled, select
 from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate, upright_rates
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials, in_moving_basis
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import PathQuantity
-from qtraj.path.regularity import bends, leaves_vertical, moves
+from qtraj.path.regularity import has_natural_frame, has_tangent, has_upright_frame
 from qtraj.path.trihedral import STEEP, AbstractFrame, Natural, Upright
 
 Times = Float[Array, "rows instants"]
@@ -73,7 +73,7 @@ class Instants:
             return x, y, z
         return x + self.basis.origin[0], y + self.basis.origin[1], z + self.basis.origin[2]
 
-    def magnitude(self, entry: PathQuantity) -> Array:
+    def path_quantity(self, entry: PathQuantity) -> Array:
         """A path quantity by the formula of its entry."""
         return root(entry.squared(self.invariants, DIVISION))
 
@@ -89,7 +89,7 @@ class Instants:
     @property
     def curvature(self) -> Array:
         i = self.invariants
-        return root(i.N) * inverse_root(i.S, moves(i, self.duration)) ** 3
+        return root(i.N) * inverse_root(i.S, has_tangent(i, self.duration)) ** 3
 
     @cached_property
     def torsion(self) -> Array:
@@ -125,7 +125,7 @@ class Instants:
 
     @cached_property
     def _bending(self) -> Array:
-        return bends(self.invariants, self.duration)
+        return has_natural_frame(self.invariants, self.duration)
 
     @cached_property
     def _inv_cross_norm(self) -> Array:
@@ -150,7 +150,7 @@ class Instants:
         x, y, z = frame.unit_up(self.duration.dtype)
         up = self.basis.local((x, y, z))
         i = Invariants(self.rows, up)
-        defined = leaves_vertical(i, self.duration)
+        defined = has_upright_frame(i, self.duration)
         rate, acceleration = upright_rates(i, inverse_root(i.S, defined), inverse_root(i.H, defined))
         axes = _axes(self.basis, self.rows[1], up, ~_vanishes(i.H))
         return Hung(axes, rate, acceleration, defined)
@@ -204,7 +204,7 @@ class Basis:
 
 def _turned(v: Triple, cos: Array, sin: Array) -> Triple:
     x, y, z = v
-    return total([times(x, cos), times(y, -sin)]), total([times(x, sin), times(y, cos)]), z
+    return add([mul(x, cos), mul(y, -sin)]), add([mul(x, sin), mul(y, cos)]), z
 
 
 def _moving_rows(known: MovingPolynomials, t: Times) -> tuple[list[Triple], Array]:
@@ -228,11 +228,11 @@ def _axes(basis: Basis, r1: Triple, across: Triple, exists: Array) -> tuple[Trip
     """τ, n along `across` × τ, and b; where that does not exist, n is level as in `trihedral`."""
     S, forward, up = dot(r1, r1), basis.local(FORWARD), basis.local(UP)
     still = _vanishes(S)
-    tangent = chosen(still, forward, scaled(r1, inverse_root(S, ~still)))
-    reference = chosen(dot(up, tangent) ** 2 > STEEP, forward, up)
+    tangent = select(still, forward, scaled(r1, inverse_root(S, ~still)))
+    reference = select(dot(up, tangent) ** 2 > STEEP, forward, up)
     x, y, z = scaled(tangent, dot(reference, tangent))
     # n from c × τ, then b = τ × n: orthonormal to round-off also where c has lost most of its digits.
-    towards = cross(chosen(exists, across, (reference[0] - x, reference[1] - y, reference[2] - z)), tangent)
+    towards = cross(select(exists, across, (reference[0] - x, reference[1] - y, reference[2] - z)), tangent)
     normal = scaled(towards, inverse_root(dot(towards, towards)))
     return tangent, normal, cross(tangent, normal)
 

@@ -16,17 +16,17 @@ from qtraj.motion.programs.frame_program import FrameProgram
 from qtraj.motion.programs.rotation_minimizing import RotationMinimizing
 from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.regularity import moves
+from qtraj.path.regularity import has_tangent
 
-HUNG = ("dcm", "quaternion", "gibbs", "rate", "angular_acceleration", "defined")
+FRAME_OUTPUTS = ("dcm", "quaternion", "gibbs", "rate", "angular_acceleration", "defined")
 """The outputs that depend on the frame."""
 
 
-def hung(
+def frame_outputs(
     task: Task, paths: AbstractHodograph, frame: RotationMinimizing, times: Float[Array, "*rows n"]
 ) -> dict[str, Array]:
     """The outputs of the frame that a task names; the quaternion's sign is continuous on each path."""
-    names = tuple(name for name in HUNG if name in task.names)
+    names = tuple(name for name in FRAME_OUTPUTS if name in task.names)
     if not names:
         return {}
     if not task.batched:
@@ -63,4 +63,4 @@ def _along(program: FrameProgram, times: Float[Array, " n"], names: tuple[str, .
 
 def _defined(path: AbstractHodograph, t: Array) -> Array:
     """Whether the path moves."""
-    return moves(Invariants(path.derivatives(t.astype(path.duration.dtype), 3)), path.duration)
+    return has_tangent(Invariants(path.derivatives(t.astype(path.duration.dtype), 3)), path.duration)

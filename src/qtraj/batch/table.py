@@ -6,9 +6,9 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.foundation.drawing import drawing
+from qtraj.foundation.drawing import draw
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import AbstractResult, batch_prefix, over
+from qtraj.foundation.result import AbstractResult, batch_prefix, times_text
 from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import framed, labels_of
 
@@ -63,7 +63,7 @@ class Table(AbstractResult):
         **Raises:** ModuleNotFoundError, naming the extra, where matplotlib is missing; ValueError for an output that
         the table does not hold.
         """
-        return drawing("table_plot", self, names)
+        return draw("table_plot", self, names)
 
     def record(self) -> Record:
         """The arrays over `time`, or over `sample` where each path has instants of its own, and over `path`."""
@@ -77,7 +77,7 @@ class Table(AbstractResult):
         time = Quantity(self.time, "s", "time from the start of the path", instants[-self.time.ndim :])
         paths = [np.shape(q.values)[q.axes.index("path")] for q in variables.values() if "path" in q.axes][:1]
         return Record(
-            f"{batch_prefix(tuple(paths), 'paths')}{over(self.time)}, {self.frame} frame: {', '.join(variables)}",
+            f"{batch_prefix(tuple(paths), 'paths')}{times_text(self.time)}, {self.frame} frame: {', '.join(variables)}",
             variables,
             {"time": time},
             framed(self.frame),

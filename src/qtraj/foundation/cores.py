@@ -20,7 +20,7 @@ FEW = 32
 """So many lanes for each core are few."""
 
 
-def size_for(lanes: int) -> int:
+def block_size(lanes: int) -> int:
     """The size of the blocks in which so many lanes are worked on."""
     return SIZES[0] if lanes <= FEW * CORES else SIZES[1]
 
@@ -42,12 +42,12 @@ def put(tree: Any, block: np.ndarray, found: Any) -> None:
         whole[block] = part[: block.size]
 
 
-def room(lanes: int, found: Any) -> Any:
+def allocate(lanes: int, found: Any) -> Any:
     """Arrays for all lanes like those found for a block."""
     return jax.tree.map(lambda x: np.zeros((lanes, *x.shape[1:]), x.dtype), found)
 
 
-def each(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], device: Any = None) -> Iterator[Any]:
+def map_blocks(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], device: Any = None) -> Iterator[Any]:
     """NumPy arrays of what `call` gives for each of the arguments, in their order, on one `jax.Device`."""
     x64 = bool(jax.config.read("jax_enable_x64"))
     place = device or jax.config.jax_default_device  # type: ignore[attr-defined]

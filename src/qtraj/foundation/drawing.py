@@ -7,7 +7,7 @@ which stands above all others, names it when it is imported.
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from qtraj.foundation.extras import needed
+from qtraj.foundation.extras import require_package
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 _drawers: list[str] = []
 
 
-def drawn_by(module: str) -> None:
+def set_plot_module(module: str) -> None:
     """Name the module whose functions draw."""
     _drawers[:] = [module]
 
 
-def drawing(kind: str, *given: Any, **options: Any) -> "Figure":
+def draw(kind: str, *given: Any, **options: Any) -> "Figure":
     """The figure that the function `kind` of the module that draws makes.
 
     **Raises:** ModuleNotFoundError, naming the extra, where matplotlib or xarray is missing.
     """
-    needed("matplotlib", "a plot", "viz")
-    needed("xarray", "a plot")
+    require_package("matplotlib", "a plot", "viz")
+    require_package("xarray", "a plot")
     return getattr(importlib.import_module(_drawers[0]), kind)(*given, **options)

@@ -3,7 +3,7 @@
 import importlib.util
 
 
-def needed(package: str, purpose: str, extra: str | None = "io") -> None:
+def require_package(package: str, purpose: str, extra: str | None = "io") -> None:
     """Raise ModuleNotFoundError where `package` is not installed, naming the extra (or the package, of no extra)."""
     if importlib.util.find_spec(package) is None:
         wanted = package if extra is None else f"'qtraj[{extra}]'"

@@ -8,7 +8,7 @@ import numpy as np
 from qtraj._version import __version__
 
 
-def made_with(dtype: np.dtype) -> dict[str, str]:
+def provenance_attributes(dtype: np.dtype) -> dict[str, str]:
     """The attributes `source`, `versions` and `dtype` of a dataset whose numbers were computed in `dtype`."""
     versions = f"qtraj {__version__}, jax {jax.__version__}, numpy {np.__version__}, Python {platform.python_version()}"
     return {"source": f"qtraj {__version__}", "versions": versions, "dtype": str(dtype)}

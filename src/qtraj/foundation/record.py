@@ -8,8 +8,8 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-from qtraj.foundation.extras import needed
-from qtraj.foundation.provenance import made_with
+from qtraj.foundation.extras import require_package
+from qtraj.foundation.provenance import provenance_attributes
 
 if TYPE_CHECKING:
     import xarray
@@ -70,28 +70,28 @@ def to_dataset(record: Record, attributes: Mapping[str, Any] | None = None) -> "
 
     **Raises:** ModuleNotFoundError, naming the extra `io`, without xarray.
     """
-    needed("xarray", "a labelled dataset")
+    require_package("xarray", "a labelled dataset")
     import xarray
 
     known = {name: q._replace(values=np.asarray(q.values)) for name, q in record.everything().items()}
     variables, coordinates = (
-        {name: (record.dims(q), known[name].values, notes(q.unit, q.meaning)) for name, q in part.items()}
+        {name: (record.dims(q), known[name].values, variable_attributes(q.unit, q.meaning)) for name, q in part.items()}
         for part in (record.variables, record.coordinates)
     )
     used = {dim for dims, *_ in variables.values() for dim in dims}
     labels = {axis: list(names) for axis, names in {**LABELS, **record.labels}.items() if axis in used}
     dtypes = [q.values.dtype for q in known.values() if q.values.dtype.kind == "f"]
-    made = made_with(np.result_type(*dtypes) if dtypes else np.dtype(float))
+    made = provenance_attributes(np.result_type(*dtypes) if dtypes else np.dtype(float))
     whole = CONVENTIONS | made | dict(record.attributes) | dict(attributes or {})
     return xarray.Dataset(variables, {**coordinates, **labels}, whole)
 
 
-def notes(unit: str, meaning: str) -> dict[str, Any]:
+def variable_attributes(unit: str, meaning: str) -> dict[str, Any]:
     """The attributes of a variable; a unit of "" is none."""
     return {**({"units": unit} if unit else {}), "long_name": meaning}
 
 
-def require_known(values: Any) -> None:
+def require_concrete(values: Any) -> None:
     """Raise a ValueError where any array in a tree is traced."""
     if any(isinstance(x, Tracer) for x in jax.tree.leaves(values)):
         raise ValueError("a dataset needs known values, and inside jit, grad or vmap they are not: return them first")

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-from qtraj.foundation.record import Quantity, Record, require_known, to_dataset
+from qtraj.foundation.record import Quantity, Record, require_concrete, to_dataset
 
 if TYPE_CHECKING:
     import xarray
@@ -36,7 +36,7 @@ class AbstractResult(eqx.Module):
 
         **Raises:** ModuleNotFoundError, naming the extra, where xarray is missing; ValueError inside a trace.
         """
-        require_known(self)
+        require_concrete(self)
         return to_dataset(self.record(), {"type": type(self).__name__, **(attributes or {})})
 
     def __repr__(self) -> str:
@@ -53,7 +53,7 @@ class AbstractResult(eqx.Module):
         return f"<div>{head}<table><thead><tr>{titles}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
 
 
-def counted(texts: Any) -> str:
+def counts_text(texts: Any) -> str:
     """How often each text occurs: "3 converged, 1 infeasible", "all proved"; one text alone as it is."""
     if np.ndim(texts) == 0:
         return str(texts)
@@ -87,7 +87,7 @@ def vector_text(vector: Any) -> str:
     return f"({', '.join(f'{x:.6g}' for x in np.asarray(vector).tolist())})"
 
 
-def over(times: Any) -> str:
+def times_text(times: Any) -> str:
     """ "101 instants, 0 … 12 s": what a result runs over, in its summary."""
     return f"{np.shape(times)[-1]} instants, {extent(times, 's')}"
 
@@ -116,4 +116,4 @@ def _shown(values: Any) -> str:
     known = np.asarray(values)
     if known.dtype.kind in "iuf":
         return extent(known)
-    return counted(known)
+    return counts_text(known)

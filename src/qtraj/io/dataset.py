@@ -20,14 +20,14 @@ from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import Certificate
 from qtraj.foundation.arrays import as_float
-from qtraj.foundation.provenance import made_with
-from qtraj.foundation.record import notes
+from qtraj.foundation.provenance import provenance_attributes
+from qtraj.foundation.record import variable_attributes
 from qtraj.motion.programs.rotation_minimizing import Frame
 from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import QUANTITIES, quantity
-from qtraj.path.track import Track, known, known_elapsed
+from qtraj.path.track import Track, elapsed_times, to_float64
 from qtraj.path.trihedral import Natural, Upright
 
 SAMPLES = 513
@@ -92,11 +92,19 @@ def path_dataset(
         **{axis: (axis, labels) for axis, labels in labels_of(name_of_frame).items()},
     }
     if track is not None:
-        coordinates["recorded_time"] = ("record", known_elapsed(track), notes("s", "time from the first record"))
+        coordinates["recorded_time"] = (
+            "record",
+            elapsed_times(track),
+            variable_attributes("s", "time from the first record"),
+        )
         dims = ("record", "world")
-        variables["recorded_position"] = (dims, known(track.positions), notes("m", "recorded position, world axes"))
+        variables["recorded_position"] = (
+            dims,
+            to_float64(track.positions),
+            variable_attributes("m", "recorded position, world axes"),
+        )
     about = {} if fitted is None else with_fit(variables, fitted)
-    made = made_with(np.asarray(next(iter(paths.values())).duration).dtype)
+    made = provenance_attributes(np.asarray(next(iter(paths.values())).duration).dtype)
     whole = {**conventions(name_of_frame), "layout": LAYOUT, **made, **about, **(attributes or {})}
     return xarray.Dataset(variables, coordinates, whole)
 
@@ -105,7 +113,7 @@ def with_fit(variables: dict[str, Any], fitted: Fitted) -> dict[str, str]:
     """Add what is known of a fit to the variables of a dataset; the attributes that say the rest."""
     known_of_it, attributes = labelled(fitted)
     for name, fact in known_of_it.items():
-        variables[name] = (fact.axes, fact.values, notes(fact.unit, fact.meaning))
+        variables[name] = (fact.axes, fact.values, variable_attributes(fact.unit, fact.meaning))
     return attributes
 
 
@@ -124,9 +132,13 @@ def _findings(paths: list[str], certificates: Mapping[str, Certificate]) -> dict
         found[f"largest_{variable}"] = (
             ("path",),
             np.array(values, float),
-            notes(unit, f"largest value {about}") | limit,
+            variable_attributes(unit, f"largest value {about}") | limit,
         )
-        found[f"largest_{variable}_time"] = (("path",), np.array(times, float), notes("s", f"time of the peak {about}"))
+        found[f"largest_{variable}_time"] = (
+            ("path",),
+            np.array(times, float),
+            variable_attributes("s", f"time of the peak {about}"),
+        )
         found[f"finding_{variable}"] = (("path",), np.array(texts, str), {"long_name": f"finding on the limit {about}"})
     return found
 
@@ -147,9 +159,13 @@ def _table(path: AbstractHodograph, progress: np.ndarray, frame: Frame) -> Table
 def _columns(path: AbstractHodograph, table: Table) -> dict[str, tuple[tuple[str, ...], np.ndarray, Any]]:
     """Every variable of one path: dimensions, values and notes."""
     columns: dict[str, Any] = {
-        "time": (("sample",), np.asarray(table.time), notes("s", "time from the start of the path")),
-        "duration": ((), np.asarray(path.duration), notes("s", "duration of the path")),
+        "time": (("sample",), np.asarray(table.time), variable_attributes("s", "time from the start of the path")),
+        "duration": ((), np.asarray(path.duration), variable_attributes("s", "duration of the path")),
     }
     for name, entry in CHANNELS.items():
-        columns[name] = (("sample", *entry.axes), np.asarray(table.values[name]), notes(entry.unit, entry.meaning))
+        columns[name] = (
+            ("sample", *entry.axes),
+            np.asarray(table.values[name]),
+            variable_attributes(entry.unit, entry.meaning),
+        )
     return columns

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from qtraj.foundation.extras import needed
+from qtraj.foundation.extras import require_package
 from qtraj.foundation.files import move, staging, sweep
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def save_dataset(dataset: "xarray.Dataset | Labelled", file: str | os.PathLike[s
     """
     path = Path(file)
     write = _by_suffix(path, _WRITERS)
-    needed("xarray", "saving a dataset")
+    require_package("xarray", "saving a dataset")
     import xarray
 
     content = dataset if isinstance(dataset, xarray.Dataset) else dataset.to_xarray()
@@ -55,7 +55,7 @@ def load_dataset(file: str | os.PathLike[str]) -> "xarray.Dataset":
     """
     path = Path(file)
     read = _by_suffix(path, _READERS)
-    needed("xarray", "loading a dataset")
+    require_package("xarray", "loading a dataset")
     if not path.exists():
         sweep(path.absolute().parent)  # puts a store back whose replacement was killed
     if not path.exists():
@@ -64,14 +64,14 @@ def load_dataset(file: str | os.PathLike[str]) -> "xarray.Dataset":
 
 
 def _write_netcdf(dataset: "xarray.Dataset", file: Path) -> None:
-    needed("h5netcdf", "saving netCDF")
+    require_package("h5netcdf", "saving netCDF")
     from qtraj.io.dataset import write_netcdf
 
     write_netcdf(dataset, file)
 
 
 def _read_netcdf(file: Path) -> "xarray.Dataset":
-    needed("h5netcdf", "loading netCDF")
+    require_package("h5netcdf", "loading netCDF")
     import xarray
 
     try:
@@ -83,21 +83,21 @@ def _read_netcdf(file: Path) -> "xarray.Dataset":
 
 
 def _write_zarr(dataset: "xarray.Dataset", file: Path) -> None:
-    needed("zarr", "saving Zarr")
+    require_package("zarr", "saving Zarr")
     from qtraj.io.zarr_store import write_zarr
 
     write_zarr(dataset, file)
 
 
 def _read_zarr(file: Path) -> "xarray.Dataset":
-    needed("zarr", "loading Zarr")
+    require_package("zarr", "loading Zarr")
     from qtraj.io.zarr_store import read_zarr
 
     return read_zarr(file)
 
 
 def _write_parquet(dataset: "xarray.Dataset", file: Path) -> None:
-    needed("pyarrow", "saving Parquet")
+    require_package("pyarrow", "saving Parquet")
     from qtraj.io.flat import flatten
     from qtraj.io.flat_parquet import write_parquet
 
@@ -105,7 +105,7 @@ def _write_parquet(dataset: "xarray.Dataset", file: Path) -> None:
 
 
 def _read_parquet(file: Path) -> "xarray.Dataset":
-    needed("pyarrow", "loading Parquet")
+    require_package("pyarrow", "loading Parquet")
     from qtraj.io.flat_parquet import read_parquet
 
     return _unfolded(read_parquet(file), file)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import as_float
-from qtraj.foundation.extras import needed
+from qtraj.foundation.extras import require_package
 from qtraj.foundation.types import ArrayInput
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def scipy_from_wxyz(wxyz: ArrayInput) -> "Rotation":
 
     **Raises:** ValueError for other shapes, and for a quaternion of length zero.
     """
-    needed("scipy", "an exchange with SciPy", None)
+    require_package("scipy", "an exchange with SciPy", None)
     from scipy.spatial.transform import Rotation
 
     values = np.asarray(_quaternions(wxyz), dtype=float)
@@ -54,7 +54,7 @@ def jaxlie_from_wxyz(wxyz: ArrayInput) -> Any:
 
     It may be traced and differentiated.
     """
-    needed("jaxlie", "an exchange with jaxlie", None)
+    require_package("jaxlie", "an exchange with jaxlie", None)
     import jaxlie
 
     values = _quaternions(wxyz)

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray
 
-from qtraj.foundation.provenance import made_with
-from qtraj.foundation.record import CONVENTIONS, LABELS, notes
+from qtraj.foundation.provenance import provenance_attributes
+from qtraj.foundation.record import CONVENTIONS, LABELS, variable_attributes
 
 RATES = {"rate_convention": "body axes; a virtual rate is d/dt ln|quaternion|²"}
 
@@ -34,11 +34,11 @@ def instants_dataset(
     variables: dict[str, Any] = {}
     for name, column in columns.items():
         axes = () if column.axis is None else (column.axis,)
-        variables[name] = (("time", *axes), column.values, notes(column.unit, column.meaning))
+        variables[name] = (("time", *axes), column.values, variable_attributes(column.unit, column.meaning))
     for name, limit in (limits or {}).items():
         variables[name][2]["limit"] = limit
     used = {column.axis for column in columns.values()}
     coordinates: dict[str, Any] = {axis: labels for axis, labels in LABELS.items() if axis in used}
-    coordinates["time"] = ("time", times, notes("s", "time from the start of the program"))
-    whole = {**CONVENTIONS, **RATES, **made_with(np.asarray(times).dtype)}
+    coordinates["time"] = ("time", times, variable_attributes("s", "time from the start of the program"))
+    whole = {**CONVENTIONS, **RATES, **provenance_attributes(np.asarray(times).dtype)}
     return xarray.Dataset(variables, coordinates, whole | dict(attributes or {}))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qtraj.foundation.arrays import as_float
-from qtraj.foundation.record import Quantity, Record, require_known, to_dataset
+from qtraj.foundation.record import Quantity, Record, require_concrete, to_dataset
 from qtraj.foundation.types import ArrayInput
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def label(
     **Raises:** ValueError for other shapes, a name that is not known or that a coordinate has, times that are NaN, no
     array, or inside a trace; ModuleNotFoundError, naming the extra, where xarray is missing.
     """
-    require_known((times, arrays))
+    require_concrete((times, arrays))
     instants = as_float(times)
     if instants.ndim != 1 or not arrays:
         raise ValueError(

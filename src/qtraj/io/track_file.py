@@ -14,7 +14,7 @@ from qtraj.foundation.untrusted import read_text
 from qtraj.io.attitude_angles import AttitudeAngles
 from qtraj.io.tangent_plane import TangentPlane
 from qtraj.io.track_columns import choose
-from qtraj.path.track import FEWEST_SAMPLES, Track
+from qtraj.path.track import MIN_SAMPLES, Track
 
 TUM_COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 TUM_SCALAR_FIRST = [7, 4, 5, 6]
@@ -151,8 +151,8 @@ def _numbers(
     path: Path, lines: Lines, parse: Callable[[Lines], Iterator[list[str]]], places: Sequence[int], names: Sequence[str]
 ) -> np.ndarray:
     """The chosen cells as float64, (rows, columns); a cell that is no finite number is named."""
-    if len(lines) < FEWEST_SAMPLES:
-        raise ValueError(f"{path}: a track needs at least {FEWEST_SAMPLES} rows of numbers, but there are {len(lines)}")
+    if len(lines) < MIN_SAMPLES:
+        raise ValueError(f"{path}: a track needs at least {MIN_SAMPLES} rows of numbers, but there are {len(lines)}")
     try:
         table = np.array([[float(row[k]) for k in places] for row in parse(lines)])
     except (ValueError, IndexError, csv.Error):

@@ -14,7 +14,7 @@ from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
 from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.programs.frame_program import FrameProgram
-from qtraj.path.track import Track, known, known_elapsed
+from qtraj.path.track import Track, elapsed_times, to_float64
 from qtraj.path.trihedral import AbstractFrame, trihedral
 
 OVERHANG = 1e-6
@@ -92,14 +92,14 @@ def compare_attitude(program: AbstractProgram, track: Track, mounting: ArrayInpu
             "this track has no attitudes to compare. Read them with qtraj.read_track: as quaternions qw, qx, qy, qz, "
             "or as roll, pitch and heading with angles=qtraj.AttitudeAngles(…)."
         )
-    times = known_elapsed(track)
+    times = elapsed_times(track)
     _require_covered(program, float(times[-1]))
     given = None if mounting is None else real_vector(mounting, "the mounting", 4)
     size = None if given is None else concrete(given)
     if size is not None and not size.any():
         raise ValueError("the mounting must be a quaternion other than zero")
     dtype = jnp.result_type(program.duration, float)
-    attitudes = as_array(known(track.attitudes), dtype)
+    attitudes = as_array(to_float64(track.attitudes), dtype)
     estimated, vectors, defined = _compared(program, as_array(times, dtype), attitudes, given)
     _require_some(concrete(defined))
     components = jnp.where(defined[:, None], vectors**2, 0.0)

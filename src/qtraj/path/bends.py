@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from qtraj.path.track import STANDSTILL, Track, directions, known, reach
+from qtraj.path.track import STANDSTILL, Track, directions, spread_radius, to_float64
 
 ENDS = 0.05
 """A bend is where all but this part of its turn, at each end, takes place."""
@@ -29,7 +29,7 @@ def bends(track: Track, least: float, spacing: float, standstill: float = STANDS
     A track that stays within `standstill` [m] of its middle has none. Without recorded velocities the directions are
     those of chords of about `spacing` [m].
     """
-    if reach(track) <= standstill:
+    if spread_radius(track) <= standstill:
         return []
     times, direction = _travel(track, spacing)
     turning = _turning_points(direction, least)
@@ -38,12 +38,12 @@ def bends(track: Track, least: float, spacing: float, standstill: float = STANDS
 
 def _travel(track: Track, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """Times [s] and continuous directions of travel [rad] where the vehicle moves."""
-    times = known(track.times)
+    times = to_float64(track.times)
     if track.velocities is not None:
-        moving, direction = directions(known(track.velocities))
+        moving, direction = directions(to_float64(track.velocities))
         return times[moving], direction
-    marks = _marks(known(track.positions)[:, :2], spacing)
-    chords = np.diff(known(track.positions)[marks], axis=0)
+    marks = _marks(to_float64(track.positions)[:, :2], spacing)
+    chords = np.diff(to_float64(track.positions)[marks], axis=0)
     middles = (times[marks[1:]] + times[marks[:-1]]) / 2
     moving, direction = directions(chords)
     return middles[moving], direction

@@ -37,7 +37,7 @@ class Channel:
 
 
 def _scalar(entry: PathQuantity, formula: Callable[[Any], Any] | None = None) -> Channel:
-    return Channel(entry.variable, entry.unit, entry.meaning, (), formula or (lambda at: at.magnitude(entry)))
+    return Channel(entry.variable, entry.unit, entry.meaning, (), formula or (lambda at: at.path_quantity(entry)))
 
 
 _ENTRIES = (

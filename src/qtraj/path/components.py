@@ -16,7 +16,7 @@ Triple = tuple[Any, Any, Any]
 """x, y, z: arrays of one shape; an entry that vanishes identically may be the integer 0."""
 
 
-def times(a: Any, b: Any) -> Any:
+def mul(a: Any, b: Any) -> Any:
     """a·b, or the integer 0 where one of them is that; the integer 1 leaves the other as it is."""
     if _vanishes(a) or _vanishes(b):
         return 0
@@ -25,7 +25,7 @@ def times(a: Any, b: Any) -> Any:
     return a if _is_one(b) else a * b
 
 
-def total(terms: Sequence[Any]) -> Any:
+def add(terms: Sequence[Any]) -> Any:
     """The sum of the terms that do not vanish identically, or the integer 0."""
     kept = [term for term in terms if not _vanishes(term)]
     if not kept:
@@ -39,7 +39,7 @@ def total(terms: Sequence[Any]) -> Any:
 def dot(a: Any, b: Any) -> Any:
     """a·b of two triples, of two vectors (3,), or of two vectors of another kind, which has `@`."""
     if isinstance(a, tuple):
-        return total([times(x, y) for x, y in zip(a, b, strict=True)])
+        return add([mul(x, y) for x, y in zip(a, b, strict=True)])
     return a @ b
 
 
@@ -50,9 +50,9 @@ def cross(a: Any, b: Any) -> Any:
     return a.cross(b) if hasattr(a, "cross") else jnp.cross(a, b)
 
 
-def plus(a: Triple, b: Triple) -> Triple:
+def add_vectors(a: Triple, b: Triple) -> Triple:
     """a + b."""
-    return (total([a[0], b[0]]), total([a[1], b[1]]), total([a[2], b[2]]))
+    return (add([a[0], b[0]]), add([a[1], b[1]]), add([a[2], b[2]]))
 
 
 def scaled(a: Triple, factor: Array) -> Triple:
@@ -60,7 +60,7 @@ def scaled(a: Triple, factor: Array) -> Triple:
     return (a[0] * factor, a[1] * factor, a[2] * factor)
 
 
-def chosen(condition: Array, a: Triple, b: Triple) -> Triple:
+def select(condition: Array, a: Triple, b: Triple) -> Triple:
     """`a` where the condition holds, elsewhere `b`."""
     return (jnp.where(condition, a[0], b[0]), jnp.where(condition, a[1], b[1]), jnp.where(condition, a[2], b[2]))
 

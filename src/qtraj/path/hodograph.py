@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from qtraj.algebra.vector import norm
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_float, one_instant, real_scalar, require_positive
-from qtraj.foundation.drawing import drawing
+from qtraj.foundation.drawing import draw
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
 from qtraj.path.arc_length import arc_length
 from qtraj.path.boundary import BoundaryState
@@ -73,7 +73,7 @@ class AbstractHodograph(eqx.Module):
 
         **Raises:** ModuleNotFoundError, naming the extra, where matplotlib is missing; ValueError for many paths.
         """
-        return drawing("path_plot", self, frame, trihedra)
+        return draw("path_plot", self, frame, trihedra)
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the path to a TOML or JSON file, exactly; `qtraj.load` reads it.

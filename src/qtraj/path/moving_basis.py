@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra import polynomial
 from qtraj.foundation.types import ScalarLike
-from qtraj.path.components import Triple, times, total
+from qtraj.path.components import Triple, add, mul
 from qtraj.path.placement import Placement
 
 Series = Sequence[Any]
@@ -51,19 +51,19 @@ def in_moving_basis(x: Series, y: Series, z: Series, angle: Series) -> list[Trip
     cos: list[Any] = [1]
     sin: list[Any] = [0]
     for k in range(count - 1):
-        slopes = [times(j + 1, angle[j + 1]) for j in range(k + 1)]
+        slopes = [mul(j + 1, angle[j + 1]) for j in range(k + 1)]
         part = 1 / (k + 1) if k else 1
-        cos.append(times(-part, _cauchy(slopes, sin, k)))
-        sin.append(times(part, _cauchy(slopes, cos, k)))
+        cos.append(mul(-part, _cauchy(slopes, sin, k)))
+        sin.append(mul(part, _cauchy(slopes, cos, k)))
     rows = []
     for k in range(count):
         scale = math.factorial(k)
-        across = times(-1, _cauchy(y, sin, k))
-        row = (total([_cauchy(x, cos, k), across]), total([_cauchy(x, sin, k), _cauchy(y, cos, k)]), z[k])
-        rows.append((times(scale, row[0]), times(scale, row[1]), times(scale, row[2])))
+        across = mul(-1, _cauchy(y, sin, k))
+        row = (add([_cauchy(x, cos, k), across]), add([_cauchy(x, sin, k), _cauchy(y, cos, k)]), z[k])
+        rows.append((mul(scale, row[0]), mul(scale, row[1]), mul(scale, row[2])))
     return rows
 
 
 def _cauchy(p: Series, q: Series, k: int) -> Any:
     """The k-th coefficient of the product of two series."""
-    return total([times(p[j], q[k - j]) for j in range(k + 1)])
+    return add([mul(p[j], q[k - j]) for j in range(k + 1)])

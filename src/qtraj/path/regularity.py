@@ -38,19 +38,19 @@ def regularity(i: Invariants, duration: Numbers) -> Regularity:
     return Regularity(_part(i.S, speeds), _part(i.N, cross_norms), _part(i.H, i.S))
 
 
-def moves(i: Invariants, duration: Numbers) -> Flags:
+def has_tangent(i: Invariants, duration: Numbers) -> Flags:
     """Whether there is a tangent, on a path of this duration [s]."""
-    return exceeds(i.S, largest(i, duration)[0])
+    return is_significant(i.S, largest(i, duration)[0])
 
 
-def bends(i: Invariants, duration: Numbers) -> Flags:
+def has_natural_frame(i: Invariants, duration: Numbers) -> Flags:
     """Whether there is a natural trihedral."""
-    return moves(i, duration) & exceeds(i.N, largest(i, duration)[1])
+    return has_tangent(i, duration) & is_significant(i.N, largest(i, duration)[1])
 
 
-def leaves_vertical(i: Invariants, duration: Numbers) -> Flags:
+def has_upright_frame(i: Invariants, duration: Numbers) -> Flags:
     """Whether there is an upright frame: the path moves, and not along the vertical."""
-    return moves(i, duration) & exceeds(i.H, i.S)
+    return has_tangent(i, duration) & is_significant(i.H, i.S)
 
 
 def largest(i: Invariants, duration: Array) -> tuple[Array, Array]:
@@ -60,7 +60,7 @@ def largest(i: Invariants, duration: Array) -> tuple[Array, Array]:
     return speeds, i.S * (square + i.S / duration**2)
 
 
-def exceeds(square: Any, whole: Any) -> Flags:
+def is_significant(square: Any, whole: Any) -> Flags:
     """Whether a square is more than zero to rounding, against what it is measured by; a normal number in any case."""
     limits = jnp.finfo(square.dtype)
     tolerance = (DEFINED_TOLERANCE * float(limits.eps)) ** 2

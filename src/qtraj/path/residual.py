@@ -16,7 +16,7 @@ from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.spiral_helix import SpiralHelix
-from qtraj.path.track import STANDING, Track, known, known_elapsed
+from qtraj.path.track import STANDING, Track, elapsed_times, to_float64
 
 OVERHANG = 1e-6
 """A track may outlast the path it is compared with by this part of the path's duration: rounding, no more."""
@@ -105,17 +105,17 @@ def compare(path: AbstractHodograph, track: Track) -> Residual:
     **Raises:** ValueError where the track lasts longer than the path.
     """
     _require_covered(path, track)
-    elapsed = known_elapsed(track)
+    elapsed = elapsed_times(track)
 
     # Padded with copies of the first sample that do not count: tracks of similar length share one executable.
     def padded(x: np.ndarray) -> Array:
         spare = np.repeat(x[:1], bucket(len(x)) - len(x), axis=0)
         return as_array(np.concatenate([x, spare]), path.duration.dtype)
 
-    velocities = None if track.velocities is None else padded(known(track.velocities))
+    velocities = None if track.velocities is None else padded(to_float64(track.velocities))
     count = as_array(len(elapsed), int)
     return Residual(
-        **_measures(path, padded(elapsed), padded(known(track.positions)), velocities, count),
+        **_measures(path, padded(elapsed), padded(to_float64(track.positions)), velocities, count),
         turn=track.turn,
         samples=len(elapsed),
     )
@@ -170,7 +170,7 @@ def _optional(x: ArrayInput | None) -> Scalar | None:
 
 
 def _require_covered(path: AbstractHodograph, track: Track) -> None:
-    available, wanted = concrete(path.duration), known_elapsed(track)[-1]
+    available, wanted = concrete(path.duration), elapsed_times(track)[-1]
     if available is None:
         return
     if wanted > float(available) * (1 + OVERHANG):

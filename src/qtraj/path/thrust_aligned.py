@@ -21,7 +21,7 @@ from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Scalar, Vec3
 from qtraj.path.frame_axes import THRUST_ALIGNED
 from qtraj.path.frenet import Invariants
-from qtraj.path.regularity import exceeds, moves
+from qtraj.path.regularity import has_tangent, is_significant
 from qtraj.path.trihedral import STEEP, AbstractFrame, Trihedral, axis, inverse_root, with_axes
 
 STANDARD_GRAVITY = 9.80665
@@ -72,11 +72,13 @@ class ThrustAligned(AbstractFrame):
         of, duration = Invariants(r), duration.astype(r.dtype)
         gravity = self.gravity.astype(r.dtype)
         f = (r[2] - gravity, r[3], r[4])
-        exists = moves(of, duration) if self.heading is None else jnp.asarray(True)
+        exists = has_tangent(of, duration) if self.heading is None else jnp.asarray(True)
         c = (r[1], r[2], r[3]) if self.heading is None else self._level(t.astype(r.dtype))
         w = _cross(f, c)
         F, C, W = f[0] @ f[0], c[0] @ c[0], w[0] @ w[0]
-        exists &= exceeds(F, r[2] @ r[2] + gravity @ gravity + duration**2 * (r[3] @ r[3])) & exceeds(W, F * C)
+        exists &= is_significant(F, r[2] @ r[2] + gravity @ gravity + duration**2 * (r[3] @ r[3])) & is_significant(
+            W, F * C
+        )
         z = unit(f[0], axis(r[2], 2))
         side = w[0] - z * (z @ w[0])  # across the thrust to round-off, also where w has lost most of its digits
         y = unit(jnp.where(exists, side, 0.0), _sideways(z))

@@ -11,7 +11,7 @@ from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import labels_of
 
-FEWEST_SAMPLES = 4
+MIN_SAMPLES = 4
 """A window with fewer samples says nothing about a curve."""
 
 CHORDS = 24
@@ -98,7 +98,7 @@ class Track(AbstractResult):
 
         **Raises:** ValueError where t0 ≥ t1, the window leaves the recording, or fewer than 4 samples fall into it.
         """
-        times = known(self.times)
+        times = to_float64(self.times)
         start, end = float(np.asarray(t0)), float(np.asarray(t1))
         span = f"the recording runs from {times[0]:.9g} to {times[-1]:.9g} s"
         if not start < end:
@@ -106,9 +106,9 @@ class Track(AbstractResult):
         if start < times[0] or end > times[-1]:
             raise ValueError(f"the window {start:.9g} to {end:.9g} s leaves the recording; {span}")
         first, last = np.searchsorted(times, start, "left"), np.searchsorted(times, end, "right")
-        if last - first < FEWEST_SAMPLES:
+        if last - first < MIN_SAMPLES:
             raise ValueError(
-                f"the window {start:.9g} to {end:.9g} s holds {last - first} samples, but at least {FEWEST_SAMPLES} "
+                f"the window {start:.9g} to {end:.9g} s holds {last - first} samples, but at least {MIN_SAMPLES} "
                 f"are needed. Widen it; {span}."
             )
         chosen = slice(int(first), int(last))
@@ -117,7 +117,7 @@ class Track(AbstractResult):
         return Track(part(self.times, chosen), part(self.positions, chosen), velocities, attitudes)
 
 
-def known(x: Array) -> np.ndarray:
+def to_float64(x: Array) -> np.ndarray:
     """The values of a recording in float64 (ValueError inside a trace, where they are not known)."""
     values = concrete(x)
     if values is None:
@@ -125,18 +125,18 @@ def known(x: Array) -> np.ndarray:
     return values.astype(np.float64)
 
 
-def known_elapsed(track: Track) -> np.ndarray:
+def elapsed_times(track: Track) -> np.ndarray:
     """The times since the first sample [s], as `known`."""
-    times = known(track.times)
+    times = to_float64(track.times)
     return times - times[0]
 
 
 def travel_turn(track: Track, standstill: float = STANDSTILL) -> float:
     """The signed turn of the horizontal direction of travel [rad]; 0 for a track within `standstill` [m]."""
-    if reach(track) <= standstill:
+    if spread_radius(track) <= standstill:
         return 0.0
     if track.velocities is not None:
-        direction = directions(known(track.velocities))[1]
+        direction = directions(to_float64(track.velocities))[1]
         return float(direction[-1] - direction[0]) if len(direction) else 0.0
     chords, seconds = _chords(track)
     direction = directions(chords / seconds[:, None])[1]
@@ -153,9 +153,9 @@ def travel_length(track: Track) -> float:
     return float(np.hypot(*chords.T).sum())
 
 
-def reach(track: Track) -> float:
+def spread_radius(track: Track) -> float:
     """The largest horizontal distance of a sample from the middle of them all [m]."""
-    positions = known(track.positions)[:, :2]
+    positions = to_float64(track.positions)[:, :2]
     return float(np.hypot(*(positions - positions.mean(axis=0)).T).max())
 
 
@@ -173,16 +173,16 @@ def chord_marks(count: int) -> np.ndarray:
 
 
 def _chords(track: Track) -> tuple[np.ndarray, np.ndarray]:
-    positions, times = known(track.positions)[:, :2], known(track.times)
+    positions, times = to_float64(track.positions)[:, :2], to_float64(track.times)
     marks = chord_marks(len(times))
     return np.diff(positions[marks], axis=0), np.diff(times[marks])
 
 
 def _times(values: ArrayInput) -> Float[Array, " n"]:
     times = as_float(values)
-    if times.ndim != 1 or times.shape[0] < FEWEST_SAMPLES:
+    if times.ndim != 1 or times.shape[0] < MIN_SAMPLES:
         raise ValueError(
-            f"the times of a track must be a vector of at least {FEWEST_SAMPLES}, "
+            f"the times of a track must be a vector of at least {MIN_SAMPLES}, "
             f"but an array of shape {times.shape} was given"
         )
     _require_finite(times, "times")

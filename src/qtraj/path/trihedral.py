@@ -25,7 +25,7 @@ from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate, upright_rates
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.regularity import bends, leaves_vertical, moves
+from qtraj.path.regularity import has_natural_frame, has_tangent, has_upright_frame
 
 STEEP = 0.75
 """The square of a tangent's vertical part above which it is steep: fallback values of axes refer to x, not to z."""
@@ -119,7 +119,7 @@ class Natural(AbstractFrame):
 
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
         of = Invariants(r)
-        defined = bends(of, duration.astype(r.dtype))
+        defined = has_natural_frame(of, duration.astype(r.dtype))
         known = (of, inverse_root(of.S, defined), inverse_root(of.N, defined), _torsion(of, defined))
         rate, acceleration = natural_rate(*known), natural_acceleration(*known)
         zero = jnp.zeros_like(rate[0])
@@ -156,7 +156,7 @@ class Upright(AbstractFrame):
 
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
         of = Invariants(r, self.unit_up(r.dtype))
-        defined = leaves_vertical(of, duration.astype(r.dtype))
+        defined = has_upright_frame(of, duration.astype(r.dtype))
         rates = upright_rates(of, inverse_root(of.S, defined), inverse_root(of.H, defined))
         rate, acceleration = (jnp.stack(x) for x in rates)
         return _trihedral(of, duration, jnp.cross(of.up, r[1]), rate, acceleration, defined)
@@ -181,7 +181,7 @@ def with_axes(
     of: Invariants, duration: Scalar, x: Vec3, y: Vec3, rate: Vec3, acceleration: Vec3, defined: Flag
 ) -> Trihedral:
     """The trihedral with these unit axes x and y, on the path whose derivatives `of` holds."""
-    moving, bending = moves(of, duration.astype(x.dtype)), bends(of, duration.astype(x.dtype))
+    moving, bending = has_tangent(of, duration.astype(x.dtype)), has_natural_frame(of, duration.astype(x.dtype))
     return Trihedral(
         tangent=x,
         normal=y,

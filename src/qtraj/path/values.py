@@ -18,7 +18,7 @@ def invariants_at(path: AbstractHodograph, t: ScalarLike, order: int) -> Invaria
     if known is None:
         return Invariants([(row[0], row[1], row[2]) for row in path.derivatives(t, order)])
     x, y, z, angle = known.series(t, order)
-    return Invariants(in_moving_basis(x, y, z, angle), up(known.placement, angle[0]))
+    return Invariants(in_moving_basis(x, y, z, angle), vertical(known.placement, angle[0]))
 
 
 def squared(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
@@ -38,15 +38,15 @@ def root(square: Array) -> Array:
     return jnp.where(vanishes, 0.0, jnp.sqrt(jnp.where(vanishes, 1.0, square)))
 
 
-def up(placement: Placement | None, angle: Array) -> Triple | None:
+def vertical(placement: Placement | None, angle: Array) -> Triple | None:
     """The world's vertical in the moving basis where that has turned by `angle`; None for its third axis."""
     if placement is None:
         return None
     zero = jnp.zeros_like(angle)
-    return turned(placement.to_local(jnp.stack([zero, zero, jnp.ones_like(zero)])), angle)
+    return to_turned_basis(placement.to_local(jnp.stack([zero, zero, jnp.ones_like(zero)])), angle)
 
 
-def turned(vector: Array, angle: Array) -> Triple:
+def to_turned_basis(vector: Array, angle: Array) -> Triple:
     """The components (x, y, z) of a vector in a basis that has turned about the third axis by `angle`."""
     x, y, z = vector
     cos, sin = jnp.cos(angle), jnp.sin(angle)

@@ -15,7 +15,7 @@ from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation import units
 from qtraj.io.scenario import ScenarioFile
 from qtraj.path.boundary import BoundaryState, cylindrical
-from qtraj.path.departure import departure
+from qtraj.path.deviation import max_deviation
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import quantity
 from qtraj.path.spiral_helix import SpiralHelix
@@ -39,7 +39,7 @@ def tune_content(
         "frame": dataset.attrs["frame"],
         "limits": {name: _limit(name, before, best.certificate, given.scenario.purpose) for name in before.status},
         "boundary": _boundary(job, best),
-        "departure": departure(now[0], was[0]),
+        "departure": max_deviation(now[0], was[0]),
         "change": moved(was, now),
         "tuning": {
             "objective": job.objective,

@@ -28,7 +28,7 @@ from qtraj.motion.programs.frame_program import FrameProgram
 from qtraj.path.placement import Placement
 from qtraj.path.residual import compare
 from qtraj.path.spiral_helix import SpiralHelix
-from qtraj.path.track import Track, known, known_elapsed
+from qtraj.path.track import Track, elapsed_times, to_float64
 from qtraj.path.trihedral import Upright
 
 ANGLE_TERMS = {"uniform": 2, "hermite": 4}
@@ -77,12 +77,12 @@ def fit(
     turn = turn_of(track, position_sigma)
     scale = turn.radius
     bounds = (BOUNDS[0] * scale, BOUNDS[1] * scale) if radius_bounds is None else _ordered(radius_bounds)
-    centre = known(track.positions).mean(axis=0)
+    centre = to_float64(track.positions).mean(axis=0)
     ratio = position_sigma / velocity_sigma
     unknowns, ended, steps = _in_the_plane(track, centre, scale, bounds, ratio, ANGLE_TERMS[motion], max_steps)
     height = _height(track, centre[2], ratio)
 
-    duration, dtype = float(known_elapsed(track)[-1]), track.positions.dtype
+    duration, dtype = float(elapsed_times(track)[-1]), track.positions.dtype
     radius = inside(_ascending(unknowns[2 : 2 + TERMS], duration) * scale, duration, bounds)
     angle = _ascending(unknowns[2 + TERMS :][: ANGLE_TERMS[motion]], duration)
     angle[0] -= 2 * np.pi * np.round(angle[0] / (2 * np.pi))
@@ -108,8 +108,8 @@ def _in_the_plane(
     max_steps: int,
 ) -> tuple[np.ndarray, bool, int]:
     """Axis, ρ and φ in lengths of `scale` about `centre`, of the best of several searches; whether it ended; steps."""
-    positions = (known(track.positions)[:, :2] - centre[:2]) / scale
-    basis, _ = basis_at(known_elapsed(track))
+    positions = (to_float64(track.positions)[:, :2] - centre[:2]) / scale
+    basis, _ = basis_at(elapsed_times(track))
     found = starts(positions, basis, angle_terms, (bounds[0] / scale, bounds[1] / scale))
     if not found:
         raise ValueError(
@@ -141,11 +141,11 @@ def _best(misfit: np.ndarray, outside: np.ndarray) -> int:
 
 def _height(track: Track, level: float, ratio: float) -> np.ndarray:
     """Legendre coefficients of h by weighted linear least squares."""
-    basis, slope = basis_at(known_elapsed(track))
-    rows, values = basis, known(track.positions)[:, 2] - level
+    basis, slope = basis_at(elapsed_times(track))
+    rows, values = basis, to_float64(track.positions)[:, 2] - level
     if track.velocities is not None:
         rows = np.concatenate([rows, ratio * slope])
-        values = np.concatenate([values, ratio * known(track.velocities)[:, 2]])
+        values = np.concatenate([values, ratio * to_float64(track.velocities)[:, 2]])
     coefficients = np.linalg.lstsq(rows, values, rcond=None)[0]
     coefficients[0] += level
     return coefficients

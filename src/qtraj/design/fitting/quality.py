@@ -7,7 +7,7 @@ from numpy.polynomial import Polynomial
 
 from qtraj.foundation.outcome import ResultCode
 from qtraj.path.spiral_helix import SpiralHelix
-from qtraj.path.track import Track, chord_marks, known, known_elapsed
+from qtraj.path.track import Track, chord_marks, elapsed_times, to_float64
 
 
 class Quality(NamedTuple):
@@ -27,12 +27,12 @@ def speed_misfit(path: SpiralHelix, track: Track) -> float:
 
     Without recorded velocities the speeds are those along chords, which noise hardly changes.
     """
-    times = known_elapsed(track)
+    times = elapsed_times(track)
     if track.velocities is not None:
-        return _difference(np.linalg.norm(_states(path, times)[1], axis=1), _lengths(known(track.velocities)))
+        return _difference(np.linalg.norm(_states(path, times)[1], axis=1), _lengths(to_float64(track.velocities)))
     marks = chord_marks(len(times))
     seconds = np.diff(times[marks])
-    followed, recorded = (np.diff(x[marks], axis=0) for x in (_states(path, times)[0], known(track.positions)))
+    followed, recorded = (np.diff(x[marks], axis=0) for x in (_states(path, times)[0], to_float64(track.positions)))
     return _difference(_lengths(followed) / seconds, _lengths(recorded) / seconds)
 
 

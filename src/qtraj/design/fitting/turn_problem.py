@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from numpy.polynomial import legendre
 
 from qtraj.foundation.arrays import as_array, bucket
-from qtraj.path.track import Track, known, known_elapsed
+from qtraj.path.track import Track, elapsed_times, to_float64
 
 TERMS = 4
 """Coefficients of ρ and h: cubics."""
@@ -83,9 +83,9 @@ def problem(track: Track, centre: np.ndarray, scale: float, bounds: tuple[float,
 
     In JAX's default precision, whatever that of the track.
     """
-    basis, slope = basis_at(known_elapsed(track))
+    basis, slope = basis_at(elapsed_times(track))
     count = len(basis)
-    velocities = np.zeros((count, 2)) if track.velocities is None else known(track.velocities)[:, :2]
+    velocities = np.zeros((count, 2)) if track.velocities is None else to_float64(track.velocities)[:, :2]
     weight = np.full(count, count**-0.5)
     missing = bucket(count) - count
 
@@ -95,7 +95,7 @@ def problem(track: Track, centre: np.ndarray, scale: float, bounds: tuple[float,
     return TurnProblem(
         basis=padded(basis),
         slope=padded(slope),
-        positions=padded((known(track.positions)[:, :2] - centre[:2]) / scale),
+        positions=padded((to_float64(track.positions)[:, :2] - centre[:2]) / scale),
         velocities=padded(velocities / scale),
         weights=padded(weight),
         velocity_weights=padded(weight * (0.0 if track.velocities is None else ratio)),

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from qtraj.path.bends import Bend, bends
-from qtraj.path.track import STANDSTILL, Track, reach, travel_length, travel_turn
+from qtraj.path.track import STANDSTILL, Track, spread_radius, travel_length, travel_turn
 
 POSITION_SIGMA, VELOCITY_SIGMA = 0.005, 0.08
 """[m], [m/s] What cubics over 1 s leave of a car's smoothed recording (Boreas): the default noise."""
@@ -53,7 +53,7 @@ def turn_of(track: Track, sigma: float) -> Turn:
 def _moving_length(track: Track, sigma: float) -> float:
     """The length of a window [m] in which the vehicle moves far enough."""
     within, least = _standstill(sigma), LEAST_LENGTH * sigma
-    if reach(track) <= within:
+    if spread_radius(track) <= within:
         raise ValueError(
             f"the vehicle stands still in this window: all positions lie within {within:g} m of their middle, so there "
             "is no direction of travel and no turn. Choose a window in which it drives, with track.window(t0, t1)."

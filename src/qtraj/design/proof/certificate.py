@@ -13,7 +13,7 @@ from qtraj.foundation.arrays import as_array, as_float, concrete, require_elemen
 from qtraj.foundation.document import storable
 from qtraj.foundation.outcome import AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import batch_prefix, counted
+from qtraj.foundation.result import batch_prefix, counts_text
 from qtraj.foundation.types import ArrayInput
 from qtraj.foundation.units import with_unit
 from qtraj.path.quantity import quantity
@@ -131,7 +131,7 @@ class Certificate(AbstractOutcome):
     @property
     def summary(self) -> str:
         """The finding on each limit in a line, of many paths how often each."""
-        found = (f"{name} {counted(status)}" for name, status in self.status.items())
+        found = (f"{name} {counts_text(status)}" for name, status in self.status.items())
         return "; ".join(found) or "no limits"
 
     def describe(self, name: str) -> str:

@@ -24,7 +24,7 @@ from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.spiral_helix import SpiralHelix
-from qtraj.path.values import turned, value
+from qtraj.path.values import to_turned_basis, value
 
 TOGETHER = 64
 """Paths of a batch that are judged at once, few enough to stay in the cache."""
@@ -149,12 +149,12 @@ def _on_cores(source: Any, limits: np.ndarray, index: Any, count: Any) -> Findin
     if len(devices) > 1 or any(x.platform != "cpu" for x in devices):
         return _compiled(arrays, static, index, count)
     device = next(iter(devices), None)
-    host, size = jax.tree.map(np.asarray, arrays), cores.size_for(paths)
+    host, size = jax.tree.map(np.asarray, arrays), cores.block_size(paths)
     pieces = cores.split(np.arange(paths), size)
     calls = [(cores.take(host, piece, size), static, index, count) for piece in pieces]
     found: Any = None
-    for piece, answers in zip(pieces, cores.each(_compiled, calls, device), strict=True):
-        found = cores.room(paths, answers) if found is None else found
+    for piece, answers in zip(pieces, cores.map_blocks(_compiled, calls, device), strict=True):
+        found = cores.allocate(paths, answers) if found is None else found
         cores.put(found, piece, answers)
     committed = any(x.committed for x in leaves if isinstance(x, jax.Array))
     return jax.device_put(found, device) if committed else found
@@ -215,7 +215,7 @@ def _of_known(source: Known) -> tuple[Along, Scale, Array, Parts]:
         t, angle = known.unit[None] * (s + 1), jnp.zeros_like(s)
         for c in side.angle[::-1]:
             angle = angle * t + c[None]
-        return Vectors(*turned(vertical[:, None], angle))
+        return Vectors(*to_turned_basis(vertical[:, None], angle))
 
     def along(s: Array, order: int, upright: bool) -> Invariants:
         derivatives = [None, *(Vectors(*r.at(s)) for r in known.derivatives[:order])]

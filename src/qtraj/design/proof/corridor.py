@@ -14,8 +14,8 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
 from qtraj.algebra.cells import Cells, PerPath
-from qtraj.algebra.chebyshev_model import AXIS, TINY, ChebyshevModel, after, multiple
-from qtraj.algebra.positivity import NEGATIVE, POSITIVE, positive
+from qtraj.algebra.chebyshev_model import AXIS, TINY, ChebyshevModel, add_rounding, multiple
+from qtraj.algebra.positivity import NEGATIVE, POSITIVE, prove_positive
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED, Certificate
 from qtraj.design.proof.inequalities import centred, squared_bound
 from qtraj.design.proof.search import highest
@@ -107,7 +107,7 @@ def within(
         return CORRIDOR.numerator(Offset(outwards, angle, up, radii.at(s)[1]))
 
     widest = jnp.full_like(width, WIDEST)
-    answer, apart_from_axis = positive(slack, widest), positive(apart, widest)
+    answer, apart_from_axis = prove_positive(slack, widest), prove_positive(apart, widest)
     square, at = highest(measured, jnp.stack([answer.at] * 3), jnp.asarray(CHUNKS))
     proved = (answer.code == POSITIVE) & (apart_from_axis.code == POSITIVE)
     code = jnp.where(proved, PROVED, jnp.where(answer.code == NEGATIVE, BROKEN, UNDECIDED))
@@ -147,7 +147,7 @@ def _polynomial(numbers: Float[Array, "axes k paths"], sizes: Float[Array, "axes
     whole = jax.vmap(lambda c: centred(c[:, None]))
     count = 3 * numbers.shape[1] + 6
     size = jnp.max(jnp.sum(whole(sizes), axis=AXIS), axis=0)
-    return cell_polynomial(whole(numbers), after(jnp.full_like(size, TINY), count, size))
+    return cell_polynomial(whole(numbers), add_rounding(jnp.full_like(size, TINY), count, size))
 
 
 def _scaled(c: Float[Array, "paths k"], duration: PerPath) -> Float[Array, "k paths"]:

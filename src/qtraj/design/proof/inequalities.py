@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float
 
 from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
 from qtraj.algebra.cells import PerPath
-from qtraj.algebra.chebyshev_model import AXIS, ChebyshevModel, after, multiple
+from qtraj.algebra.chebyshev_model import AXIS, ChebyshevModel, add_rounding, multiple
 from qtraj.path.components import Triple, cross, dot
 from qtraj.path.frenet import Invariants
 from qtraj.path.moving_basis import MovingPolynomials
@@ -80,7 +80,7 @@ def parts(path: MovingPolynomials, duration: PerPath) -> Parts:
         a, bound = jnp.split(rows, 2, axis=-1)
         count = _roundings(max(degrees[:3]), degrees[3], order)
         size = jnp.max(jnp.sum(bound, axis=AXIS), axis=0)
-        error = after(jnp.full_like(size, UNDERFLOW), count, size)
+        error = add_rounding(jnp.full_like(size, UNDERFLOW), count, size)
         found.append(cell_polynomial(a, jnp.where(normal, error, jnp.inf)))
     return Parts(found, length, unit)
 

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.algebra.cells import PerPath
 from qtraj.algebra.chebyshev_model import ChebyshevModel
-from qtraj.algebra.positivity import NEGATIVE, OPEN, POSITIVE, Answer, positive
+from qtraj.algebra.positivity import NEGATIVE, POSITIVE, UNDECIDED, Answer, prove_positive
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED
 from qtraj.design.proof.inequalities import ORDER, Parts, slack, squared_bound
 from qtraj.design.proof.search import highest
@@ -159,7 +159,7 @@ def _row(x: Array, k: Array) -> Array:
 def _proof(parts: Parts | None, entry: Entry, bound: tuple[Array, Array], paths: tuple[int, ...], dtype: Any) -> Answer:
     if parts is None:
         nothing = jnp.zeros(paths, dtype)
-        return Answer(jnp.full(paths, OPEN, jnp.int32), nothing, nothing, nothing)
+        return Answer(jnp.full(paths, UNDECIDED, jnp.int32), nothing, nothing, nothing)
     slacks = [*(partial(slack, x) for x in LIMITS), *(partial(_divisor, name) for name in DIVISORS)]
 
     def of_order(order: int) -> Callable[[Array, Array], ChebyshevModel]:
@@ -175,7 +175,7 @@ def _proof(parts: Parts | None, entry: Entry, bound: tuple[Array, Array], paths:
     branches = [of_order(order) for order in range(1, ORDER + 1)]
     build = lambda centre, half: jax.lax.switch(entry.order - 1, branches, centre, half)  # noqa: E731
     widest = jnp.full(paths, 2.0, dtype) / entry.pieces.astype(dtype)
-    return positive(build, widest)
+    return prove_positive(build, widest)
 
 
 def _divisor(name: str, i: Invariants, bound: tuple[Array, Array]) -> ChebyshevModel:

@@ -11,7 +11,7 @@ from qtraj.design.tuning.constraints import LEVEL, MEMBER, Group, Places, Settin
 from qtraj.design.tuning.curves import Changes, along_u, angle_at, unpacked
 from qtraj.design.tuning.world_axes import in_world, spun, turned
 from qtraj.foundation.types import Scalar
-from qtraj.path.components import Triple, cross, dot, plus, total
+from qtraj.path.components import Triple, add, add_vectors, cross, dot
 
 
 class Expansion(NamedTuple):
@@ -42,7 +42,7 @@ def slopes(
                 r = turned(setting.axes, angle, r)
             G, bar, _ = _gradient(group, _vectors(r), index)
             along = [dot(_wide(b), v) for b, v in zip(bar, _vectors(moved), strict=True)]
-            return G, total(along)
+            return G, add(along)
 
         return branch
 
@@ -101,26 +101,24 @@ def _expanded(group: Group, setting: Setting, changes: Changes, index: Int[Array
     G, bar, (Y, bar_Y, of_s, hessian) = _gradient(group, vectors, index)
     in_w = {f"r{k + 1}": v for k, v in enumerate(directions)}
     for name, k in group.crossed.items():
-        in_w[name] = plus(cross(directions[0], _wide(vectors[k])), cross(_wide(vectors[0]), directions[k]))
+        in_w[name] = add_vectors(cross(directions[0], _wide(vectors[k])), cross(_wide(vectors[0]), directions[k]))
     s_w, weighed = [], dict.fromkeys(in_w, (0, 0, 0))
     for i, (name, (a, b)) in enumerate(group.products.items()):
         if b == "up":
             s_w.append(in_w[a][2])
             continue
         axes = 2 if name in LEVEL else 3
-        s_w.append(total([dot(in_w[a][:axes], _wide(Y[b])[:axes]), dot(in_w[b][:axes], _wide(Y[a])[:axes])]))
+        s_w.append(add([dot(in_w[a][:axes], _wide(Y[b])[:axes]), dot(in_w[b][:axes], _wide(Y[a])[:axes])]))
         weight = of_s[i][None]
-        weighed[a] = plus(weighed[a], _scaled(in_w[b], weight, axes))
-        weighed[b] = plus(weighed[b], _scaled(in_w[a], weight, axes))
+        weighed[a] = add_vectors(weighed[a], _scaled(in_w[b], weight, axes))
+        weighed[b] = add_vectors(weighed[b], _scaled(in_w[a], weight, axes))
     onto = jnp.einsum("ijp,jmp->imp", hessian, jnp.stack(s_w))
     curved = [_outer(onto[i], x) for i, x in enumerate(s_w)]
     curved += [_outer(x, y) for name in in_w for x, y in zip(in_w[name], weighed[name], strict=True)]
     for name, k in group.crossed.items():
-        half = total(
-            [_outer(x, y) for x, y in zip(cross(_wide(bar_Y[name]), directions[0]), directions[k], strict=True)]
-        )
+        half = add([_outer(x, y) for x, y in zip(cross(_wide(bar_Y[name]), directions[0]), directions[k], strict=True)])
         curved += [half, jnp.swapaxes(half, 0, 1)]
-    curved = total(curved)
+    curved = add(curved)
     own, turned = back(jnp.stack([jnp.stack(b) for b in bar]))
     curved = curved + turned
     if changes.second is not None:
@@ -132,10 +130,10 @@ def _expanded(group: Group, setting: Setting, changes: Changes, index: Int[Array
         added = unpacked(second.reshape(second.shape[0], -1) @ onto.reshape(-1, u.shape[0]))
         curved = curved + jnp.pad(added, ((0, 1), (0, 1), (0, 0)))
     n = moved.shape[0]
-    flat = total([dot(_wide(b), v) for b, v in zip(bar, directions, strict=True)])
+    flat = add([dot(_wide(b), v) for b, v in zip(bar, directions, strict=True)])
     own = _vectors(own)
-    mixed = total([dot(_wide(b), v) for b, v in zip(own, _vectors(moved_in_u), strict=True)])
-    bend = total([dot(b, v) for b, v in zip(own, _vectors(in_u_twice), strict=True)])
+    mixed = add([dot(_wide(b), v) for b, v in zip(own, _vectors(moved_in_u), strict=True)])
+    bend = add([dot(b, v) for b, v in zip(own, _vectors(in_u_twice), strict=True)])
     return G, flat[:n], curved[:n, :n], curved[:n, n] + mixed, flat[n], curved[n, n] + 2 * bend
 
 
@@ -153,15 +151,15 @@ def _gradient(group: Group, r: list[Triple], index: Int[Array, ""]) -> tuple[Pla
     bar: dict[str, Any] = dict.fromkeys(Y, (0, 0, 0))
     for i, (name, (a, b)) in enumerate(group.products.items()):
         if b == "up":
-            bar[a] = plus(bar[a], (0, 0, of_s[i]))
+            bar[a] = add_vectors(bar[a], (0, 0, of_s[i]))
             continue
         axes = 2 if name in LEVEL else 3
-        bar[a] = plus(bar[a], _scaled(Y[b], of_s[i], axes))
-        bar[b] = plus(bar[b], _scaled(Y[a], of_s[i], axes))
+        bar[a] = add_vectors(bar[a], _scaled(Y[b], of_s[i], axes))
+        bar[b] = add_vectors(bar[b], _scaled(Y[a], of_s[i], axes))
     bar = {name: tuple(_full(x, G) for x in v) for name, v in bar.items()}
     own = [bar[f"r{k + 1}"] for k in range(group.order)]
     for name, k in group.crossed.items():
-        own[0], own[k] = plus(own[0], cross(r[k], bar[name])), plus(own[k], cross(bar[name], r[0]))
+        own[0], own[k] = add_vectors(own[0], cross(r[k], bar[name])), add_vectors(own[k], cross(bar[name], r[0]))
     return G, own, (Y, bar, of_s, hessian)
 
 

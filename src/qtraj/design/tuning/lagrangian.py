@@ -22,7 +22,7 @@ from qtraj.design.tuning.model import setting
 from qtraj.design.tuning.peaks import ABSENT, PEAKS, TOO_MUCH, Peaks, find_peaks, hand_over
 from qtraj.design.tuning.problem import Variables
 from qtraj.design.tuning.task import Present, Task
-from qtraj.foundation.least import least
+from qtraj.foundation.argmin import min_and_argmin
 from qtraj.foundation.types import Scalar
 
 NEAR = 1 - 1e-4
@@ -85,7 +85,7 @@ def worst_times(task: Task, which: Present, held: Held, y: Variables) -> tuple[O
         within = peaks.present[slot][:, None] & (own[:, None] >= low[None]) & (own[:, None] <= high[None])
         heights = jnp.concatenate([jnp.where(within, peaks.value[slot][:, None], -jnp.inf), ends])
         times = jnp.concatenate([jnp.broadcast_to(own[:, None], (PEAKS, PEAKS)), low[None], high[None]])
-        highest = least(-heights)[1]
+        highest = min_and_argmin(-heights)[1]
         chosen = jnp.arange(PEAKS + 2, dtype=jnp.int32)[:, None] == highest[None]
         return found.at[slot].set(jnp.sum(jnp.where(chosen, times, 0.0), axis=0))
 

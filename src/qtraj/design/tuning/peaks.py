@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.design.tuning.constraints import FIRST_HINT, HINT, HINTS, Setting, values
 from qtraj.design.tuning.task import SLOTS, Present
-from qtraj.foundation.least import least
+from qtraj.foundation.argmin import min_and_argmin
 from qtraj.foundation.types import Flag, Scalar
 
 NODES = 65
@@ -77,7 +77,7 @@ def find_peaks(setting: Setting, which: Present, limits: Float[Array, " slots"])
         rounds = jnp.where(slot < 0, OF_HINTS, OF_LIMITS)
         own = _peaks(setting, index, limits[place], at, rounds)
         whole = jax.tree.map(lambda x, one: x.at[place].set(one), peaks, own)
-        highest = least(jnp.where(own.present, -own.value, jnp.inf))[1]
+        highest = min_and_argmin(jnp.where(own.present, -own.value, jnp.inf))[1]
         return whole, jnp.where(here == hint, own.time[highest], least_at)
 
     # Where it is straightest matters to few quantities.
@@ -157,7 +157,7 @@ def _highest_nodes(g: Float[Array, " nodes"]) -> tuple[Float[Array, " picked"], 
     rows = jnp.arange(heights.shape[0], dtype=jnp.int32)
 
     def pick(heights: Array, _: None) -> tuple[Array, tuple[Array, Array]]:
-        below, place = least(-heights)
+        below, place = min_and_argmin(-heights)
         time = REACH * (place + 1).astype(g.dtype)
         return jnp.where(rows == place, -jnp.inf, heights), (time, below < jnp.inf)
 

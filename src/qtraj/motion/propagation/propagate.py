@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.foundation.outcome import AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import batch_prefix, extent, over
+from qtraj.foundation.result import batch_prefix, extent, times_text
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.motion.propagation import plan
 from qtraj.motion.propagation.increment import AbstractIncrement
@@ -63,7 +63,7 @@ class Propagation(AbstractOutcome):
         reached = f"{np.sum(self.successful)} of {self.code.size} reached the tolerance"
         ended = reached if self.code.ndim else str(texts)
         quality = f"estimated error {extent(self.estimate, 'rad')} in {extent(self.steps)} steps"
-        summary = f"{batch_prefix(self.code.shape)}{over(self.times)}: {quality}; {ended}"
+        summary = f"{batch_prefix(self.code.shape)}{times_text(self.times)}: {quality}; {ended}"
         return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": "body"})
 
 

@@ -10,7 +10,7 @@ from qtraj.design.proof.certificate import BINDING
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset import MAGNITUDES
 from qtraj.path.boundary import BoundaryState, cylindrical
-from qtraj.path.departure import departure
+from qtraj.path.deviation import max_deviation
 from qtraj.path.quantity import CORRIDOR
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.viz.report.model import Table, number, unit
@@ -129,7 +129,7 @@ def _extent(paths: Mapping[str, xarray.Dataset]) -> Table:
     for label, path in paths.items():
         time = path["time"].values
         length = np.trapezoid(path["speed"].values, time) if "speed" in path else np.nan
-        apart = departure(path["position"].values, line["position"].values)
+        apart = max_deviation(path["position"].values, line["position"].values)
         rows.append([label, number(float(time[-1])), number(float(length), 5), number(apart, 3), str(len(time))])
     header = ["path", "duration [s]", "length [m]", f"farthest from {first} [m]", "instants"]
     return Table("Duration and length", header, rows)

@@ -10,7 +10,7 @@ TOGETHER = 1_000_000
 """Pairs of a point and a piece of the line that are worked out at once: what they take stays small."""
 
 
-def departure(points: Float[np.ndarray, "n 3"], line: Float[np.ndarray, "m 3"]) -> float:
+def max_deviation(points: Float[np.ndarray, "n 3"], line: Float[np.ndarray, "m 3"]) -> float:
     """The largest distance of `points`, or of `MOST` of them, from the polyline `line`; NaN where one is not finite."""
     chosen = points[np.unique(np.linspace(0, len(points) - 1, min(len(points), MOST)).round().astype(int))]
     parts = np.array_split(chosen, -(-len(chosen) * len(line) // TOGETHER))

@@ -4,23 +4,23 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from qtraj.foundation.least import least
+from qtraj.foundation.argmin import min_and_argmin
 
 
 def test_the_least_and_its_place():
     values = np.random.default_rng(3).normal(size=(100, 33))
-    lowest, place = jax.vmap(least)(jnp.asarray(values))
+    lowest, place = jax.vmap(min_and_argmin)(jnp.asarray(values))
     np.testing.assert_array_equal(place, np.argmin(values, axis=1))
     np.testing.assert_array_equal(lowest, np.min(values, axis=1))
 
 
 def test_nan_counts_as_infinite():
-    assert least(jnp.asarray([jnp.nan, 2.0, 1.0, jnp.nan]))[1] == 2
+    assert min_and_argmin(jnp.asarray([jnp.nan, 2.0, 1.0, jnp.nan]))[1] == 2
     for number in (1, 2, 40):
-        lowest, place = least(jnp.full(number, jnp.nan))
+        lowest, place = min_and_argmin(jnp.full(number, jnp.nan))
         assert lowest == jnp.inf
         assert place == 0
 
 
 def test_nothing_is_differentiated():
-    assert jax.grad(lambda x: least(jnp.stack([x, 2 * x]))[0])(1.0) == 0
+    assert jax.grad(lambda x: min_and_argmin(jnp.stack([x, 2 * x]))[0])(1.0) == 0

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 
-def least(values: Float[Array, "n *rest"]) -> tuple[Float[Array, "*rest"], Int[Array, "*rest"]]:
+def min_and_argmin(values: Float[Array, "n *rest"]) -> tuple[Float[Array, "*rest"], Int[Array, "*rest"]]:
     """The least of n ≥ 1 values on the first axis, and a place where it stands.
 
     Any place of equal ones, and 0 where all are infinite; NaN counts as infinite. Nothing of it is differentiated.
