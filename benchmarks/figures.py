@@ -8,11 +8,11 @@ from qtraj.viz.figures import precision_figure, save
 from qtraj.viz.style import MARKERS, RC, series
 
 LARGEST = 3e-3
-"""[rad] Errors above this are no solution."""
+"""[rad] Solutions with larger errors are not drawn."""
 
 
 def throughput(race):
-    """Instants in a second against their number."""
+    """Throughput of `evaluate` in instants per second, against the number of instants in one call."""
     with mpl.rc_context(RC):
         figure = Figure(figsize=(6.4, 4.0))
         axes = figure.add_axes((0.125, 0.13, 0.855, 0.84))
@@ -37,7 +37,7 @@ def _device(made):
 
 
 def precision(race):
-    """Errors of coning problems against the time they take."""
+    """Work and precision of propagation: the largest angle error of coning problems against computing time."""
     curves = {}
     for name, curve in race["settings"]["curves"].items():
         kept = [k for k, error in enumerate(curve["errors"]) if 0 < error < LARGEST]
@@ -46,7 +46,7 @@ def precision(race):
 
 
 def draw(results, folder):
-    """Write the figures of the races that are there."""
+    """Write the figures of the races in these results."""
     for name, race, figure in (("throughput", "sizes", throughput), ("work_and_time", "propagation", precision)):
         if race in results["races"]:
             save(figure(results["races"][race]), folder / f"{name}.svg")

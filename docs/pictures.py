@@ -2,7 +2,7 @@
 
 Run it from the folder of the project:  .venv/bin/python docs/pictures.py [NAME ...]
 
-Without names all are drawn; the figures of docs/accuracy.md have their own command, which that page names.
+Without names it draws all. docs/accuracy.md and docs/performance.md name the commands that draw their own figures.
 """
 
 import sys
@@ -25,11 +25,11 @@ from qtraj.viz.style import RC  # noqa: E402
 
 FOLDER = Path(__file__).with_name("figures")
 WORLD, BODY, VECTOR = "0.35", "#0072B2", "#D55E00"
-TURN = np.radians(35.0)  # of the body in the picture of the conventions
+ANGLE = np.radians(35.0)  # by which the body is rotated in the figure of the conventions
 
 
 def tuning() -> Figure:
-    """What `qtraj tune` draws of its embedded scenario."""
+    """A recorded turn before and after tuning, as `qtraj tune` draws it without a scenario."""
     track = qt.read_track(files("qtraj.io") / "data" / "boreas_right_angle.csv").window(1093.5, 1099.5)
     before = qt.fit(track, radius_bounds=(12, 40)).path
     limits = qt.Limits(curvature=1 / 22.5, lateral_acceleration=1.5)
@@ -41,20 +41,20 @@ def tuning() -> Figure:
 
 
 def trihedra() -> Figure:
-    """A climbing, widening turn with its natural trihedra."""
+    """A climbing, widening spiral-helix with its natural trihedra."""
     path = qt.SpiralHelix([8.0, 0.8], [0.0, 0.6], [0.0, 1.0], 8.0)
     return figures.path_figure(path_dataset({"spiral-helix": path}), trihedra=7)
 
 
 def orientation() -> Figure:
-    """The natural trihedral of a helix, of a turn and a half: the Gibbs vector is infinite where Φ = 180°."""
+    """The natural trihedral along one and a half rounds of a helix: the Gibbs vector is infinite where Φ = 180°."""
     program = qt.FrameProgram(qt.SpiralHelix([10.0], [0.0, 0.5], [0.0, 1.0], 18.0))
     times = jnp.linspace(0.0, program.duration, 601)
     return figures.orientation_figure(times, jax.vmap(lambda t: program(t).quaternion)(times))
 
 
 def turns() -> Figure:
-    """One turn of 90° under five laws with the same limits."""
+    """A slew by 90° with five profiles, under the same limits."""
     limits = {"max_rate": np.radians(20.0), "max_acceleration": np.radians(10.0)}
     laws = {
         "time-optimal": qt.TimeOptimal(**limits),
@@ -69,8 +69,8 @@ def turns() -> Figure:
 
 
 def conventions() -> Figure:
-    """One λ, passively (one vector, two sets of components) and actively (one set of components, two vectors)."""
-    turn = qt.rotation.from_rotation_vector(jnp.array([0.0, 0.0, TURN]))
+    """The passive and the active reading of one λ: two sets of components of one vector, or two vectors."""
+    turn = qt.rotation.from_rotation_vector(jnp.array([0.0, 0.0, ANGLE]))
     with mpl.rc_context(RC):
         figure = Figure(figsize=(9.4, 4.1))
         left, right = figure.subplots(1, 2)
@@ -88,7 +88,7 @@ def _passive(axes, turn) -> None:
     world = np.asarray(qt.quaternion.rotate(turn, body))
     axes.set_title("passive: one vector, two sets of components", fontweight="bold")
     _bases(axes, turn)
-    _arc(axes, 0.33, 0.0, TURN, label=0.4)
+    _arc(axes, 0.33, 0.0, ANGLE, label=0.4)
     _arrow(axes, world, VECTOR, "v", lw=2.4)
     for basis, color, values in ((np.eye(2), WORLD, world[:2]), (_axes_of(turn), BODY, np.asarray(body[:2]))):
         for component, direction in zip(values, basis, strict=True):
@@ -108,12 +108,12 @@ def _active(axes, turn) -> None:
     _arrow(axes, np.asarray(before), WORLD, "v", lw=2.4)
     _arrow(axes, after, BODY, "R(λ)v", lw=2.4)
     start = np.arctan2(before[1], before[0])
-    _arc(axes, np.linalg.norm(before), start, start + TURN, label=0.2)
+    _arc(axes, np.linalg.norm(before), start, start + ANGLE, label=0.2)
     axes.text(0.3, -0.4, r"$R(\lambda)\,v = \lambda\circ v\circ\lambda^{-1}$", ha="center", fontsize=12)
 
 
 def _bases(axes, turn) -> None:
-    """Inertial and body axes; the third of each points towards the reader."""
+    """Inertial and body axes; the third axis of each points towards the reader."""
     for basis, color, names in ((np.eye(2), WORLD, "ξη"), (_axes_of(turn), BODY, "XY")):
         for direction, name in zip(basis, names, strict=True):
             _arrow(axes, 1.42 * direction, color, name, lw=1.1)
@@ -133,7 +133,7 @@ def _arrow(axes, tip, color, name, lw) -> None:
 
 
 def _arc(axes, radius, start, end, label) -> None:
-    """The turn by Φ, with its sense, and its name after this part of it."""
+    """An arrow along the rotation by Φ; `label` is the position of the letter, as a fraction of the arc."""
     angles = np.linspace(start, end, 60)
     points = radius * np.stack([np.cos(angles), np.sin(angles)])
     axes.plot(*points[:, :-4], color=VECTOR, lw=1.4)
@@ -151,11 +151,11 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "orientation": orientation,
     "turns": turns,
 }
-"""Name of the file, and what draws it."""
+"""The name of each file, and the function that draws it."""
 
 
 def main(names: list[str]) -> None:
-    """Draw the figures of these names, all without."""
+    """Draw the figures with these names, or all of them."""
     for name in names or PICTURES:
         figures.save(PICTURES[name](), FOLDER / f"{name}.svg")
 

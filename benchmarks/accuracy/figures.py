@@ -18,6 +18,7 @@ from . import closed_loop, recorded_gyro
 
 
 def recorded_gyro_figure():
+    """A recorded gyro: its rates, and the error of the attitude propagated from them."""
     with mpl.rc_context(RC):
         figure = Figure(figsize=(7, 4.6), layout="constrained")
         rate, error = figure.subplots(2, 1, sharex=True)
@@ -34,21 +35,21 @@ def recorded_gyro_figure():
             frame(axes)
             above(axes)
         figure.align_ylabels()
-        figure.get_layout_engine().set(h_pad=0.08)  # the legend keeps off the edge
+        figure.get_layout_engine().set(h_pad=0.08)  # keeps the legend away from the edge
     return figure
 
 
 def closed_loop_errors_figure():
-    """A column for each kind of error, a row for each tolerance."""
-    found = closed_loop.deviations()
-    kinds = list(dict.fromkeys(kind for kind, _ in found))
+    """Deviation of simulated loops from the closed form, by kind of error (columns) and tolerance (rows)."""
+    deviations = closed_loop.deviations()
+    kinds = list(dict.fromkeys(kind for kind, _ in deviations))
     with mpl.rc_context(RC):
         figure = Figure(figsize=(8, 4.8), layout="constrained")
         grid = figure.subplots(2, len(kinds), sharex=True, sharey="row")
         for column, kind in zip(grid.T, kinds, strict=True):
             column[0].set_title(f"{kind} error")
             column[1].set_xlabel("time [s]")
-            curves = {gains: pair for (of, gains), pair in found.items() if of == kind}
+            curves = {gains: pair for (of, gains), pair in deviations.items() if of == kind}
             for row, (axes, bound) in enumerate(zip(column, (1e-9, 1e-11), strict=True)):
                 for k, (gains, pair) in enumerate(curves.items()):
                     axes.semilogy(closed_loop.TIMES[1:], pair[row][1:], label=f"{gains} gains", **series(k))
@@ -62,6 +63,7 @@ def closed_loop_errors_figure():
 
 
 def work_precision_figure():
+    """Work and precision of propagation, for a batch of 256 coning problems."""
     ladders = {
         "Gauss–Legendre 8": (with_steps(BATCH, qt.GaussLegendre(8)), (8, 11, 14, 18, 22, 26, 30)),
         "Gauss–Legendre 12": (with_steps(BATCH, qt.GaussLegendre(12)), (5, 6, 7, 8, 10, 12)),

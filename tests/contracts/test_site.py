@@ -1,0 +1,93 @@
+"""The hook of the site: notebooks and a gallery as pages. MkDocs itself checks all links when it builds the site."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+def load(name):
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+site = load("notebook_pages")
+NAMES = sorted(file.stem for file in (ROOT / "notebooks").glob("*.ipynb"))
+
+
+@pytest.fixture(scope="module")
+def pages():
+    return {name: site.notebook_page(name) for name in NAMES}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_page_has_one_title_and_every_figure(name, pages):
+    page = pages[name]
+    prose = re.sub(r"(?ms)^```.*?^```$", "", page.text)
+    assert re.findall(r"(?m)^# (.+)$", prose) == [page.title]
+    assert len(page.figures) >= 1
+    for number, figure in enumerate(page.figures, 1):
+        assert figure.png.startswith(b"\x89PNG")
+        assert f'<a id="figure-{number}"></a>' in page.text
+        assert f"({name}/figure_{number}.png)" in page.text
+
+
+def test_code_and_what_it_prints_are_shown_without_magics(pages):
+    text = pages["10_recorded_turn"].text
+    assert "```python\nfrom importlib" in text
+    assert re.search(r"```text\n[^`]*1/m", text)
+    assert "%matplotlib" not in text
+
+
+def test_the_gallery_shows_every_figure_and_links_to_its_code(pages):
+    gallery, code = site.gallery(pages), site.figure_code()
+    for file in (ROOT / "docs" / "figures").iterdir():
+        assert f"](figures/{file.name})](figure_code.md#{file.stem}) " in gallery
+        function = site.DRAWN_BY[file.stem].partition(":")[2]
+        assert re.search(rf"## {file.stem} [^`]*`[^`]+`:\n\n```python\n[^`]*def {function}\(", code)
+    for name, page in pages.items():
+        for figure in page.figures:
+            link = (
+                rf"\]\(notebooks/{name}/figure_{figure.number}\.png\)\]\(notebooks/{name}\.md#figure-{figure.number}\)"
+            )
+            assert re.search(link, gallery)
+
+
+def test_every_caption_says_something():
+    for name in site.DRAWN_BY:
+        assert len(site._caption(*site._function(name))) > 20
+
+
+def test_helpers_of_a_figure_are_shown_with_it():
+    function, tree, _ = site._function("conventions")
+    names = [node.name for node in site._with_helpers(function, tree)]
+    assert {"conventions", "_passive", "_arrow"} <= set(names)
+    assert "tuning" not in names
+
+
+def test_links_to_notebooks_lead_to_their_pages():
+    assert site.page_links("[a](../../notebooks/50_tuning.ipynb)") == "[a](../notebooks/50_tuning.md)"
+    assert site.page_links("[a](../notebooks/50_tuning.ipynb#x)") == "[a](notebooks/50_tuning.md#x)"
+    assert site.notebook_links("[a](50_tuning.ipynb), [b](../docs/errata.md)") == "[a](50_tuning.md), [b](../errata.md)"
+    assert ".ipynb)" not in site.notebook_index()
+
+
+def test_formulas_become_mathml():
+    pytest.importorskip("latex2mathml", reason="the extra docs is not installed")
+    inline, block = site.mathml(
+        r'<p><span class="arithmatex">\(a &lt; b\)</span></p>' "\n" r'<div class="arithmatex">\[\frac12\]</div>'
+    ).splitlines()
+    assert inline.startswith("<p><math")
+    assert "&lt;" in inline or "&#x0003C;" in inline
+    assert 'display="block"' in block
+    assert "<mfrac>" in block
+
+
+def test_every_notebook_is_in_the_navigation():
+    navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    assert [name for name in NAMES if f"notebooks/{name}.md" not in navigation] == []
