@@ -97,6 +97,7 @@ def notebook_links(text: str) -> str:
 
 def page_links(text: str) -> str:
     """Links of a page of `docs` to notebooks, as they are on the site, where both are in one folder."""
+    text = re.sub(r"\]\(((?:\.\./)*)\.\./notebooks/README\.md\b", r"](\1notebooks/index.md", text)
     return re.sub(r"\]\(((?:\.\./)*)\.\./notebooks/(\w+)\.ipynb\b", r"](\1notebooks/\2.md", text)
 
 

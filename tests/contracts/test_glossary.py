@@ -45,6 +45,7 @@ ORDINARY = re.compile(r"lane[ _-]changes?")
 FORMER_NAMES = {
     ("src/qtraj/__init__.py", "TurnChain"),
     ("src/qtraj/__init__.pyi", "TurnChain"),
+    ("src/qtraj/motion/control/__init__.py", "gibbs_gauge"),
     ("src/qtraj/io/flat.py", "lane"),  # files written by earlier versions have this column
 }
 """Files that must know a former name."""

@@ -1,4 +1,4 @@
-"""The house: a module imports from its own floor or one below, never from above, and never in a circle."""
+"""Layers: a module imports from its own layer or a lower one, never from a higher one, and never in a cycle."""
 
 import ast
 import graphlib
@@ -9,7 +9,7 @@ import pytest
 SOURCE = Path(__file__).parents[2] / "src"
 ROOT = "qtraj"
 
-FLOORS = {
+LAYERS = {
     "_version": 0,
     "foundation": 0,
     "algebra": 1,
@@ -22,17 +22,17 @@ FLOORS = {
     "cli": 6,
     "__main__": 6,
 }
-ROOF = 7  # the root package itself, which names everything below it
+TOP = 7  # the root package itself, which names everything below it
 
 
-def floor(module):
-    """The floor of a module of the package by its dotted name; KeyError for a room that is not in the plan."""
+def layer(module):
+    """The layer of a module by its dotted name; KeyError for a package that has no layer."""
     parts = module.split(".")
-    return ROOF if len(parts) == 1 else FLOORS[parts[1]]
+    return TOP if len(parts) == 1 else LAYERS[parts[1]]
 
 
 def imported(code, module, is_package=False):
-    """The package's own modules that `code` imports: anywhere in it, absolutely, relatively or by name.
+    """The modules of the package that `code` imports: anywhere in it, absolutely, relatively or by name.
 
     A name taken from a package may be a module or not: `qtraj.path.x` is listed for `from qtraj.path import x`.
     """
@@ -56,14 +56,14 @@ def _called(node):
     return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", None)
 
 
-def climbs(code, module, is_package=False):
-    """The imports in `code` that go up from `module`."""
-    own = floor(module)
+def upward(code, module, is_package=False):
+    """The imports in `code` from layers above `module`."""
+    own = layer(module)
 
     def above(name):
-        if name.startswith(f"{ROOT}.") and name.split(".")[1] not in FLOORS:
-            return own < ROOF  # a public name, taken from the root
-        return floor(name) > own
+        if name.startswith(f"{ROOT}.") and name.split(".")[1] not in LAYERS:
+            return own < TOP  # a public name, taken from the root
+        return layer(name) > own
 
     return [name for name in imported(code, module, is_package) if above(name)]
 
@@ -78,17 +78,17 @@ def modules():
     return found
 
 
-HOUSE = modules()
+MODULES = modules()
 
 
-@pytest.mark.parametrize("module", sorted(HOUSE.keys() - {ROOT}))
+@pytest.mark.parametrize("module", sorted(MODULES.keys() - {ROOT}))
 def test_imports_go_down(module):
-    file, is_package = HOUSE[module]
-    assert climbs(file.read_text(encoding="utf-8"), module, is_package) == []
+    file, is_package = MODULES[module]
+    assert upward(file.read_text(encoding="utf-8"), module, is_package) == []
 
 
 def walk_in_order(sources):
-    """Modules such that each follows those it imports; graphlib.CycleError, which names the circle, where none can.
+    """Modules in an order in which each follows those it imports; graphlib.CycleError names the cycle if there is none.
 
     `sources`: dotted name → (code, whether it is a package).
     """
@@ -100,20 +100,20 @@ def walk_in_order(sources):
     return tuple(graphlib.TopologicalSorter(graph).static_order())
 
 
-def test_no_circles():
-    sources = {module: (file.read_text(encoding="utf-8"), package) for module, (file, package) in HOUSE.items()}
-    assert set(walk_in_order(sources)) == HOUSE.keys()
+def test_no_cycles():
+    sources = {module: (file.read_text(encoding="utf-8"), package) for module, (file, package) in MODULES.items()}
+    assert set(walk_in_order(sources)) == MODULES.keys()
 
 
-def test_the_check_sees_a_circle():
+def test_the_check_finds_a_cycle():
     here = {"qtraj.path.a": ("from qtraj.path import b", False), "qtraj.path.b": ("from .a import x", False)}
     with pytest.raises(graphlib.CycleError):
         walk_in_order(here)
 
 
-def test_every_floor_is_in_the_plan():
-    rooms = {name.split(".")[1] for name in HOUSE if "." in name}
-    assert rooms <= FLOORS.keys()
+def test_every_package_has_a_layer():
+    packages = {name.split(".")[1] for name in MODULES if "." in name}
+    assert packages <= LAYERS.keys()
 
 
 @pytest.mark.parametrize(
@@ -126,14 +126,14 @@ def test_every_floor_is_in_the_plan():
         ("from qtraj.design.limits import Limits", "qtraj.motion.program", False),
         ("from ..motion import program", "qtraj.path.track", False),
         ("from ..motion.program import FrameProgram", "qtraj.path", True),
-        ("from ... import motion", "qtraj.path.deep.room", False),
+        ("from ... import motion", "qtraj.path.deep.module", False),
         ("def late():\n    from qtraj.io import tracks", "qtraj.foundation.document", False),
         ("if TYPE_CHECKING:\n    import qtraj.cli", "qtraj.batch.evaluate", False),
         ("import importlib\nimportlib.import_module('qtraj.batch')", "qtraj.algebra.quaternion", False),
     ],
 )
-def test_the_check_sees_an_import_that_goes_up(code, module, is_package):
-    assert len(climbs(code, module, is_package)) == 1
+def test_the_check_finds_an_import_that_goes_up(code, module, is_package):
+    assert len(upward(code, module, is_package)) == 1
 
 
 @pytest.mark.parametrize(
@@ -148,5 +148,5 @@ def test_the_check_sees_an_import_that_goes_up(code, module, is_package):
         ("from qtraj.io import tracks", "qtraj.cli.main"),
     ],
 )
-def test_the_check_lets_the_others_pass(code, module):
-    assert climbs(code, module) == []
+def test_the_check_accepts_the_others(code, module):
+    assert upward(code, module) == []
