@@ -221,7 +221,7 @@ def test_every_result_says_in_a_line_what_it_is(results):
     vectors = "position (10, 0, 0.142857) m, velocity (1, 4, 0.333333) m/s, acceleration (0, -1.6, 0.142857) m/s²"
     assert repr(results["state"]) == f"BoundaryState({vectors})"
     assert repr(results["friction"]) == "FrictionDemand(side 0.333333, total 0.5)"
-    assert "partly the road would have to pull" in repr(results["frictions, one in flight"])
+    assert "partly without contact with the road" in repr(results["frictions, one in flight"])
 
 
 def test_a_result_that_is_not_whole_still_shows_itself(results):

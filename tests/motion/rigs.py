@@ -1,4 +1,4 @@
-"""Programs and laws that the tests of motion share."""
+"""Programs and laws shared by the tests of motion."""
 
 import jax
 import jax.numpy as jnp
@@ -10,15 +10,15 @@ from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.control.laws import AbstractLaw
 
 
-def turn(axis, angle):
-    """The quaternion of a turn about a coordinate axis."""
+def rotation(axis, angle):
+    """The quaternion of a rotation about a coordinate axis."""
     parts = [jnp.cos(angle / 2)] + 3 * [jnp.zeros_like(angle)]
     parts[1 + axis] = jnp.sin(angle / 2)
     return jnp.stack(parts)
 
 
 class ThreeAxis(AbstractProgram):
-    """Yaw, pitch and roll that all move; rates by the textbook's Euler kinematics, accelerations by differentiation."""
+    """A program with varying yaw, pitch and roll: rates by Euler kinematics, accelerations by differentiation."""
 
     duration: Scalar
 
@@ -30,7 +30,7 @@ class ThreeAxis(AbstractProgram):
 
     def attitude(self, t):
         yaw, pitch, roll = self.angles(t)
-        return qt.quaternion.product(qt.quaternion.product(turn(2, yaw), turn(1, pitch)), turn(0, roll))
+        return qt.quaternion.product(qt.quaternion.product(rotation(2, yaw), rotation(1, pitch)), rotation(0, roll))
 
     def rate(self, t):
         _, pitch, roll = self.angles(t)
@@ -50,7 +50,7 @@ class ThreeAxis(AbstractProgram):
 
 
 class Rest(AbstractProgram):
-    """The identity, for ever."""
+    """A program that stays at the identity."""
 
     duration: Scalar
 
@@ -58,12 +58,12 @@ class Rest(AbstractProgram):
         self.duration = jnp.ones((), dtype)
 
     def __call__(self, t):
-        nothing = jnp.zeros((3,), self.duration.dtype)
-        return Attitude(jnp.zeros((4,), nothing.dtype).at[0].set(1.0), nothing, nothing)
+        zero = jnp.zeros((3,), self.duration.dtype)
+        return Attitude(jnp.zeros((4,), zero.dtype).at[0].set(1.0), zero, zero)
 
 
 class Choice(AbstractLaw):
-    """One of several laws by number, so that one compilation serves them all."""
+    """One of several laws, selected by index, so that all share one compilation."""
 
     laws: tuple[AbstractLaw, ...]
     index: jax.Array
@@ -76,7 +76,7 @@ class Choice(AbstractLaw):
 
 
 def random_gains(rng):
-    """Gains (K1, K2) of every kind, stable, near critical damping: scalar, diagonal, full."""
+    """Stable gains (K1, K2) near critical damping: scalar, diagonal and full."""
     k = 1.3
     diagonal = np.array([1.0, 1.4, 0.9, 1.2])
     full1 = 2 * k * np.eye(4) + 0.2 * rng.normal(size=(4, 4))

@@ -1,4 +1,4 @@
-"""Recorded attitudes against a program: the mounting is SciPy's mean, the rest is what was put in."""
+"""Recorded attitudes compared with a program: SciPy's mean as mounting, and known residuals."""
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +19,7 @@ def program():
 
 
 @pytest.fixture(scope="module")
-def wanted(program):
+def reference(program):
     return Rotation.from_quat(np.asarray(jax.vmap(program)(TIMES).quaternion), scalar_first=True)
 
 
@@ -31,31 +31,31 @@ def recorded(rotations, seed=18):
     return qt.Track(100.0 + TIMES, positions, None, lengths[:, None] * rotations.as_quat(scalar_first=True))
 
 
-def test_a_constant_mounting_is_found_and_nothing_remains(program, wanted):
-    found = qt.compare_attitude(program, recorded(wanted * MOUNTING))
-    same = abs(found.mounting @ MOUNTING.as_quat(scalar_first=True))
+def test_a_constant_mounting_is_estimated_without_a_residual(program, reference):
+    result = qt.compare_attitude(program, recorded(reference * MOUNTING))
+    same = abs(result.mounting @ MOUNTING.as_quat(scalar_first=True))
     assert float(same) == pytest.approx(1.0, abs=1e-14)
-    assert float(found.maximum) < 1e-12
-    assert int(found.samples) == len(TIMES)
+    assert float(result.maximum) < 1e-12
+    assert int(result.samples) == len(TIMES)
 
 
-def test_noise_is_reported_and_averaged_as_scipy_does(program, wanted):
+def test_noise_is_averaged_as_by_scipy(program, reference):
     vectors = np.random.default_rng(5).normal(size=(len(TIMES), 3)) * [0.02, 0.05, 0.1]
-    attitudes = wanted * MOUNTING * Rotation.from_rotvec(vectors)
-    found = qt.compare_attitude(program, recorded(attitudes))
-    mean = (wanted.inv() * attitudes).mean()
-    assert float(abs(found.mounting @ mean.as_quat(scalar_first=True))) == pytest.approx(1.0, abs=1e-13)
-    rest = (mean.inv() * wanted.inv() * attitudes).as_rotvec()
-    np.testing.assert_allclose(found.axis_rms, np.sqrt(np.mean(rest**2, axis=0)), rtol=1e-9)
-    angles = np.linalg.norm(rest, axis=1)
-    assert float(found.rms) == pytest.approx(np.sqrt(np.mean(angles**2)))
-    assert (float(found.maximum), float(found.time)) == pytest.approx((angles.max(), TIMES[angles.argmax()]))
-    given = qt.compare_attitude(program, recorded(attitudes), 3.0 * MOUNTING.as_quat(scalar_first=True))
-    np.testing.assert_allclose(given.axis_rms, np.sqrt(np.mean(vectors**2, axis=0)), rtol=1e-9)
+    attitudes = reference * MOUNTING * Rotation.from_rotvec(vectors)
+    result = qt.compare_attitude(program, recorded(attitudes))
+    mean = (reference.inv() * attitudes).mean()
+    assert float(abs(result.mounting @ mean.as_quat(scalar_first=True))) == pytest.approx(1.0, abs=1e-13)
+    residual = (mean.inv() * reference.inv() * attitudes).as_rotvec()
+    np.testing.assert_allclose(result.axis_rms, np.sqrt(np.mean(residual**2, axis=0)), rtol=1e-9)
+    angles = np.linalg.norm(residual, axis=1)
+    assert float(result.rms) == pytest.approx(np.sqrt(np.mean(angles**2)))
+    assert (float(result.maximum), float(result.time)) == pytest.approx((angles.max(), TIMES[angles.argmax()]))
+    fixed = qt.compare_attitude(program, recorded(attitudes), 3.0 * MOUNTING.as_quat(scalar_first=True))
+    np.testing.assert_allclose(fixed.axis_rms, np.sqrt(np.mean(vectors**2, axis=0)), rtol=1e-9)
 
 
-def test_the_residual_has_derivatives_in_the_path(program, wanted):
-    attitudes = wanted * MOUNTING * Rotation.from_rotvec(np.random.default_rng(7).normal(0, 0.05, (len(TIMES), 3)))
+def test_the_residual_has_derivatives_in_the_path(program, reference):
+    attitudes = reference * MOUNTING * Rotation.from_rotvec(np.random.default_rng(7).normal(0, 0.05, (len(TIMES), 3)))
     track = recorded(attitudes)
 
     def rms(climb):
@@ -67,8 +67,8 @@ def test_the_residual_has_derivatives_in_the_path(program, wanted):
     assert float(jax.jacfwd(rms)(0.9)) == pytest.approx(slope, rel=1e-5)
 
 
-def test_a_fit_reports_recorded_attitudes_and_keeps_them(wanted, tmp_path):
-    fitted = qt.fit(recorded(wanted * MOUNTING))
+def test_a_fit_reports_recorded_attitudes_and_keeps_them(reference, tmp_path):
+    fitted = qt.fit(recorded(reference * MOUNTING))
     assert float(abs(fitted.attitude.mounting @ MOUNTING.as_quat(scalar_first=True))) == pytest.approx(1.0, abs=1e-6)
     assert float(fitted.attitude.maximum) < 1e-3
     dataset = fitted.to_xarray()
@@ -81,25 +81,25 @@ def test_a_fit_reports_recorded_attitudes_and_keeps_them(wanted, tmp_path):
 
 
 def test_samples_at_a_stop_are_left_out(program):
-    """From rest the upright frame begins with the first metre: what is recorded before does not count."""
+    """At residual the upright frame is not defined, so a wrong recording there does not count."""
     ends = [qt.BoundaryState([20.0, 0, 0], [0.0, 0, 0]), qt.BoundaryState([0, 20.0, 0], [-8.0, 1.0, 0])]
     starting = qt.FrameProgram(qt.SpiralHelix.hermite(*ends, 4.0), qt.Upright())
     quaternions = np.array(jax.vmap(starting)(TIMES).quaternion)
     positions = np.array(jax.vmap(starting.path.position)(TIMES))
     quaternions[0] = [0.5, 0.5, 0.5, 0.5]
-    found = qt.compare_attitude(starting, qt.Track(TIMES, positions, None, quaternions))
-    assert (int(found.samples), float(found.maximum) < 1e-7) == (len(TIMES) - 1, True)
+    result = qt.compare_attitude(starting, qt.Track(TIMES, positions, None, quaternions))
+    assert (int(result.samples), float(result.maximum) < 1e-7) == (len(TIMES) - 1, True)
     standing = qt.FrameProgram(qt.Curve(lambda t: jnp.zeros(3) + 0 * t, 4.0), qt.Upright())
     with pytest.raises(ValueError, match=r"defined at no sample.*track\.window"):
         qt.compare_attitude(standing, qt.Track(TIMES, positions, None, quaternions))
 
 
-def test_what_cannot_be_compared_is_explained(program, wanted):
-    track = recorded(wanted)
+def test_unsuitable_tracks_and_mountings_are_refused(program, reference):
+    track = recorded(reference)
     with pytest.raises(ValueError, match=r"has no attitudes to compare.*AttitudeAngles"):
         qt.compare_attitude(program, qt.Track(TIMES, track.positions))
     with pytest.raises(ValueError, match="the track lasts 4 s, but the program only 3 s"):
         qt.compare_attitude(qt.FrameProgram(qt.SpiralHelix([20.0], [0.0, 0.4], [0.0], 3.0)), track)
-    with pytest.raises(ValueError, match="must be a quaternion other than zero"):
+    with pytest.raises(ValueError, match="must be a non-zero quaternion"):
         qt.compare_attitude(program, track, [0.0, 0.0, 0.0, 0.0])
     assert "RMS" in repr(qt.compare_attitude(program, track))

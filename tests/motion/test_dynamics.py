@@ -1,4 +1,4 @@
-"""Torques on bodies, and the forces that paths demand of vehicles."""
+"""Torques on a body, and the forces that a vehicle needs to follow a path."""
 
 import jax
 import jax.numpy as jnp
@@ -31,8 +31,8 @@ def test_the_torque_is_the_rate_of_the_inertial_momentum():
 
     def momentum(s):
         """R(s) J ω(s) in the axes of s = 0."""
-        turn = qt.rotation.from_rotation_vector(s * rate)
-        return qt.quaternion.rotate(turn, INERTIA @ (rate + s * acceleration))
+        moved = qt.rotation.from_rotation_vector(s * rate)
+        return qt.quaternion.rotate(moved, INERTIA @ (rate + s * acceleration))
 
     _, change = jax.jvp(momentum, (jnp.asarray(0.0),), (jnp.asarray(1.0),))
     at = attitude(rate, acceleration)
@@ -62,7 +62,7 @@ def test_the_power_of_the_torque_is_the_rate_of_the_energy():
 @pytest.mark.parametrize(
     "inertia", [np.ones(2), -1.0, [1.0, 0.0, 1.0], np.array([[1.0, 0.5, 0], [0, 1, 0], [0, 0, 1]]), np.nan]
 )
-def test_what_is_no_inertia_is_refused(inertia):
+def test_invalid_inertias_are_refused(inertia):
     with pytest.raises(ValueError, match="inertia"):
         dynamics.torque(attitude([0.0, 0, 1], [0.0, 0, 0]), inertia)
 
@@ -79,7 +79,7 @@ def ramp():
     return qt.SpiralHelix([40.0, 1.0], [0.2, 0.3, -0.02], [0.0, 0.8, 0.1], 5.0)
 
 
-def test_a_level_turn_is_held_by_the_side_force_and_the_weight_by_the_road(circle):
+def test_on_a_level_circle_the_side_force_is_centripetal_and_the_road_carries_the_weight(circle):
     centripetal = MASS * 15.0**2 / 50.0
     for gravity in (G, [0.0, 0.0, -G]):
         force = dynamics.forces(circle, 1.0, MASS, gravity)
@@ -120,7 +120,7 @@ def test_the_power_is_the_rate_of_kinetic_and_potential_energy(ramp):
     np.testing.assert_allclose(power, tangential * qt.trihedral(ramp, 2.2).speed, rtol=EXACT)
 
 
-def test_a_vehicle_that_would_fly_has_infinite_demand_and_finite_derivatives():
+def test_a_vehicle_without_contact_has_infinite_demand_and_finite_derivatives():
     hop = qt.SpiralHelix([50.0], [0.0, 0.3], [0.0, 5.0, -6.0], 1.0)  # falls at 12 m/s², faster than g
 
     def side(g):
@@ -140,7 +140,7 @@ def test_the_demand_over_a_path_is_labelled_data(ramp):
         assert dataset[name].attrs["units"] == "1"
         assert dataset[name].dtype == np.float64
         np.testing.assert_array_equal(dataset[name], getattr(demand, name))
-    assert repr(demand).startswith("FrictionDemand(5 lanes, side ")
+    assert repr(demand).startswith("FrictionDemand(batch of 5, side ")
 
 
 def test_wrong_masses_and_gravities_are_refused(circle):

@@ -1,1 +1,1 @@
-"""Floor 3: how the vehicle must turn. Profiles, programs, propagation, kinematics, control, dynamics."""
+"""Layer 3, attitude motion: profiles, programs, propagation, kinematics, control, dynamics."""

@@ -1,4 +1,4 @@
-"""Attitude with its first two derivatives, and the programs that give it as a function of time."""
+"""Attitude with its first two derivatives, and the abstract program: attitude as a function of time."""
 
 import abc
 import os
@@ -13,10 +13,10 @@ from qtraj.foundation.types import Quat, Scalar, ScalarLike, Vec3
 
 
 class Attitude(AbstractResult):
-    """Where a body points at one instant, and how it turns.
+    """Attitude, angular rate and angular acceleration at one instant.
 
     `quaternion` (4,), body to inertial, scalar first; `rate` (3,) [rad/s] and `acceleration` (3,) [rad/s²] in body
-    axes. A program's quaternion is of unit length; a real body's may have any.
+    axes. A program's quaternion is a unit quaternion; that of a simulated body may have any length.
     """
 
     quaternion: Quat
@@ -24,14 +24,14 @@ class Attitude(AbstractResult):
     acceleration: Vec3
 
     def record(self) -> Record:
-        """The fields; of many instants or bodies, as from `jax.vmap(program)(times)`, lanes in front."""
+        """The fields; a batch, as from `jax.vmap(program)(times)`, has its dimensions in front."""
         variables = {
             "quaternion": Quantity(self.quaternion, "1", "attitude, scalar first, body to inertial", ("component",)),
             "rate": Quantity(self.rate, "rad s-1", "angular rate, body axes", ("body",)),
             "acceleration": Quantity(self.acceleration, "rad s-2", "angular acceleration, body axes", ("body",)),
         }
-        turning, pushed = (np.linalg.norm(np.asarray(x), axis=-1) for x in (self.rate, self.acceleration))
-        shown = f"|rate| {extent(turning, 'rad/s')}, |acceleration| {extent(pushed, 'rad/s²')}"
+        rates, accelerations = (np.linalg.norm(np.asarray(x), axis=-1) for x in (self.rate, self.acceleration))
+        shown = f"|rate| {extent(rates, 'rad/s')}, |acceleration| {extent(accelerations, 'rad/s²')}"
         first = "" if self.quaternion.ndim > 1 else f"quaternion {vector_text(self.quaternion)}, "
         return Record(
             f"{batch_prefix(self.quaternion.shape[:-1])}{first}{shown}", variables, attributes={"frame": "body"}
@@ -50,6 +50,6 @@ class AbstractProgram(eqx.Module):
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the program to a TOML or JSON file, exactly; `qtraj.load` reads it.
 
-        **Raises:** ValueError for another suffix, or for a program that holds a function of the user's own.
+        **Raises:** ValueError for another suffix, or for a program that contains a user's function.
         """
         document.save(self, file)

@@ -1,4 +1,4 @@
-"""How far a recorded attitude is from a program, besides the constant mounting of whatever recorded it."""
+"""Difference between recorded attitudes and a program, apart from the constant mounting of the recorder."""
 
 import equinox as eqx
 import jax
@@ -18,17 +18,18 @@ from qtraj.path.track import Track, elapsed_times, to_float64
 from qtraj.path.trihedral import AbstractFrame, trihedral
 
 OVERHANG = 1e-6
-"""A track may outlast the program it is compared with by this part of the program's duration: rounding, no more."""
+"""Relative excess of a track's duration over the program's that counts as round-off."""
 
 
 @storable
 class AttitudeResidual(AbstractResult):
-    """Recorded attitudes against a program, over all samples at which its frame is defined.
+    """Residual of recorded attitudes relative to a program, over all samples at which its frame is defined.
 
-    `mounting` (4,), the constant unit quaternion m from the recorder's axes to those of the program: the recorded
-    attitude is λ⁰(t)∘m∘δ(t). Of the rest δ: `rms` and `maximum` [rad], the root mean square and the largest of its
-    angle; `axis_rms` (3,) [rad], the root mean square of its rotation vector's components, recorder's axes; `time` [s],
-    when it is largest, since the first sample. `samples`, how many were compared.
+    The recorded attitude is λ⁰(t)∘m∘δ(t) with a constant mounting m and a residual rotation δ. `mounting` (4,): the
+    unit quaternion m, from the recorder's axes to those of the program. `rms` and `maximum` [rad]: root mean square and
+    maximum of the angle of δ. `axis_rms` (3,) [rad]: root mean square of the components of its rotation vector,
+    recorder's axes. `time` [s]: when the angle is largest, from the first sample. `samples`: the number of samples
+    compared.
     """
 
     mounting: Quat
@@ -73,19 +74,19 @@ class AttitudeResidual(AbstractResult):
 
 
 def compare_attitude(program: AbstractProgram, track: Track, mounting: ArrayInput | None = None) -> AttitudeResidual:
-    """The recorded attitudes of `track`, whose first sample is at program time 0, against `program`.
+    """Compare the recorded attitudes of `track` with `program`; the first sample is at program time 0.
 
-    `mounting` (4,) is the attitude of the recorder in the program's axes, of any length but zero. Without it, the
-    constant one is estimated that makes the sum of the squared chordal distances least: the mean of λ̄⁰(t)∘λ(t) by its
-    quaternion outer products (Markley, Cheng, Crassidis and Oshman, "Averaging quaternions", JGCD 30, 2007). Signs and
-    lengths of recorded quaternions do not matter. Where the frame of a program flips, as the natural one does at
-    inflections, the comparison shows it: take `FrameProgram(path, Upright())` for vehicles.
+    `mounting` (4,): the attitude of the recorder in the program's axes, of any non-zero length. None estimates the
+    constant mounting that minimises the sum of squared chordal distances: the mean of λ̄⁰(t)∘λ(t) by quaternion outer
+    products (Markley, Cheng, Crassidis and Oshman, "Averaging quaternions", JGCD 30, 2007). Signs and lengths of the
+    recorded quaternions do not matter. A frame that flips, as the natural one does at inflections, shows as a large
+    residual: use `FrameProgram(path, Upright())` for vehicles.
 
     Samples at which the frame of a program is not defined, such as those at a stop, are left out.
 
-    **Raises:** ValueError where the track has no attitudes or lasts longer than the program, where the program's frame
-    is defined at no sample, for a mounting that is zero, not finite or of another shape, or inside a trace in which the
-    track is not known.
+    **Raises:** ValueError for a track without attitudes or one that lasts longer than the program; where the program's
+    frame is defined at no sample; for a mounting that is zero, not finite or of another shape; and inside a trace in
+    which the track is not known.
     """
     if track.attitudes is None:
         raise ValueError(
@@ -94,19 +95,19 @@ def compare_attitude(program: AbstractProgram, track: Track, mounting: ArrayInpu
         )
     times = elapsed_times(track)
     _require_covered(program, float(times[-1]))
-    given = None if mounting is None else real_vector(mounting, "the mounting", 4)
-    size = None if given is None else concrete(given)
-    if size is not None and not size.any():
-        raise ValueError("the mounting must be a quaternion other than zero")
+    user_mounting = None if mounting is None else real_vector(mounting, "the mounting", 4)
+    value = None if user_mounting is None else concrete(user_mounting)
+    if value is not None and not value.any():
+        raise ValueError("the mounting must be a non-zero quaternion (4,), but zero was given")
     dtype = jnp.result_type(program.duration, float)
     attitudes = as_array(to_float64(track.attitudes), dtype)
-    estimated, vectors, defined = _compared(program, as_array(times, dtype), attitudes, given)
-    _require_some(concrete(defined))
+    unit_mounting, vectors, defined = _compare(program, as_array(times, dtype), attitudes, user_mounting)
+    _require_any(concrete(defined))
     components = jnp.where(defined[:, None], vectors**2, 0.0)
     squares, samples = jnp.sum(components, axis=1), jnp.sum(defined.astype(dtype))
     worst = jnp.argmax(squares)
     return AttitudeResidual(
-        mounting=estimated,
+        mounting=unit_mounting,
         rms=_root(jnp.sum(squares) / samples),
         maximum=_root(squares[worst]),
         axis_rms=_root(jnp.sum(components, axis=0) / samples),
@@ -115,11 +116,11 @@ def compare_attitude(program: AbstractProgram, track: Track, mounting: ArrayInpu
     )
 
 
-def _require_some(defined: np.ndarray | None) -> None:
+def _require_any(defined: np.ndarray | None) -> None:
     if defined is not None and not defined.any():
         raise ValueError(
-            "the frame of this program is defined at no sample of the track, so there is no attitude to compare with: "
-            "take a part of the track on which the vehicle moves, track.window(t0, t1)"
+            "the frame of this program is defined at no sample of the track, so there is no attitude to compare with. "
+            "Use a part of the track on which the vehicle moves: track.window(t0, t1)."
         )
 
 
@@ -130,21 +131,26 @@ def mean(quaternions: Float[Array, "n 4"], weights: Float[Array, " n"]) -> Quat:
 
 
 @eqx.filter_jit
-def _compared(
-    program: AbstractProgram, times: Float[Array, " n"], attitudes: Float[Array, "n 4"], given: Quat | None
+def _compare(
+    program: AbstractProgram, times: Float[Array, " n"], attitudes: Float[Array, "n 4"], user_mounting: Quat | None
 ) -> tuple[Quat, Float[Array, "n 3"], Bool[Array, " n"]]:
-    """The mounting, the rotation vectors of the rest in the recorder's axes, and where the program is defined."""
+    """The mounting, the rotation vectors of the residual in the recorder's axes, and where the program is defined."""
     defined = _defined(program, times)
-    wanted = jax.vmap(lambda t: program(t).quaternion)(times)
-    mounted = jax.vmap(lambda p, q: quaternion.product(quaternion.conjugate(p), quaternion.unit(q)))(wanted, attitudes)
+    reference = jax.vmap(lambda t: program(t).quaternion)(times)
+    mounted = jax.vmap(lambda p, q: quaternion.product(quaternion.conjugate(p), quaternion.unit(q)))(
+        reference, attitudes
+    )
     dtype = mounted.dtype
-    mounting = mean(mounted, defined.astype(dtype)) if given is None else quaternion.unit(given.astype(dtype))
-    rest = jax.vmap(lambda q: quaternion.product(quaternion.conjugate(mounting), q))(mounted)
-    return mounting, jax.vmap(rotation.to_rotation_vector)(rest), defined
+    if user_mounting is None:
+        mounting = mean(mounted, defined.astype(dtype))
+    else:
+        mounting = quaternion.unit(user_mounting.astype(dtype))
+    residual = jax.vmap(lambda q: quaternion.product(quaternion.conjugate(mounting), q))(mounted)
+    return mounting, jax.vmap(rotation.to_rotation_vector)(residual), defined
 
 
 def _defined(program: AbstractProgram, times: Float[Array, " n"]) -> Bool[Array, " n"]:
-    """Where the frame of a path exists; everywhere for other programs."""
+    """Where the frame of a path is defined; true everywhere for other programs."""
     if not isinstance(program, FrameProgram) or not isinstance(program.frame, AbstractFrame):
         return jnp.ones(times.shape, bool)
     path, frame = program.path, program.frame
@@ -152,19 +158,19 @@ def _defined(program: AbstractProgram, times: Float[Array, " n"]) -> Bool[Array,
 
 
 def _root(square: Array) -> Array:
-    """The square root, whose derivative vanishes where it does."""
+    """√square, with a zero derivative at zero."""
     return jnp.where(square == 0, 0.0, jnp.sqrt(jnp.where(square == 0, 1.0, square)))
 
 
-def _require_covered(program: AbstractProgram, wanted: float) -> None:
+def _require_covered(program: AbstractProgram, duration: float) -> None:
     available = concrete(program.duration)
-    if available is not None and wanted > float(available) * (1 + OVERHANG):
+    if available is not None and duration > float(available) * (1 + OVERHANG):
         raise ValueError(
-            f"the track lasts {wanted:.9g} s, but the program only {float(available):.9g} s: compare with the window "
-            "of the track that the program covers, track.window(t0, t1)."
+            f"the track lasts {duration:.9g} s, but the program only {float(available):.9g} s. Compare a window of the "
+            "track that the program covers: track.window(t0, t1)."
         )
 
 
 def mounting_angles(residual: AttitudeResidual) -> np.ndarray:
-    """Yaw, pitch and roll (3,) [rad] of the mounting, the turns about z, y and x in this order (Z-Y-X)."""
+    """Yaw, pitch and roll (3,) [rad] of the mounting: rotations about z, y and x, in this order (Z-Y-X)."""
     return np.asarray(rotation.to_euler(residual.mounting, "ZYX"))

@@ -1,4 +1,4 @@
-"""What the propagation and the integration of an attitude ask of their input alike."""
+"""Checks of the input that propagation and integration of an attitude share."""
 
 import contextlib
 import functools
@@ -15,42 +15,42 @@ from qtraj.foundation.types import ArrayInput, Quat
 def output_times(times: ArrayInput) -> Float[Array, " n"]:
     """Instants (n,) [s], n ≥ 1, as a float vector.
 
-    **Raises:** ValueError for another shape, and where they are known and not finite or not strictly increasing.
+    **Raises:** ValueError for another shape, and for known values that are not finite or not strictly increasing.
     """
     times = as_float(times)
     if times.ndim != 1 or times.shape[0] == 0:
         raise ValueError(f"times must be a vector of at least one instant [s], but have shape {times.shape}")
     require_finite(times, "times")
-    known = concrete(times)
-    if known is not None and np.any(late := np.diff(known) <= 0):
+    values = concrete(times)
+    if values is not None and np.any(late := np.diff(values) <= 0):
         i = int(np.argmax(late))
         raise ValueError(
-            f"times must increase strictly, but times[{i}] = {known[i]:.9g} s is followed by {known[i + 1]:.9g} s"
+            f"times must increase strictly, but times[{i}] = {values[i]:.9g} s is followed by {values[i + 1]:.9g} s"
         )
     return times
 
 
 def initial_quaternion(quaternion: ArrayInput) -> Quat:
-    """The first λ (4,), of any length but zero (ValueError for zero, other shapes, and what is not finite)."""
+    """The initial λ (4,), of any non-zero length; ValueError for zero, another shape, or values that are not finite."""
     quaternion = real_vector(quaternion, "the initial quaternion", 4)
-    known = concrete(quaternion)
-    if known is not None and not known.any():
-        raise ValueError("the initial quaternion must not be zero: it would have no attitude")
+    values = concrete(quaternion)
+    if values is not None and not values.any():
+        raise ValueError("the initial quaternion must not be zero: zero represents no attitude")
     return quaternion
 
 
 def require_axes(axes: str) -> None:
-    """Raise a ValueError for axes that are neither 'body' nor 'inertial'."""
+    """Raise a ValueError unless `axes` is 'body' or 'inertial'."""
     if axes not in ("body", "inertial"):
         raise ValueError(f"axes must be 'body' or 'inertial', but {axes!r} was given")
 
 
 def common_dtype(*arrays: jax.Array) -> jnp.dtype:
-    """The widest float among them (JAX's own rule refuses to mix under strict promotion)."""
+    """The widest float dtype of the arrays; JAX's own promotion refuses to mix them under strict promotion."""
     return functools.reduce(np.promote_types, (x.dtype for x in arrays))
 
 
 def at_once() -> contextlib.AbstractContextManager:
-    """Lets a program that is being traced compute what it knows already."""
-    staged = concrete(jnp.zeros(())) is None
-    return jax.ensure_compile_time_eval() if staged else contextlib.nullcontext()
+    """A context in which known values stay known inside a trace."""
+    traced = concrete(jnp.zeros(())) is None
+    return jax.ensure_compile_time_eval() if traced else contextlib.nullcontext()

@@ -1,4 +1,4 @@
-"""Torques on a body, and the forces that a path demands of a vehicle (the conclusions of papers C and S).
+"""Torques on a body, and the forces that a vehicle needs to follow a path (conclusions of papers C and S).
 
 Inertias are a scalar J for a spherical body (paper C, remark 2), (3,) principal moments, or a (3, 3) tensor in body
 axes [kg m²]. Gravity is the vector g⃗ (3,) [m/s²] in world axes, or a number g for (0, 0, −g).
@@ -17,10 +17,10 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, Natural, Upright, trihedral
 
 SYMMETRY = 1e-6
-"""An inertia may be asymmetric by this part of its largest entry: rounding of a file, no more."""
+"""Asymmetry of an inertia, relative to its largest entry, that counts as round-off of a file."""
 
-PULLING = "infinite where the road would have to pull"
-"""What a demand of friction says where nothing presses on the road."""
+NO_CONTACT = "infinite where the vehicle does not press on the road"
+"""Description of a friction demand without a positive normal force."""
 
 
 def torque(attitude: Attitude, inertia: ArrayInput) -> Vec3:
@@ -34,7 +34,7 @@ def torque(attitude: Attitude, inertia: ArrayInput) -> Vec3:
 
 
 def acceleration(torque: Vec3, rate: Vec3, inertia: ArrayInput) -> Vec3:
-    """ε = J⁻¹(M − ω×Jω) [rad/s²] in body axes: the way back from `torque`.
+    """ε = J⁻¹(M − ω×Jω) [rad/s²] in body axes: the inverse of `torque`.
 
     **Raises:** ValueError as `torque`.
     """
@@ -44,7 +44,7 @@ def acceleration(torque: Vec3, rate: Vec3, inertia: ArrayInput) -> Vec3:
 
 
 def rotational_power(attitude: Attitude, inertia: ArrayInput) -> Scalar:
-    """M·ω [W]: the power of the torque, d/dt of ½ω·Jω.
+    """M·ω [W]: the power of the torque, the time derivative of ½ω·Jω.
 
     **Raises:** ValueError as `torque`.
     """
@@ -52,17 +52,22 @@ def rotational_power(attitude: Attitude, inertia: ArrayInput) -> Scalar:
 
 
 def inertia_matrix(inertia: ArrayInput) -> Mat3:
-    """An inertia as a (3, 3) tensor [kg m²]; ValueError where it is known to be none."""
+    """An inertia as a (3, 3) tensor [kg m²].
+
+    **Raises:** ValueError for another shape, or a known value that is not symmetric and positive definite.
+    """
     J = as_float(inertia)
     if J.shape not in ((), (3,), (3, 3)):
-        raise ValueError(f"an inertia must be a scalar, (3,) or (3, 3), but its shape is {J.shape}")
+        raise ValueError(f"an inertia must be a scalar, (3,) or (3, 3), but shape {J.shape} was given")
     J = J if J.ndim == 2 else jnp.diag(jnp.broadcast_to(J, (3,)))
     require_finite(J, "the inertia")
     known = concrete(J)
     if known is not None:
         symmetric = np.abs(known - known.T).max() <= SYMMETRY * np.abs(known).max()
         if not symmetric or not (np.linalg.eigvalsh(known) > 0).all():
-            raise ValueError(f"an inertia must be symmetric with positive principal moments, not {known.tolist()}")
+            raise ValueError(
+                f"an inertia must be symmetric with positive principal moments, but {known.tolist()} was given"
+            )
     return J
 
 
@@ -73,10 +78,10 @@ def forces(
     gravity: ArrayInput,
     frame: AbstractFrame | None = None,
 ) -> Vec3:
-    """F = m r̈ − m g⃗ [N] on the axes of the trihedral: (F_τ, F_n, F_b), what driving, banking and lift must supply.
+    """F = m r̈ − m g⃗ [N] in the axes of the trihedral: (F_τ, F_n, F_b), supplied by drive, side force and lift.
 
-    `mass` [kg]. `frame`: None for the natural trihedral, whose n points to the inside of the turn; `Upright()` for
-    the components forward, to the left and up.
+    `mass` [kg]. `frame`: None for the natural trihedral, whose n points to the centre of curvature;
+    `Upright()` for the components forward, to the left and up.
 
     **Raises:** ValueError for a mass that is not positive, or a gravity of another shape.
     """
@@ -86,7 +91,7 @@ def forces(
 
 
 def power(path: AbstractHodograph, t: ScalarLike, mass: ArrayInput, gravity: ArrayInput) -> Scalar:
-    """F·ṙ [W]: the rate at which kinetic and potential energy grow, m(r̈ − g⃗)·ṙ.
+    """F·ṙ [W]: the time derivative of kinetic and potential energy, m(r̈ − g⃗)·ṙ.
 
     **Raises:** ValueError as `forces`.
     """
@@ -95,24 +100,26 @@ def power(path: AbstractHodograph, t: ScalarLike, mass: ArrayInput, gravity: Arr
 
 
 class FrictionDemand(AbstractResult):
-    """Horizontal over normal force at the road, at one instant; infinite where the road would have to pull.
+    """Tangential over normal force at the road, at one instant; infinite where the vehicle does not press on it.
 
-    `side`: |F_side|/F_normal. `total`: √(F_τ² + F_side²)/F_normal, to be compared with the coefficient of friction.
-    Which frame the road lies in is not kept, as in a `Trihedral`.
+    `side`: |F_side|/F_normal. `total`: √(F_τ² + F_side²)/F_normal, to compare with the coefficient of friction. The
+    frame of the road is not stored, as in a `Trihedral`.
     """
 
     side: Scalar
     total: Scalar
 
     def record(self) -> Record:
-        """The two numbers; of many instants or paths, as under `jax.vmap`, lanes in front."""
+        """The two numbers; a batch, as from `jax.vmap`, has its dimensions in front."""
         variables = {
-            "side": Quantity(self.side, "1", f"side force over normal force; {PULLING}"),
-            "total": Quantity(self.total, "1", f"tangential and side force together over normal force; {PULLING}"),
+            "side": Quantity(self.side, "1", f"side force over normal force; {NO_CONTACT}"),
+            "total": Quantity(
+                self.total, "1", f"resultant of tangential and side force over normal force; {NO_CONTACT}"
+            ),
         }
-        pulled = np.isinf(np.asarray(self.total))
-        flies = "" if not pulled.any() else f", {'' if pulled.all() else 'partly '}the road would have to pull"
-        summary = f"{batch_prefix(self.total.shape)}side {extent(self.side)}, total {extent(self.total)}{flies}"
+        airborne = np.isinf(np.asarray(self.total))
+        note = "" if not airborne.any() else f", {'' if airborne.all() else 'partly '}without contact with the road"
+        summary = f"{batch_prefix(self.total.shape)}side {extent(self.side)}, total {extent(self.total)}{note}"
         return Record(summary, variables, attributes={"frame": "trihedral"})
 
 
@@ -123,18 +130,18 @@ def friction_demand(
     gravity: ArrayInput,
     frame: AbstractFrame | None = None,
 ) -> FrictionDemand:
-    """What the contact with the road must hold, in the upright frame: forward, to the side, normal to the road.
+    """The friction that the contact with the road needs, from the forces forward, sideways and normal to the road.
 
-    `frame`: None for `Upright()`; a banked road is an `Upright` with its own up direction. The demand does not depend
-    on the mass.
+    `frame`: None for `Upright()`; for a banked road, an `Upright` with its normal as the up direction. The demand does
+    not depend on the mass.
 
     **Raises:** ValueError as `forces`.
     """
     force = forces(path, t, mass, gravity, Upright() if frame is None else frame)
-    presses = force[2] > 0
-    normal = jnp.where(presses, force[2], 1.0)
+    contact = force[2] > 0
+    normal = jnp.where(contact, force[2], 1.0)
     side, total = jnp.abs(force[1]) / normal, norm(force[:2]) / normal
-    return FrictionDemand(jnp.where(presses, side, jnp.inf), jnp.where(presses, total, jnp.inf))
+    return FrictionDemand(jnp.where(contact, side, jnp.inf), jnp.where(contact, total, jnp.inf))
 
 
 def _world_force(acceleration: Vec3, mass: ArrayInput, gravity: ArrayInput) -> Vec3:

@@ -1,4 +1,4 @@
-"""The laws, point by point: errors, commands, baselines. No integration; see test_simulate for closed loops."""
+"""Errors, commands and baselines at single states; test_simulate has the closed loops."""
 
 import functools
 
@@ -29,16 +29,16 @@ def random_states(count=20):
 
 
 def jet(quaternion, rate, acceleration):
-    """λ(s) near s = 0 of a body with this state and acceleration, exact to second order."""
+    """λ(s) of a body with this state and acceleration, exact to second order in s."""
     velocity = 0.5 * qt.quaternion.product(quaternion, rate)
-    bend = 0.5 * (qt.quaternion.product(velocity, rate) + qt.quaternion.product(quaternion, acceleration))
-    return lambda s: quaternion + s * velocity + 0.5 * s**2 * bend
+    second = 0.5 * (qt.quaternion.product(velocity, rate) + qt.quaternion.product(quaternion, acceleration))
+    return lambda s: quaternion + s * velocity + 0.5 * s**2 * second
 
 
 def ahead(s, reference, quaternion, rate, acceleration):
-    """Program and body a moment later, exact to second order in s."""
-    nothing = jnp.zeros(1)
-    omega, epsilon = (jnp.concatenate([nothing, v]) for v in (reference.rate, reference.acceleration))
+    """Program and body after the time s, exact to second order in s."""
+    zero = jnp.zeros(1)
+    omega, epsilon = (jnp.concatenate([zero, v]) for v in (reference.rate, reference.acceleration))
     moved = jet(reference.quaternion, omega, epsilon)(s)
     return Attitude(moved, reference.rate, reference.acceleration), jet(quaternion, rate, acceleration)(s)
 
@@ -56,7 +56,7 @@ def derivatives(f):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_commanded_acceleration_makes_the_error_linear(kind):
-    gains = random_gains(np.random.default_rng(3))[1:]  # scalar ones have tests of their own
+    gains = random_gains(np.random.default_rng(3))[1:]  # scalar gains: test_the_explicit_form_for_scalar_gains
     target = np.zeros(4) if kind == "additive" else IDENTITY
 
     def residuals(t, quaternion, rate):
@@ -100,20 +100,20 @@ def test_the_explicit_form_for_scalar_gains():
         square = mu @ mu
         back = qt.quaternion.conjugate(jnp.asarray(mu))
         w = qt.quaternion.rotate(back, at.rate)
-        excess = rate[1:] - w
+        rate_error = rate[1:] - w
         vector = (
             qt.quaternion.rotate(back, at.acceleration)
-            + np.cross(w, excess)
-            - (k1 + rate[0]) * excess
+            + np.cross(w, rate_error)
+            - (k1 + rate[0]) * rate_error
             - 2 * k2 * mu[1:] / square
         )
-        scalar = -0.5 * (rate[0] ** 2 - excess @ excess) - k1 * rate[0] - 2 * k2 * (1 - mu[0] / square)
+        scalar = -0.5 * (rate[0] ** 2 - rate_error @ rate_error) - k1 * rate[0] - 2 * k2 * (1 - mu[0] / square)
         command = AccelerationLaw(k1, k2)(at, jnp.asarray(quaternion), jnp.asarray(rate))
         np.testing.assert_allclose(command, [scalar, *vector], rtol=EXACT, atol=EXACT)
 
 
 @pytest.mark.parametrize("law", [AccelerationLaw(2.0, 1.0, kind) for kind in KINDS] + [B(2.0, 1.0) for B in BASELINES])
-def test_on_the_program_the_command_is_the_program(law):
+def test_without_an_error_the_command_is_the_program(law):
     at = program(1.7)
     command = law(at, at.quaternion, jnp.concatenate([jnp.zeros(1), at.rate]))
     np.testing.assert_allclose(command, [0, *at.acceleration], atol=EXACT)
@@ -130,7 +130,7 @@ def test_scalar_diagonal_and_full_gains_agree():
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_state_comes_back_from_its_error(kind):
+def test_state_from_error_inverts_error_and_error_rate(kind):
     for t, quaternion, rate in zip(*random_states(3), strict=True):
         at, quaternion, rate = program(t), jnp.asarray(quaternion), jnp.asarray(rate)
         x, v = control.error_quaternion(at, quaternion, kind), control.error_rate(at, quaternion, rate, kind)
@@ -140,7 +140,7 @@ def test_a_state_comes_back_from_its_error(kind):
 
 
 def test_the_two_compositions():
-    """(2.1) adds components of two bases and (2.2) vectors: Δε is the difference of the vectors, δε is not."""
+    """(2.1) adds components in two bases, (2.2) adds vectors: Δε is the difference of the vectors, δε is not."""
     at, (_, (quaternion,), (rate,)) = program(2.1), random_states(1)
     quaternion = jnp.asarray(quaternion)
     command = AccelerationLaw(2.0, 1.0)(at, quaternion, jnp.asarray(rate))
@@ -183,19 +183,19 @@ def test_the_geometric_error_is_half_the_sum_of_the_cross_products_of_the_axes()
 
 
 def test_baselines_damp_the_rate_error_and_feed_the_program_forward():
-    """Ω̇ = −K1Ω − K2e: with ω_v − w = Ω measured by differentiation along the motion."""
+    """Ω̇ = −K1Ω − K2e, with Ω = ω_v − w differentiated along the motion."""
     k1, k2 = 1.5, jnp.diag(jnp.asarray([0.5, 0.7, 0.9]))
     law = QuaternionFeedback(k1, k2)
     t, quaternion, rate = 0.9, jnp.asarray([0.9, 0.2, -0.1, 0.3]), jnp.asarray([0.0, 0.5, -0.2, 0.4])
     command = law(program(t), quaternion, rate)
     curve = jet(quaternion, rate, command)
 
-    def excess(s):
+    def rate_error(s):
         q = curve(s)
         mu = control.error_quaternion(program(t + s), q)
         return rate[1:] + s * command[1:] - qt.quaternion.rotate(qt.quaternion.conjugate(mu), program(t + s).rate)
 
-    omega, slope = jax.jvp(excess, (jnp.asarray(0.0),), (jnp.asarray(1.0),))
+    omega, slope = jax.jvp(rate_error, (jnp.asarray(0.0),), (jnp.asarray(1.0),))
     mu = qt.quaternion.unit(control.error_quaternion(program(t), quaternion))
     np.testing.assert_allclose(slope, -k1 * omega - k2 @ (2 * mu[1:]), atol=EXACT)
 

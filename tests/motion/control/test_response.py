@@ -1,4 +1,4 @@
-"""Gains, the closed-form response, and the choices at the start."""
+"""Gains, the closed-form response, and the choice of sign and normalization."""
 
 import jax
 import jax.numpy as jnp
@@ -27,12 +27,12 @@ def test_the_response_is_the_exponential_of_the_block_matrix(index, kind):
     k1, k2 = random_gains(np.random.default_rng(7))[index]
     target = np.zeros(4) if kind == "additive" else IDENTITY
     times = np.array([0.0, 0.3, 2.0, 9.0])
-    found = control.error_response(AccelerationLaw(k1, k2, kind), MU0, RATE0, times)
-    for t, mu in zip(times, found, strict=True):
+    response = control.error_response(AccelerationLaw(k1, k2, kind), MU0, RATE0, times)
+    for t, mu in zip(times, response, strict=True):
         moved = scipy.linalg.expm(block(k1, k2) * t) @ np.concatenate([MU0 - target, RATE0])
         np.testing.assert_allclose(mu, target + moved[:4], atol=10 * EXACT)
     one = control.error_state(AccelerationLaw(k1, k2, kind), MU0, RATE0, 2.0)
-    np.testing.assert_allclose(one[0], found[2], atol=EXACT)
+    np.testing.assert_allclose(one[0], response[2], atol=EXACT)
     moved = scipy.linalg.expm(block(k1, k2) * 2.0) @ np.concatenate([MU0 - target, RATE0])
     np.testing.assert_allclose(one[1], moved[4:], atol=10 * EXACT)
 
@@ -50,7 +50,7 @@ def test_the_response_of_the_rate_law():
     ("k1", "k2"),
     [(2.0, 1.0), (2.0, 1.0 + 1e-9), (2.0, 0.9), (2.0, 25.0), (50.0, 0.01), (0.0, 4.0), (0.0, 0.0), (3.0, -0.5)],
 )
-def test_the_elementary_solutions_at_and_around_every_damping(k1, k2):
+def test_the_elementary_solutions_at_and_near_critical_damping(k1, k2):
     def first(k1, k2, t):
         start = jnp.asarray([2.0, 0, 0, 0])  # x = (1, 0, 0, 0)
         return control.error_response(AccelerationLaw(k1, k2), start, -0.5 * start, t)[0] - 1
@@ -70,7 +70,7 @@ def test_the_elementary_solutions_at_and_around_every_damping(k1, k2):
         np.testing.assert_allclose(slope, slopes, rtol=1e-9, atol=1e-10)
 
 
-def test_no_overflow_far_out():
+def test_no_overflow_at_large_times():
     for k1, k2 in ((50.0, 0.01), (2.0, 1.0), (0.2, 9.0)):
         far = control.error_response(AccelerationLaw(k1, k2), MU0, RATE0, 1e6)
         np.testing.assert_allclose(far, IDENTITY, atol=EXACT)
@@ -88,12 +88,12 @@ def test_gains_from_a_settling_time(residual, kt):
     k1, k2 = gains.from_settling_time(10.0, residual)
     np.testing.assert_allclose(k1, 2 * kt / 10, atol=1e-4)
     np.testing.assert_allclose(k2, k1**2 / 4, rtol=EXACT)
-    left = control.error_response(AccelerationLaw(k1, k2, "additive"), MU0, np.zeros(4), 10.0)
-    np.testing.assert_allclose(left, residual * MU0, rtol=1e-11)
+    final = control.error_response(AccelerationLaw(k1, k2, "additive"), MU0, np.zeros(4), 10.0)
+    np.testing.assert_allclose(final, residual * MU0, rtol=1e-11)
 
 
 @pytest.mark.parametrize("residual", [1 - 1e-9, 0.5, 1e-3, 1e-300])
-def test_settling_holds_at_both_ends_and_differentiates(residual):
+def test_settling_gains_are_exact_and_differentiable_at_extreme_residuals(residual):
     k1, _ = gains.from_settling_time(1.0, residual)
     x = 0.5 * float(k1)
     np.testing.assert_allclose(np.log1p(x) - x, np.log(residual), rtol=1e-6 if residual > 0.99 else 1e-13)
@@ -111,14 +111,14 @@ def test_gains_from_damping_and_from_weights():
         np.testing.assert_allclose(gains.from_weights(q1, q2, r), (k1, k2), rtol=1e-10)
 
 
-def test_gains_of_single_and_double_precision_mix():
+def test_arguments_of_single_and_double_precision_can_be_mixed():
     for make in (gains.from_settling_time, gains.from_damping):
         np.testing.assert_allclose(make(np.float32(2.0), 0.5), make(2.0, 0.5), rtol=EXACT)
     np.testing.assert_allclose(gains.from_weights(np.float32(4.0), 2.0, 1.0), gains.from_weights(4.0, 2.0, 1.0))
     assert gains.from_damping(np.float32(2.0), np.float32(0.5))[0].dtype == np.float32
 
 
-def test_gains_that_make_no_sense_are_refused():
+def test_arguments_out_of_range_are_refused():
     for call, message in [
         (lambda: gains.from_settling_time(-1.0), "settling time must be positive"),
         (lambda: gains.from_settling_time(1.0, 1.0), "between 0 and 1"),
@@ -144,8 +144,8 @@ def unit_starts(count, spread):
     return mu, rate - np.sum(rate * mu, axis=1, keepdims=True) * mu
 
 
-def test_the_error_stays_off_zero_from_the_near_sheet_at_any_rate():
-    """Critical and overdamped scalar gains, THEORY's regularity; the samples agree with a dense scan."""
+def test_the_error_does_not_vanish_with_the_near_sign_at_any_rate():
+    """For critical and overdamped scalar gains; `least_norm` agrees with a dense scan."""
     times = np.concatenate([np.linspace(0, 3, 1500), np.linspace(3, 60, 600)])
 
     def both(mu, rate, k1):
@@ -157,13 +157,13 @@ def test_the_error_stays_off_zero_from_the_near_sheet_at_any_rate():
     for spread in (1.0, 30.0):
         mu, rate = unit_starts(60, spread)
         for k1 in (2.0, 5.0):
-            least, dense = run(mu, rate, k1)
-            assert (least > 0.01 / spread).all()
-            assert (least <= dense + 1e-12).all()
-            np.testing.assert_allclose(least, dense, atol=2e-2)
+            minimum, dense = run(mu, rate, k1)
+            assert (minimum > 0.01 / spread).all()
+            assert (minimum <= dense + 1e-12).all()
+            np.testing.assert_allclose(minimum, dense, atol=2e-2)
 
 
-def test_from_the_far_sheet_it_runs_into_zero():
+def test_the_error_vanishes_with_the_far_sign():
     law = AccelerationLaw(2.0, 1.0)
     assert control.least_norm(law, -jnp.asarray(IDENTITY), jnp.zeros(4)) < 1e-9
     assert control.least_norm(RateLaw(1.0), -jnp.asarray(IDENTITY)) < 1e-9
@@ -172,14 +172,14 @@ def test_from_the_far_sheet_it_runs_into_zero():
         control.least_norm(AccelerationLaw(2.0, 1.0, "additive"), MU0, RATE0)
 
 
-def test_the_sign_is_the_near_one_at_rest_and_the_smoother_one_at_speed():
+def test_the_chosen_sign_is_the_near_one_at_rest_and_the_larger_minimum_at_speed():
     rest, still = Rest()(0.0), jnp.zeros(4)
     near = jnp.asarray([0.3, 0.9, -0.2, 0.1])
     laws = [AccelerationLaw(2.0, 1.0, kind) for kind in ("body", "inertial", "additive")] + [RateLaw(1.0)]
     for law in laws:
         for start in (near, -near):
             np.testing.assert_allclose(control.choose_sign(law, rest, start, still), near)
-    # Flying fast through the antipode towards the far sheet: going on is smoother than turning back.
+    # At a fast rate away from λ⁰ the error keeps further from zero towards −λ⁰.
     law, fast = AccelerationLaw(2.0, 1.0), jnp.asarray([0.0, 12.0, 0, 0])
     start = jnp.asarray([0.3, np.sqrt(1 - 0.09), 0, 0])
     chosen = control.choose_sign(law, rest, start, fast)
@@ -190,15 +190,15 @@ def test_the_sign_is_the_near_one_at_rest_and_the_smoother_one_at_speed():
     np.testing.assert_array_equal(chosen, -start)
 
 
-def test_the_gauge_of_gibbs_keeps_the_scalar_at_one_and_the_gibbs_vector_linear():
+def test_the_gibbs_normalization_keeps_the_scalar_at_one_and_the_gibbs_vector_linear():
     program, k1, k2 = ThreeAxis(), 2.5, 1.2
     at = program(1.0)
     quaternion, rate = jnp.asarray([0.2, -0.4, 0.3, -0.6]), jnp.asarray([0.7, 0.5, -0.3, 0.9])
-    scaled, gauged = control.gibbs_normalization(at, quaternion, rate)
-    np.testing.assert_allclose(gauged[1:], rate[1:])
+    scaled, normalized = control.gibbs_normalization(at, quaternion, rate)
+    np.testing.assert_allclose(normalized[1:], rate[1:])
     np.testing.assert_allclose(np.abs(scaled @ quaternion), np.linalg.norm(scaled) * np.linalg.norm(quaternion))
     for kind in ("body", "inertial"):
-        mu, slope = control.error_quaternion(at, scaled, kind), control.error_rate(at, scaled, gauged, kind)
+        mu, slope = control.error_quaternion(at, scaled, kind), control.error_rate(at, scaled, normalized, kind)
         np.testing.assert_allclose([mu[0], slope[0]], [1, 0], atol=EXACT)
         response = control.error_response(AccelerationLaw(k1, k2, kind), mu, slope, np.linspace(0, 5, 6))
         np.testing.assert_allclose(response[:, 0], 1, atol=EXACT)

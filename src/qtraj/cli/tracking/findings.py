@@ -10,8 +10,8 @@ from qtraj.cli.tracking.job import Job
 from qtraj.foundation.outcome import ResultCode
 from qtraj.motion.control.errors import error_quaternion, error_rate
 from qtraj.motion.control.laws import AccelerationLaw, RateLaw
-from qtraj.motion.control.response import growth
-from qtraj.motion.control.sheet import least_norm
+from qtraj.motion.control.quaternion_sign import least_norm
+from qtraj.motion.control.response import spectral_abscissa
 from qtraj.motion.simulation.sensor import Sensor
 from qtraj.motion.simulation.simulate import NEAR
 
@@ -69,7 +69,7 @@ def outcome(course: Course, found: dict[str, Any]) -> int:
 
 def stability(job: Job) -> dict[str, Any]:
     """The largest real part of the closed loop's eigenvalues [1/s], and whether the error decays."""
-    fastest = growth(job.law)
+    fastest = spectral_abscissa(job.law)
     return {"growth": fastest, "stable": fastest < 0}
 
 
@@ -90,7 +90,7 @@ def _least_error(job: Job, course: Course, reason: str | None) -> dict[str, Any]
         return None
     least = float(np.nanmin(lengths))
     kind = law.error if isinstance(law, AccelerationLaw) else "body"
-    if reason is not None or kind == "additive" or growth(law) >= 0:
+    if reason is not None or kind == "additive" or spectral_abscissa(law) >= 0:
         return {"value": least, "exact": False}
     start = job.program(course.solution.times[0])
     mu, slope = (error_quaternion(start, job.quaternion, kind), error_rate(start, job.quaternion, job.rate, kind))

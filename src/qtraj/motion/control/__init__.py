@@ -1,4 +1,7 @@
-"""Attitude control after paper C: errors, laws, gains, the closed-form response, and the choices at the start."""
+"""Attitude control of paper C: errors, laws, gains, closed-form responses, and choices in the initial state."""
+
+import warnings
+from typing import Any
 
 from qtraj.motion.control.baselines import GeometricFeedback, LogarithmicFeedback, QuaternionFeedback
 from qtraj.motion.control.closed_form import ClosedMotion, closed_motion
@@ -6,8 +9,8 @@ from qtraj.motion.control.commands import body_command, body_correction, inertia
 from qtraj.motion.control.errors import error_angle, error_quaternion, error_rate, state_from_error
 from qtraj.motion.control.gains import from_damping, from_settling_time, from_weights, rate_from_settling_time
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
-from qtraj.motion.control.response import error_response, error_state, growth
-from qtraj.motion.control.sheet import choose_sign, gibbs_normalization, least_norm, place
+from qtraj.motion.control.quaternion_sign import choose_sign, gibbs_normalization, least_norm, place
+from qtraj.motion.control.response import error_response, error_state, spectral_abscissa
 
 __all__ = [
     "AbstractLaw",
@@ -30,11 +33,22 @@ __all__ = [
     "from_settling_time",
     "from_weights",
     "gibbs_normalization",
-    "growth",
     "inertial_command",
     "inertial_correction",
     "least_norm",
     "place",
     "rate_from_settling_time",
+    "spectral_abscissa",
     "state_from_error",
 ]
+
+_RENAMED = {"gibbs_gauge": "gibbs_normalization", "growth": "spectral_abscissa"}
+"""Former public names, which warn until 1.0, and the present ones."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _RENAMED:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    present = _RENAMED[name]
+    warnings.warn(f"qtraj.control.{name} is now called qtraj.control.{present}", DeprecationWarning, stacklevel=2)
+    return globals()[present]

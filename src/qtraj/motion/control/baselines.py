@@ -1,8 +1,8 @@
-"""Three established attitude feedbacks, as baselines: their closed loops are not linear.
+"""Three established attitude feedbacks, as baselines for comparison: their closed loops are not linear.
 
-All demand Ω̇ = −K1Ω − K2 e of the rate error Ω = ω_v − w, w = μ⁻¹ω⁰μ, and differ in the attitude error e, which is Φ
-along the axis for small angles Φ. All are fed forward, so the tracking error of a moving program is that of a resting
-one. Gains are a scalar, (3,) diagonal or (3, 3). The virtual part of their command is 0; |λ| plays no role.
+All demand Ω̇ = −K1Ω − K2 e of the rate error Ω = ω_v − w, w = μ⁻¹ω⁰μ. They differ in the attitude error e, which for
+small angles Φ is Φ times the axis. The program is fed forward, so the error does not depend on whether it moves. Gains
+are a scalar, (3,) for a diagonal, or (3, 3). The virtual part of the command is 0, and |λ| has no effect.
 """
 
 import jax.numpy as jnp
@@ -20,7 +20,7 @@ from qtraj.motion.control.laws import AbstractLaw, Gain, apply, gain
 class QuaternionFeedback(AbstractLaw):
     """e = 2 sgn(μ0) μ_v/|μ|, of length 2 sin Φ/2 (Wie & Barba 1985; Yuan 1988, reference [4] of paper C).
 
-    `k1` [1/s], `k2` [1/s²]. The sign takes the shorter way; at μ0 = 0 it is +.
+    `k1` [1/s], `k2` [1/s²]. The sign selects the shorter rotation; at μ0 = 0 it is +.
     """
 
     k1: Gain
@@ -30,10 +30,12 @@ class QuaternionFeedback(AbstractLaw):
         self.k1, self.k2 = gain(k1, "k1", 3), gain(k2, "k2", 3)
 
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
+        """The command (4,) [rad/s²] in body axes; its virtual part is 0."""
         mu = unit(error_quaternion(reference, quaternion))
         return _feedback(self, reference, mu, rate, 2 * jnp.where(mu[0] < 0, -mu[1:], mu[1:]))
 
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
+        """The error quaternion μ (4,)."""
         return error_quaternion(reference, quaternion)
 
 
@@ -41,8 +43,8 @@ class QuaternionFeedback(AbstractLaw):
 class GeometricFeedback(AbstractLaw):
     """e = ½(R_dᵀR − RᵀR_d)^∨, of length sin Φ: half the sum of the cross products of the axes.
 
-    `k1` [1/s], `k2` [1/s²]. Lee's feedback on SO(3); in robotics that of Luh and of Fu & Gonzalez, reference [3] of
-    paper C. It fades towards Φ = π, where it vanishes.
+    `k1` [1/s], `k2` [1/s²]. Lee's feedback on SO(3), in robotics known from Luh and from Fu & Gonzalez (reference [3]
+    of paper C). It decreases towards Φ = π, where it vanishes.
     """
 
     k1: Gain
@@ -52,10 +54,12 @@ class GeometricFeedback(AbstractLaw):
         self.k1, self.k2 = gain(k1, "k1", 3), gain(k2, "k2", 3)
 
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
+        """The command (4,) [rad/s²] in body axes; its virtual part is 0."""
         mu = unit(error_quaternion(reference, quaternion))
         return _feedback(self, reference, mu, rate, 2 * mu[0] * mu[1:])
 
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
+        """The error quaternion μ (4,)."""
         return error_quaternion(reference, quaternion)
 
 
@@ -70,10 +74,12 @@ class LogarithmicFeedback(AbstractLaw):
         self.k1, self.k2 = gain(k1, "k1", 3), gain(k2, "k2", 3)
 
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
+        """The command (4,) [rad/s²] in body axes; its virtual part is 0."""
         mu = error_quaternion(reference, quaternion)
         return _feedback(self, reference, mu, rate, to_rotation_vector(mu))
 
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
+        """The error quaternion μ (4,)."""
         return error_quaternion(reference, quaternion)
 
 
@@ -84,9 +90,9 @@ def _feedback(
     rate: Quat,
     attitude_error: Vec3,
 ) -> Quat:
-    """(0, μ⁻¹ε⁰μ + w×Ω − K1Ω − K2e): the program's acceleration in body axes, and the feedback."""
+    """(0, μ⁻¹ε⁰μ + w×Ω − K1Ω − K2e): the program's acceleration in body axes plus the feedback."""
     back = conjugate(mu)
     w = rotate(back, reference.rate)
-    excess = rate[1:] - w
-    forward = rotate(back, reference.acceleration) + jnp.cross(w, excess)
-    return pure(forward - apply(law.k1, excess) - apply(law.k2, attitude_error))
+    rate_error = rate[1:] - w
+    forward = rotate(back, reference.acceleration) + jnp.cross(w, rate_error)
+    return pure(forward - apply(law.k1, rate_error) - apply(law.k2, attitude_error))

@@ -1,4 +1,4 @@
-"""The motion of a closed loop that nothing disturbs, in closed form: the program, and the error that decays upon it."""
+"""The undisturbed motion of a closed loop in closed form: the program plus the decaying error."""
 
 import os
 
@@ -10,7 +10,7 @@ from qtraj.foundation import document
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.document import storable
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import AbstractResult, batch_prefix, extent, over
+from qtraj.foundation.result import AbstractResult, batch_prefix, extent, times_text
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
 from qtraj.motion.attitude import Attitude
 from qtraj.motion.control.errors import error_angle, error_quaternion, error_rate, state_from_error
@@ -22,8 +22,8 @@ from qtraj.motion.control.response import error_state
 class ClosedMotion(AbstractResult):
     """A closed loop in closed form, at the instants `times` (n,) [s].
 
-    The law's `error` (n, 4), λ as `quaternion` (n, 4), and the `angle` (n,) [rad] between body and program, 0 … π.
-    Under `vmap` everything has the lanes in front.
+    `error` (n, 4): the law's error quaternion. `quaternion` (n, 4): λ. `angle` (n,) [rad]: between body and program,
+    0 … π. Under `vmap` all fields have the batch dimensions in front.
     """
 
     times: Float[Array, "*batch n"]
@@ -36,7 +36,7 @@ class ClosedMotion(AbstractResult):
         self.quaternion, self.angle = as_float(quaternion), as_float(angle)
 
     def record(self) -> Record:
-        """The motion over `time`, or over `sample` where each lane has times of its own."""
+        """The motion over `time`, or over `sample` where the elements of a batch have different times."""
         along = "time" if self.times.ndim == 1 else "sample"
         axes = (along, "component")
         variables = {
@@ -44,8 +44,8 @@ class ClosedMotion(AbstractResult):
             "quaternion": Quantity(self.quaternion, "1", "attitude, body to inertial, of any length", axes),
             "angle": Quantity(self.angle, "rad", "angle between body and program", (along,)),
         }
-        lanes = batch_prefix(self.angle.shape[:-1])
-        summary = f"{lanes}{over(self.times)}: angle to the program {extent(self.angle, 'rad')}"
+        batch = batch_prefix(self.angle.shape[:-1])
+        summary = f"{batch}{times_text(self.times)}: angle to the program {extent(self.angle, 'rad')}"
         return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": "body"})
 
     def save(self, file: str | os.PathLike[str]) -> None:
@@ -60,18 +60,18 @@ class ClosedMotion(AbstractResult):
 def closed_motion(
     law: AccelerationLaw | RateLaw, references: Attitude, quaternion: Quat, rate: Quat, times: Float[Array, " n"]
 ) -> ClosedMotion:
-    """The motion over a program if nothing disturbs it, at `times` (n,) [s].
+    """The undisturbed motion about a program, at `times` (n,) [s].
 
-    `references`: the program at these times, its fields (n, …). At the first of them the body has `quaternion` (4,)
-    and the body rate `rate` (4,) [rad/s]; a rate law needs no rate.
+    `references`: the program at these times, with fields (n, …). `quaternion` (4,) and `rate` (4,) [rad/s], body axes:
+    the state at the first time. A rate law does not use the rate.
     """
     kind = law.error if isinstance(law, AccelerationLaw) else "body"
     first = jax.tree.map(lambda x: x[0], references)
-    error, slope = error_quaternion(first, quaternion, kind), error_rate(first, quaternion, rate, kind)
+    error, derivative = error_quaternion(first, quaternion, kind), error_rate(first, quaternion, rate, kind)
 
     def at(reference: Attitude, t: Scalar) -> tuple[Quat, Quat, Scalar]:
-        x, v = error_state(law, error, slope, t - times[0])
-        reached, _ = state_from_error(reference, x, v, kind)
-        return x, reached, error_angle(reference, reached)
+        x, v = error_state(law, error, derivative, t - times[0])
+        body, _ = state_from_error(reference, x, v, kind)
+        return x, body, error_angle(reference, body)
 
     return ClosedMotion(times, *jax.vmap(at)(references, times))

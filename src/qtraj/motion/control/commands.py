@@ -1,7 +1,8 @@
-"""The two compositions of a command from the program's acceleration and a correction (paper C, (2.1) and (2.2)).
+"""A command as the program's acceleration plus a correction, in body or inertial axes (paper C, (2.1) and (2.2)).
 
-In body axes ε_x = ε_z⁰ + δε adds components that belong to different bases, so δε is *not* the difference of the two
-vectors; in inertial axes ε_ξ = ε_ξ⁰ + Δε it is. A law gives ε_x; the corrections here split it for study or telemetry.
+In body axes, ε_x = ε_z⁰ + δε adds components in different bases, so δε is *not* the difference of the two vectors. In
+inertial axes, ε_ξ = ε_ξ⁰ + Δε, the correction is that difference. A law returns ε_x; these functions split it for
+analysis or telemetry.
 Accelerations are (4,) [rad/s²], virtual scalar part first.
 """
 
@@ -11,7 +12,7 @@ from qtraj.motion.control.errors import pure, to_body, to_inertial
 
 
 def body_command(reference: Attitude, correction: Quat) -> Quat:
-    """ε_x = ε_z⁰ + δε (2.1): components on the program's axes plus components on the body's axes."""
+    """ε_x = ε_z⁰ + δε (2.1): components in the program's axes plus components in the body's axes."""
     return pure(reference.acceleration) + correction
 
 
@@ -21,7 +22,7 @@ def body_correction(reference: Attitude, command: Quat) -> Quat:
 
 
 def inertial_command(reference: Attitude, quaternion: Quat, correction: Quat) -> Quat:
-    """ε_x in body axes of ε_ξ = ε_ξ⁰ + Δε (2.2), with the correction in inertial axes."""
+    """ε_x in body axes for ε_ξ = ε_ξ⁰ + Δε (2.2); the correction is in inertial axes."""
     program = to_inertial(reference.quaternion, pure(reference.acceleration))
     return to_body(quaternion, program + correction)
 

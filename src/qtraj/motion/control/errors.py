@@ -1,6 +1,6 @@
-"""Error quaternions of a body against its program, their rates, and the way back (paper C, scheme (1.1)).
+"""Error quaternions of a body relative to its program, their rates, and the state from an error (paper C, (1.1)).
 
-| kind         | error            | vanishes at | its rate                       |
+| kind         | error            | target      | rate                           |
 |--------------|------------------|-------------|--------------------------------|
 | `"body"`     | μ = λ̄⁰∘λ         | 1           | 2μ̇ = μ∘ω_x − ω_z⁰∘μ            |
 | `"inertial"` | μ* = λ∘λ̄⁰        | 1           | 2μ̇* = ω_ξ∘μ* − μ*∘ω_ξ⁰         |
@@ -25,13 +25,13 @@ def pure(v: Vec3) -> Quat:
 
 
 def target(kind: str, error: Quat) -> Quat:
-    """What an error of this kind is when there is none: (1, 0, 0, 0), or 0 for the additive error."""
-    nothing = jnp.zeros_like(error)
-    return nothing if kind == "additive" else nothing.at[0].set(1.0)
+    """The value of an error of this kind when body and program agree: (1, 0, 0, 0), or 0 for the additive error."""
+    zero = jnp.zeros_like(error)
+    return zero if kind == "additive" else zero.at[0].set(1.0)
 
 
 def error_quaternion(reference: Attitude, quaternion: Quat, kind: str = "body") -> Quat:
-    """The error (4,) of λ against the program: μ, μ* or Δ.
+    """The error (4,) of λ relative to the program: μ, μ* or Δ.
 
     **Raises:** ValueError for another kind.
     """
@@ -44,7 +44,7 @@ def error_quaternion(reference: Attitude, quaternion: Quat, kind: str = "body") 
 
 
 def error_rate(reference: Attitude, quaternion: Quat, rate: Quat, kind: str = "body") -> Quat:
-    """d/dt of `error_quaternion` [1/s], for the body rate (4,) [rad/s].
+    """The time derivative of `error_quaternion` [1/s] at the body rate `rate` (4,) [rad/s].
 
     **Raises:** ValueError for another kind.
     """
@@ -59,13 +59,13 @@ def error_rate(reference: Attitude, quaternion: Quat, rate: Quat, kind: str = "b
 
 
 def error_angle(reference: Attitude, quaternion: Quat) -> Scalar:
-    """The angle of the turn from the program to the body, 0 … π [rad]; λ and −λ have the same."""
+    """The angle of the rotation from program to body, 0 … π [rad]; it is the same for λ and −λ."""
     mu = error_quaternion(reference, quaternion)
     return 2 * jnp.arctan2(norm(mu[1:]), jnp.abs(mu[0]))
 
 
 def state_from_error(reference: Attitude, error: Quat, rate: Quat, kind: str = "body") -> tuple[Quat, Quat]:
-    """The λ (4,) and body rate ω_x (4,) [rad/s] that have this error and this error rate [1/s].
+    """λ (4,) and the body rate ω_x (4,) [rad/s] from an error and its derivative `rate` [1/s].
 
     For the body error λ = λ⁰∘μ and ω_x = μ⁻¹∘ω_z⁰∘μ + 2μ⁻¹∘μ̇.
 
@@ -87,16 +87,16 @@ def state_from_error(reference: Attitude, error: Quat, rate: Quat, kind: str = "
 
 
 def to_inertial(quaternion: Quat, x: Quat) -> Quat:
-    """λ∘x∘λ⁻¹: a quaternion of body components in inertial ones; the scalar part is the same."""
+    """λ∘x∘λ⁻¹: x from body to inertial axes; the scalar part does not change."""
     return product(product(quaternion, x), inverse(quaternion))
 
 
 def to_body(quaternion: Quat, x: Quat) -> Quat:
-    """λ⁻¹∘x∘λ: a quaternion of inertial components in body ones; the scalar part is the same."""
+    """λ⁻¹∘x∘λ: x from inertial to body axes; the scalar part does not change."""
     return product(product(inverse(quaternion), x), quaternion)
 
 
 def require_kind(kind: str) -> None:
-    """Raise a ValueError where `kind` is not one of the three errors."""
+    """Raise a ValueError unless `kind` is one of the three errors."""
     if kind not in KINDS:
         raise ValueError(f"error must be one of {', '.join(map(repr, KINDS))}, but {kind!r} was given")

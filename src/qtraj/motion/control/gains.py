@@ -1,7 +1,8 @@
-"""Gains of ẍ + K1ẋ + K2x = 0 from what is wanted of the response; each returns (K1 [1/s], K2 [1/s²]),
-`rate_from_settling_time` the K [1/s] of ẋ + Kx = 0.
+"""Gains from the requirements on the response: settling time, damping, or weights.
 
-`AccelerationLaw(*gains.from_settling_time(10.0))`. All are differentiable in their arguments.
+The functions return K1 [1/s] and K2 [1/s²] of ẍ + K1ẋ + K2x = 0, as in
+`AccelerationLaw(*gains.from_settling_time(10.0))`; `rate_from_settling_time` returns K [1/s] of ẋ + Kx = 0. All are
+differentiable in their arguments.
 """
 
 import jax
@@ -11,11 +12,11 @@ from qtraj.foundation.arrays import as_float, concrete, require_finite, require_
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.motion.checks import common_dtype
 
-_NEWTON_STEPS = 8  # to round-off for every residual that float64 can hold
+_NEWTON_STEPS = 8  # reach round-off for every residual that float64 can represent
 
 
 def from_settling_time(time: ArrayInput, residual: ArrayInput = 0.02) -> tuple[Scalar, Scalar]:
-    """Critically damped, K1 = 2k, K2 = k²: released at rest, the error falls to `residual` of itself in `time` [s].
+    """Critically damped gains K1 = 2k, K2 = k²: from rest, the error decays to the fraction `residual` in `time` [s].
 
     (1 + kt)e^(−kt) = residual: kt = 4.744, 5.834, 6.638, 9.233 for 5, 2, 1 and 0.1 %.
 
@@ -27,7 +28,7 @@ def from_settling_time(time: ArrayInput, residual: ArrayInput = 0.02) -> tuple[S
 
 
 def rate_from_settling_time(time: ArrayInput, residual: ArrayInput = 0.02) -> Scalar:
-    """The gain K = −ln(residual)/time [1/s] of a `RateLaw`: the error falls to `residual` of itself in `time` [s].
+    """K = −ln(residual)/time [1/s] of a `RateLaw`: the error decays to the fraction `residual` in `time` [s].
 
     **Raises:** ValueError for a time that is not positive, or a residual outside (0, 1).
     """
@@ -36,11 +37,11 @@ def rate_from_settling_time(time: ArrayInput, residual: ArrayInput = 0.02) -> Sc
 
 
 def from_damping(ratio: ArrayInput, frequency: ArrayInput) -> tuple[Scalar, Scalar]:
-    """K1 = 2ζω_n, K2 = ω_n² of the damping `ratio` ζ and the undamped `frequency` ω_n [rad/s].
+    """K1 = 2ζω_n and K2 = ω_n² from the damping `ratio` ζ and the undamped natural `frequency` ω_n [rad/s].
 
     **Raises:** ValueError for arguments that are not positive.
     """
-    ratio, frequency = _of_one_dtype(ratio, frequency)
+    ratio, frequency = _common_dtype(ratio, frequency)
     require_positive(ratio, "the damping ratio", "1")
     require_positive(frequency, "the natural frequency", "rad/s")
     return 2 * ratio * frequency, frequency * frequency
@@ -53,7 +54,7 @@ def from_weights(error: ArrayInput, rate: ArrayInput, command: ArrayInput) -> tu
 
     **Raises:** ValueError where q1 or r is not positive, or q2 is negative.
     """
-    q1, q2, r = _of_one_dtype(error, rate, command)
+    q1, q2, r = _common_dtype(error, rate, command)
     require_positive(q1, "the weight of the error", "1/s⁴")
     require_positive(r, "the weight of the command", "1")
     require_finite(q2, "the weight of the rate")
@@ -65,8 +66,8 @@ def from_weights(error: ArrayInput, rate: ArrayInput, command: ArrayInput) -> tu
 
 
 def _settling(time: ArrayInput, residual: ArrayInput) -> list[Scalar]:
-    """The two as scalars of one dtype; ValueError for what is known to be wrong."""
-    time, residual = _of_one_dtype(time, residual)
+    """Time and residual as scalars of one dtype, with their ranges checked."""
+    time, residual = _common_dtype(time, residual)
     require_positive(time, "the settling time", "s")
     known = concrete(residual)
     if known is not None and not 0 < known < 1:
@@ -74,20 +75,20 @@ def _settling(time: ArrayInput, residual: ArrayInput) -> list[Scalar]:
     return [time, residual]
 
 
-def _of_one_dtype(*values: ArrayInput) -> list[Scalar]:
+def _common_dtype(*values: ArrayInput) -> list[Scalar]:
     numbers = [as_float(x) for x in values]
     dtype = common_dtype(*numbers)
     return [x.astype(dtype) for x in numbers]
 
 
 def _critical_time(residual: Scalar) -> Scalar:
-    """The x > 0 with ln(1 + x) − x = ln(residual), by Newton's method in log form."""
+    """The solution x > 0 of ln(1 + x) − x = ln(residual), by Newton's method."""
     goal = -jnp.log(residual)
 
     def step(x: Scalar) -> Scalar:
         return x + (goal + jnp.log1p(x) - x) * (1 + x) / x
 
-    x = goal + jnp.sqrt(2 * goal)  # exact to first order at both ends
+    x = goal + jnp.sqrt(2 * goal)  # asymptotically exact for residual → 1 and residual → 0
     for _ in range(_NEWTON_STEPS):
         x = step(x)
-    return step(jax.lax.stop_gradient(x))  # a last step carries the implicit derivative
+    return step(jax.lax.stop_gradient(x))  # the last step carries the derivative of the implicit function

@@ -1,8 +1,8 @@
-"""Feedback laws after paper C, whose error equations are linear, stationary and independent of the program.
+"""Feedback laws of paper C: their error equations are linear, time-invariant and independent of the program.
 
-The acceleration law makes x = μ − 1 (or μ* − 1, or Δ) obey ẍ + K1ẋ + K2x = 0, the rate law ẋ + Kx = 0. The gains are
-constants: a scalar, (4,) for a diagonal, or (4, 4). The vector part of a command is physical; the scalar part is
-virtual: with it the on-board computer steers |λ|, which no body notices.
+The acceleration law makes x = μ − 1 (or μ* − 1, or Δ) obey ẍ + K1ẋ + K2x = 0, the rate law ẋ + Kx = 0. Gains are
+constant: a scalar, (4,) for a diagonal, or (4, 4). The vector part of a command is physical. The scalar part is
+virtual: the on-board computer uses it to control |λ|, which has no effect on the body.
 """
 
 import abc
@@ -32,7 +32,7 @@ Gain = Float[Array, ""] | Float[Array, " n"] | Float[Array, "n n"]
 
 
 class AbstractLaw(eqx.Module):
-    """A feedback: from the program's attitude and the body's state to a command."""
+    """A feedback law: it computes a command from the program's attitude and the body's state."""
 
     @abc.abstractmethod
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
@@ -56,9 +56,9 @@ class AccelerationLaw(AbstractLaw):
 
     `k1` [1/s] and `k2` [1/s²]: scalar, (4,) diagonal or (4, 4). `error`: "body" (x = μ − 1; commands in body axes, for
     strapdown sensors), "inertial" (x = μ* − 1) or "additive" (x = Δ). With scalar gains the physical part is
-    μ⁻¹ε⁰μ + w×Ω − (K1 + ω0)Ω − 2K2 μ_v/|μ|² with w = μ⁻¹ω⁰μ, Ω = ω_v − w: it grows as 1/|μ|, and μ = 0 has no command.
+    μ⁻¹ε⁰μ + w×Ω − (K1 + ω0)Ω − 2K2 μ_v/|μ|² with w = μ⁻¹ω⁰μ, Ω = ω_v − w. It grows as 1/|μ|, with a pole at μ = 0.
 
-    **Raises:** ValueError for gains of another shape or not finite, and for another error.
+    **Raises:** ValueError for gains of another shape or not finite, or for another `error`.
     """
 
     k1: Gain
@@ -72,23 +72,25 @@ class AccelerationLaw(AbstractLaw):
         self.error = error
 
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
+        """The command (4,) [rad/s²] in body axes: virtual part first, then the physical vector."""
         x = error_quaternion(reference, quaternion, self.error)
         v = error_rate(reference, quaternion, rate, self.error)
-        pull = apply(self.k1, v) + apply(self.k2, x - target(self.error, x))  # −ẍ, as demanded
+        feedback = apply(self.k1, v) + apply(self.k2, x - target(self.error, x))  # −ẍ
         if self.error == "body":
             omega, epsilon = pure(reference.rate), pure(reference.acceleration)
             drift = product(epsilon, x) + product(omega, v) - product(v, rate)
-            return product(inverse(x), drift - 2 * pull)
+            return product(inverse(x), drift - 2 * feedback)
         if self.error == "inertial":
             omega = to_inertial(quaternion, rate)
             omega_program = to_inertial(reference.quaternion, pure(reference.rate))
             epsilon = to_inertial(reference.quaternion, pure(reference.acceleration))
             drift = product(x, epsilon) + product(v, omega_program) - product(omega, v)
-            return to_body(quaternion, product(drift - 2 * pull, inverse(x)))
-        wanted = second_derivative(reference) - pull
-        return 2 * product(inverse(quaternion), wanted) - 0.5 * product(rate, rate)
+            return to_body(quaternion, product(drift - 2 * feedback, inverse(x)))
+        second = second_derivative(reference) - feedback  # λ̈
+        return 2 * product(inverse(quaternion), second) - 0.5 * product(rate, rate)
 
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
+        """The error quaternion (4,) of the kind `error`: μ, μ* or Δ."""
         return error_quaternion(reference, quaternion, self.error)
 
 
@@ -96,7 +98,7 @@ class AccelerationLaw(AbstractLaw):
 class RateLaw(AbstractLaw):
     """Angular rate [rad/s] under which μ̇ + K(μ − 1) = 0, for bodies whose rate can be commanded.
 
-    `k` [1/s]: scalar, (4,) diagonal or (4, 4). ω_x = μ⁻¹∘[ω_z⁰∘μ − 2K(μ − 1)]. The `rate` in a call is not used.
+    The command is ω_x = μ⁻¹∘[ω_z⁰∘μ − 2K(μ − 1)]. `k` [1/s]: scalar, (4,) diagonal or (4, 4).
 
     **Raises:** ValueError for a gain of another shape or not finite.
     """
@@ -107,11 +109,13 @@ class RateLaw(AbstractLaw):
         self.k = gain(k, "k", 4)
 
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat | None = None) -> Quat:
+        """The command (4,) [rad/s] in body axes; `rate` is not used."""
         mu = error_quaternion(reference, quaternion)
-        pull = apply(self.k, mu - target("body", mu))
-        return product(inverse(mu), product(pure(reference.rate), mu) - 2 * pull)
+        feedback = apply(self.k, mu - target("body", mu))
+        return product(inverse(mu), product(pure(reference.rate), mu) - 2 * feedback)
 
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
+        """The error quaternion μ (4,)."""
         return error_quaternion(reference, quaternion)
 
 
@@ -122,11 +126,11 @@ def second_derivative(reference: Attitude) -> Quat:
 
 
 def gain(k: ArrayInput, name: str, size: int) -> Array:
-    """A gain as a float array of shape (), (size,) or (size, size); ValueError otherwise."""
+    """A gain as a finite float array of shape (), (size,) or (size, size); ValueError for others."""
     k = as_float(k)
     if k.shape not in ((), (size,), (size, size)):
         raise ValueError(
-            f"{name} must be a scalar, ({size},) for a diagonal or ({size}, {size}), but its shape is {k.shape}"
+            f"{name} must be a scalar, ({size},) for a diagonal, or ({size}, {size}), but shape {k.shape} was given"
         )
     require_finite(k, name)
     return k

@@ -1,8 +1,8 @@
-"""The error of a closed loop in closed form: the exponential of a constant matrix, whatever the program does.
+"""The error of a closed loop in closed form: a matrix exponential that does not depend on the program.
 
-(x, ẋ)(t) = exp([[0, 1], [−K2, −K1]] t) (x, ẋ)(0) for an `AccelerationLaw`, x(t) = exp(−Kt) x(0) for a `RateLaw`, where
-x is the error less its target. Scalar and diagonal gains split into planes with elementary solutions, which are exact
-to round-off and smooth across critical damping.
+(x, ẋ)(t) = exp([[0, 1], [−K2, −K1]] t) (x, ẋ)(0) for an `AccelerationLaw` and x(t) = exp(−Kt) x(0) for a `RateLaw`,
+where x is the error minus its target. With scalar and diagonal gains the components decouple; their elementary
+solutions are exact to round-off and smooth across critical damping.
 """
 
 import math
@@ -17,19 +17,20 @@ from jaxtyping import Array, Float
 from qtraj.foundation.arrays import as_float, real_vector
 from qtraj.foundation.types import ArrayInput, Mat4, Quat, ScalarLike
 from qtraj.motion.control.errors import target
-from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
+from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw, apply
 
 _COSINE = [1 / math.factorial(2 * k) for k in range(10)]
 _SINE = [1 / math.factorial(2 * k + 1) for k in range(10)]
-_NEAR_CRITICAL = 0.5  # (k1²/4 − k2)t² below which the series hold to round-off, with two derivatives
+_NEAR_CRITICAL = 0.5  # below this |k1²/4 − k2|t² the series are exact to round-off, with two derivatives
 
 
 def error_response(
     law: AccelerationLaw | RateLaw, mu0: ArrayInput, mu_rate0: ArrayInput | None, t: ArrayInput
 ) -> Float[Array, "... 4"]:
-    """The error quaternion `t` [s] after it was `mu0` with the rate `mu_rate0` [1/s]: (4,), or (n, 4) for n instants.
+    """The error quaternion at the time `t` [s]: (4,), or (n, 4) for n instants.
 
-    It is the error of the law's own kind: μ, μ* or Δ. A rate law needs no `mu_rate0` (None).
+    `mu0` (4,) and `mu_rate0` (4,) [1/s] are the error and its derivative at t = 0. The error is the one that the law
+    acts on: μ, μ* or Δ. A rate law does not use `mu_rate0`, which may then be None.
 
     **Raises:** ValueError for other shapes, or an acceleration law without `mu_rate0`.
     """
@@ -38,7 +39,9 @@ def error_response(
     t = as_float(t)
 
     if isinstance(law, AccelerationLaw) and mu_rate0 is None:
-        raise ValueError("the response of an acceleration law needs mu_rate0, the rate of the error at the start")
+        raise ValueError(
+            "the response of an AccelerationLaw needs mu_rate0, the derivative of the error at t = 0, but it is None"
+        )
     return _response(law, mu0, mu_rate0, t)
 
 
@@ -51,25 +54,31 @@ def _response(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None, 
 
 
 def error_state(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None, t: ScalarLike) -> tuple[Quat, Quat]:
-    """The error quaternion and its rate [1/s] at one instant `t` [s]; see `error_response`. None is a rate of zero."""
+    """The error quaternion and its derivative [1/s] at one instant `t` [s]; see `error_response`.
+
+    `mu_rate0` is zero for None.
+    """
     t = as_float(t).astype(mu0.dtype)
     if isinstance(law, RateLaw):
         x = _decayed(law.k.astype(mu0.dtype), mu0 - target("body", mu0), t)
-        return target("body", mu0) + x, -_times(law.k.astype(mu0.dtype), x)
+        return target("body", mu0) + x, -apply(law.k, x)
     goal = target(law.error, mu0)
     k1, k2 = law.k1.astype(mu0.dtype), law.k2.astype(mu0.dtype)
     x, v = mu0 - goal, jnp.zeros_like(mu0) if mu_rate0 is None else mu_rate0.astype(mu0.dtype)
     if k1.ndim < 2 and k2.ndim < 2:
-        x, v = _planes(k1, k2, x, v, t)
+        x, v = _decoupled(k1, k2, x, v, t)
     else:
         x, v = _coupled(_matrix(k1), _matrix(k2), x, v, t)
     return goal + x, v
 
 
-def growth(law: AbstractLaw) -> float:
-    """The largest real part of the closed loop's eigenvalues [1/s]: negative for a law that brings its error to rest.
+def spectral_abscissa(law: AbstractLaw) -> float:
+    """The largest real part of the closed loop's eigenvalues [1/s]; the error decays where it is negative.
 
-    Of the baselines it is that of small errors. Known gains only, not traced ones.
+    For the baselines it is that of the loop linearised about zero error. Call it outside of jax.jit, grad and vmap: the
+    gains must be known.
+
+    **Raises:** ValueError for a law without gains `k1` and `k2`, or `k`.
     """
     if isinstance(law, RateLaw):
         return float(-np.linalg.eigvals(_full(law.k, 4)).real.min())
@@ -77,8 +86,8 @@ def growth(law: AbstractLaw) -> float:
     if k1 is None or k2 is None:
         raise ValueError(f"a law with gains k1 and k2, or k, was expected, but {law!r} was given")
     size = 4 if isinstance(law, AccelerationLaw) else 3
-    nothing, identity = np.zeros((size, size)), np.eye(size)
-    block = np.block([[nothing, identity], [-_full(k2, size), -_full(k1, size)]])
+    zero, identity = np.zeros((size, size)), np.eye(size)
+    block = np.block([[zero, identity], [-_full(k2, size), -_full(k1, size)]])
     eigenvalues = np.linalg.eigvals(block)
     largest = float(eigenvalues.real.max())
     rounding = len(block) * np.finfo(float).eps * float(np.abs(eigenvalues).max())
@@ -86,12 +95,12 @@ def growth(law: AbstractLaw) -> float:
 
 
 def _full(k: Array, size: int) -> np.ndarray:
-    known = np.asarray(k, float)
-    return known if known.ndim == 2 else np.diag(np.broadcast_to(known, (size,)))
+    gains = np.asarray(k, float)
+    return gains if gains.ndim == 2 else np.diag(np.broadcast_to(gains, (size,)))
 
 
-def _planes(k1: Array, k2: Array, x: Quat, v: Quat, t: Array) -> tuple[Quat, Quat]:
-    """ẍ + k1ẋ + k2x = 0 for each component by itself."""
+def _decoupled(k1: Array, k2: Array, x: Quat, v: Quat, t: Array) -> tuple[Quat, Quat]:
+    """(x, v) at `t` of ẍ + k1ẋ + k2x = 0, for scalar or diagonal gains."""
     k1, k2 = jnp.broadcast_to(k1, (4,)), jnp.broadcast_to(k2, (4,))
     half = 0.5 * k1
     cosine, sine = _waves(half, half * half - k2, t)
@@ -116,19 +125,15 @@ def _waves(half: Quat, d: Quat, t: Array) -> tuple[Quat, Quat]:
 
 
 def _coupled(k1: Mat4, k2: Mat4, x: Quat, v: Quat, t: Array) -> tuple[Quat, Quat]:
-    """(x, v) moved by the exponential of the 8 × 8 block matrix."""
-    nothing, identity = jnp.zeros_like(k1), jnp.eye(4, dtype=k1.dtype)
-    block = jnp.block([[nothing, identity], [-k2, -k1]])
-    moved = jnp.matmul(expm(block * t), jnp.concatenate([x, v]), precision="highest")
-    return moved[:4], moved[4:]
+    """(x, v) at `t` by the exponential of the 8 × 8 block matrix."""
+    zero, identity = jnp.zeros_like(k1), jnp.eye(4, dtype=k1.dtype)
+    block = jnp.block([[zero, identity], [-k2, -k1]])
+    state = jnp.matmul(expm(block * t), jnp.concatenate([x, v]), precision="highest")
+    return state[:4], state[4:]
 
 
 def _decayed(k: Array, x: Quat, t: Array) -> Quat:
     return jnp.matmul(expm(-k * t), x, precision="highest") if k.ndim == 2 else jnp.exp(-k * t) * x
-
-
-def _times(k: Array, x: Quat) -> Quat:
-    return jnp.matmul(k, x, precision="highest") if k.ndim == 2 else k * x
 
 
 def _matrix(k: Array) -> Mat4:

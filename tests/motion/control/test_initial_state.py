@@ -1,4 +1,4 @@
-"""Where a body is placed at the start, its motion in closed form over a program, and whether a law decays at all."""
+"""The initial state of a body, its closed-form motion about a program, and the stability of a law."""
 
 import jax
 import jax.numpy as jnp
@@ -16,22 +16,22 @@ from ..rigs import Rest, ThreeAxis, random_gains
 EXACT = 1e-13
 NEAR_CRITICAL = 1e-6  # relative, of a double eigenvalue: the square root of round-off
 MU = jnp.asarray([0.8, 0.36, 0.48, 0.0])
-EXCESS = jnp.asarray([0.2, -0.1, 0.3])
+RATE_ERROR = jnp.asarray([0.2, -0.1, 0.3])
 LAW = control.AccelerationLaw(2.0, 1.0)
 
 
-@pytest.mark.parametrize("given", [1.0, -1.0])
+@pytest.mark.parametrize("user_sign", [1.0, -1.0])
 @pytest.mark.parametrize(("sign", "expected"), [("near", 1.0), ("far", -1.0), ("auto", 1.0)])
-def test_a_body_is_placed_with_its_error_and_its_excess_of_rate(given, sign, expected):
+def test_place_gives_the_error_and_the_rate_error(user_sign, sign, expected):
     at = ThreeAxis()(1.3)
-    quaternion, rate = control.place(LAW, at, given * MU, EXCESS, sign)
+    quaternion, rate = control.place(LAW, at, user_sign * MU, RATE_ERROR, sign)
     np.testing.assert_allclose(control.error_quaternion(at, quaternion), expected * MU, atol=EXACT)
     own = Rotation.from_quat(np.array(MU), scalar_first=True).inv().apply(np.array(at.rate))
-    np.testing.assert_allclose(rate, [0.0, *(own + EXCESS)], atol=EXACT)
+    np.testing.assert_allclose(rate, [0.0, *(own + RATE_ERROR)], atol=EXACT)
 
 
-def test_the_better_sign_is_that_of_choose_sign():
-    """At speed towards the far sheet; a baseline has no better one."""
+def test_the_automatic_sign_is_that_of_choose_sign():
+    """With a fast rate towards −λ⁰ it is the far sign; for a baseline it is always the near one."""
     mu, fast = jnp.asarray([0.3, np.sqrt(1 - 0.09), 0, 0]), jnp.asarray([12.0, 0, 0])
     quaternion, rate = control.place(LAW, Rest()(0.0), mu, fast)
     np.testing.assert_array_equal(quaternion, control.choose_sign(LAW, Rest()(0.0), mu, rate))
@@ -39,10 +39,10 @@ def test_the_better_sign_is_that_of_choose_sign():
     assert control.place(control.QuaternionFeedback(2.0, 1.0), Rest()(0.0), mu, fast)[0][0] > 0
 
 
-def test_the_gibbs_gauge_is_placed_on_the_near_sheet():
+def test_the_gibbs_normalization_has_a_unit_scalar_part_for_both_signs():
     at = ThreeAxis()(0.4)
     for sign in (1.0, -1.0):
-        quaternion, rate = control.place(LAW, at, sign * MU, EXCESS, "near", "gibbs")
+        quaternion, rate = control.place(LAW, at, sign * MU, RATE_ERROR, "near", "gibbs")
         mu, slope = control.error_quaternion(at, quaternion), control.error_rate(at, quaternion, rate)
         np.testing.assert_allclose([mu[0], slope[0]], [1.0, 0.0], atol=EXACT)
         np.testing.assert_allclose(mu[1:], MU[1:] / MU[0], atol=EXACT)
@@ -52,19 +52,19 @@ def test_the_gibbs_gauge_is_placed_on_the_near_sheet():
     ("mu", "choices", "message"),
     [
         (MU, ("nearest",), "sign must be one of"),
-        (MU, ("near", "euler"), "gauge one of"),
-        (MU, ("far", "gibbs"), "leave out sign = 'far'"),
+        (MU, ("near", "euler"), "normalization must be one of"),
+        (MU, ("far", "gibbs"), "contradicts sign='far'"),
         (jnp.asarray([0.0, 1.0, 0, 0]), ("near", "gibbs"), "half turn"),
     ],
 )
-def test_places_that_make_no_sense_are_refused(mu, choices, message):
+def test_contradictory_choices_of_the_initial_state_are_refused(mu, choices, message):
     with pytest.raises(ValueError, match=message):
-        control.place(LAW, Rest()(0.0), mu, EXCESS, *choices)
+        control.place(LAW, Rest()(0.0), mu, RATE_ERROR, *choices)
 
 
 @pytest.mark.parametrize("law", [control.AccelerationLaw(2.0, 1.5, kind) for kind in ("body", "inertial", "additive")])
-def test_the_closed_motion_is_program_and_error(law):
-    """The error is `error_response`, λ the attitude that has it; on a clock that does not begin at zero."""
+def test_the_closed_motion_is_the_program_with_the_error_response(law):
+    """`error` equals `error_response` and `quaternion` has that error; the first time is not zero."""
     program, times = ThreeAxis(), 2.0 + np.linspace(0.0, 4.0, 9)
     references = jax.jit(jax.vmap(program))(jnp.asarray(times))
     quaternion, rate = jnp.asarray([0.9, 0.7, -0.5, 0.6]), jnp.asarray([0.1, 0.6, -0.4, 0.9])
@@ -76,10 +76,10 @@ def test_the_closed_motion_is_program_and_error(law):
     )
     np.testing.assert_allclose(motion.error, qt.error_response(law, x, v, times - 2.0), atol=EXACT)
     np.testing.assert_allclose(motion.quaternion[0], quaternion, atol=EXACT)
-    found = jax.vmap(lambda r, q: control.error_quaternion(r, q, law.error))(references, motion.quaternion)
-    np.testing.assert_allclose(found, motion.error, atol=EXACT)
-    turns = [Rotation.from_quat(np.array(q), scalar_first=True) for q in (references.quaternion, motion.quaternion)]
-    np.testing.assert_allclose(motion.angle, (turns[0].inv() * turns[1]).magnitude(), atol=1e-12)
+    errors = jax.vmap(lambda r, q: control.error_quaternion(r, q, law.error))(references, motion.quaternion)
+    np.testing.assert_allclose(errors, motion.error, atol=EXACT)
+    rotations = [Rotation.from_quat(np.array(q), scalar_first=True) for q in (references.quaternion, motion.quaternion)]
+    np.testing.assert_allclose(motion.angle, (rotations[0].inv() * rotations[1]).magnitude(), atol=1e-12)
 
 
 def test_the_closed_motion_of_a_rate_law_needs_no_rate():
@@ -92,14 +92,14 @@ def test_the_closed_motion_of_a_rate_law_needs_no_rate():
 
 @pytest.fixture(scope="module")
 def closed():
-    """The closed form of one loop, and of several in lanes."""
+    """The closed form of one loop, and of a batch."""
     times = jnp.linspace(0.0, 2.0, 4)
     references = jax.vmap(ThreeAxis())(times)
 
     def motion(quaternion):
         return control.closed_motion(LAW, references, quaternion, jnp.zeros(4), times)
 
-    return motion(MU), jax.vmap(motion)(jnp.stack([MU, -MU, EXCESS[0] * MU]))
+    return motion(MU), jax.vmap(motion)(jnp.stack([MU, -MU, RATE_ERROR[0] * MU]))
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
@@ -114,42 +114,42 @@ def test_closed_motions_are_stored_and_read_back(closed, suffix, tmp_path):
 
 
 def test_closed_motions_are_labelled_data(closed):
-    one, lanes = closed
+    one, batch = closed
     dataset = one.to_xarray()
     np.testing.assert_array_equal(dataset["time"], one.times)
     np.testing.assert_array_equal(dataset["error"].sel(component="y"), one.error[:, 2])
-    assert lanes.to_xarray()["angle"].dims == ("batch", "sample")
+    assert batch.to_xarray()["angle"].dims == ("batch", "sample")
     assert repr(one).startswith("ClosedMotion(4 instants, 0 … 2 s: angle to the program ")
-    assert repr(lanes).startswith("ClosedMotion(3 lanes, 4 instants, ")
+    assert repr(batch).startswith("ClosedMotion(batch of 3, 4 instants, ")
 
 
 @pytest.mark.parametrize(("k1", "k2"), [(3.0, 2.0), (0.4, 9.0), (-0.4, 9.0), (1.0, -6.0)])
-def test_growth_is_the_larger_root(k1, k2):
+def test_the_spectral_abscissa_is_the_larger_root(k1, k2):
     expected = np.roots([1.0, k1, k2]).real.max()
     for law in (control.AccelerationLaw(k1, k2), control.GeometricFeedback(k1, k2)):
-        assert control.growth(law) == pytest.approx(expected, rel=1e-12)
-    assert control.growth(control.RateLaw([1.0, 2.0, k1, 3.0])) == pytest.approx(-min(1.0, k1))
+        assert control.spectral_abscissa(law) == pytest.approx(expected, rel=1e-12)
+    assert control.spectral_abscissa(control.RateLaw([1.0, 2.0, k1, 3.0])) == pytest.approx(-min(1.0, k1))
 
 
-def test_growth_of_full_gains_is_that_of_the_exponential():
-    """ln|exp(At)|/t tends to the largest real part."""
+def test_the_spectral_abscissa_of_full_gains_is_the_growth_rate_of_the_exponential():
+    """ln|exp(At)|/t converges to the largest real part."""
     for k1, k2 in random_gains(np.random.default_rng(3))[2:]:
         block = np.block([[np.zeros((4, 4)), np.eye(4)], [-k2, -k1]])
         expected = np.log(np.linalg.norm(expm(60 * block)) / np.linalg.norm(expm(50 * block))) / 10
-        assert control.growth(control.AccelerationLaw(k1, k2)) == pytest.approx(expected, rel=0.05)
+        assert control.spectral_abscissa(control.AccelerationLaw(k1, k2)) == pytest.approx(expected, rel=0.05)
 
 
-def test_the_gain_of_a_rate_law_leaves_the_residual():
+def test_the_gain_of_a_rate_law_reaches_the_residual():
     k = gains.rate_from_settling_time(2.0, 0.01)
     assert float(jnp.exp(-2.0 * k)) == pytest.approx(0.01, rel=1e-14)
     slope = jax.grad(gains.rate_from_settling_time)(2.0, 0.01)
     assert float(slope) == pytest.approx(-float(k) / 2.0, rel=1e-14)
 
 
-def test_an_undamped_loop_neither_grows_nor_decays():
-    """Coupled gains: what the eigenvalues' rounding leaves of a real part is no growth."""
+def test_the_spectral_abscissa_of_an_undamped_loop_is_zero():
+    """Coupled gains: a real part within the eigenvalues' round-off counts as zero."""
     rng = np.random.default_rng(7)
     root = rng.normal(size=(4, 4))
     law = qt.AccelerationLaw(np.zeros((4, 4)), root @ root.T + np.eye(4))
-    assert control.growth(law) == 0.0
-    assert control.growth(qt.AccelerationLaw(0.1, root @ root.T + np.eye(4))) < 0
+    assert control.spectral_abscissa(law) == 0.0
+    assert control.spectral_abscissa(qt.AccelerationLaw(0.1, root @ root.T + np.eye(4))) < 0

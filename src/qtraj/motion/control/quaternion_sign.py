@@ -1,0 +1,164 @@
+"""Free choices in the initial state: the sign of λ, its length |λ| and the virtual rate ω0.
+
+λ and −λ are the same attitude but have opposite errors μ and −μ, and a law drives its error to μ = 1. With scalar gains
+that are critical or overdamped, |μ(0)| = 1, ω0(0) = 0 and μ0(0) ≥ 0, μ(t) never vanishes. With the other sign of λ it
+may pass near zero, where the command has a pole. The error is known in closed form, so min |μ| is known in advance.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from qtraj.algebra.vector import norm
+from qtraj.foundation.arrays import concrete
+from qtraj.foundation.renamed import renamed_arguments
+from qtraj.foundation.types import Quat, Scalar, ScalarLike, Vec3
+from qtraj.motion.attitude import Attitude
+from qtraj.motion.control.errors import error_quaternion, error_rate, pure, state_from_error
+from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
+from qtraj.motion.control.response import error_state
+
+SIGNS, NORMALIZATIONS = ("auto", "near", "far"), ("unit", "gibbs")
+HALF_TURN = 1e-6
+"""Scalar part of the unit error quaternion below which the Gibbs normalization is refused."""
+
+_SAMPLES = 128
+_REFINEMENTS = 40
+
+
+@eqx.filter_jit
+def least_norm(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None = None) -> Scalar:
+    """min |μ(t)| over t ≥ 0 of the closed-form response to `mu0` and `mu_rate0` [1/s].
+
+    The command grows as 1/|μ|, so a small minimum announces a large peak of the command.
+
+    **Raises:** ValueError for the additive error, whose |λ| depends on the program.
+    """
+    if isinstance(law, AccelerationLaw) and law.error == "additive":
+        raise ValueError(
+            "min |μ| of a law with the additive error depends on the program. Use error='body' or error='inertial'."
+        )
+
+    def size(t: Scalar) -> Scalar:
+        return norm(error_state(law, mu0, mu_rate0, t)[0])
+
+    tau = _time_scale(law).astype(mu0.dtype)
+    u = jnp.arange(_SAMPLES, dtype=mu0.dtype) / _SAMPLES
+    times = tau * u / (1 - u)  # from 0 to far beyond the slowest mode
+    k = jnp.argmin(jax.vmap(size)(times))
+    low, high = times[jnp.maximum(k - 1, 0)], times[jnp.minimum(k + 1, _SAMPLES - 1)]
+
+    def narrow(_: ScalarLike, bounds: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+        low, high = bounds
+        a, b = low + (high - low) / 3, high - (high - low) / 3
+        left = size(a) <= size(b)
+        return jnp.where(left, low, a), jnp.where(left, b, high)
+
+    low, high = jax.lax.stop_gradient(jax.lax.fori_loop(0, _REFINEMENTS, narrow, (low, high)))
+    # At an interior minimum the time has no first-order effect: the value's derivative is exact.
+    return jnp.minimum(size(0.5 * (low + high)), norm(mu0))
+
+
+def choose_sign(law: AccelerationLaw | RateLaw, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
+    """λ or −λ, whichever has the larger min |μ| in the closed-form response.
+
+    Where both have the same minimum, and for a body at rest, the sign with μ0 ≥ 0 is returned; likewise for the
+    additive error. `rate` (4,) [rad/s], body axes.
+    """
+    mu = error_quaternion(reference, quaternion)
+    scalar = mu[0]
+    if isinstance(law, AccelerationLaw) and law.error == "additive":
+        return jnp.where(scalar < 0, -quaternion, quaternion)
+    kind = law.error if isinstance(law, AccelerationLaw) else "body"
+    x, v = error_quaternion(reference, quaternion, kind), error_rate(reference, quaternion, rate, kind)
+    near = jnp.where(scalar < 0, -jnp.ones_like(scalar), 1.0)
+    min_near, min_far = (least_norm(law, sign * near * x, sign * near * v) for sign in (1.0, -1.0))
+    sign = jax.lax.stop_gradient(jnp.where(min_far > min_near, -near, near))
+    return sign * quaternion
+
+
+def gibbs_normalization(reference: Attitude, quaternion: Quat, rate: Quat) -> tuple[Quat, Quat]:
+    """λ and ω of the same attitude and physical rate, with |λ| and ω0 chosen so that μ0 = 1 and μ̇0 = 0.
+
+    Then μ0 ≡ 1 under scalar gains, and the Gibbs vector of the error, g = μ_v/μ0, obeys g̈ + K1ġ + K2g = 0. For the
+    body and inertial errors. A half turn has no Gibbs vector: |λ| grows without bound near it.
+    """
+    mu = error_quaternion(reference, quaternion)
+    scaled = mu / mu[0]
+    rate_error = rate[1:] - reference.rate  # only its component along μ_v enters, which is the same in both axes
+    omega0 = scaled[1:] @ rate_error
+    return quaternion / mu[0], pure(rate[1:]).at[0].set(omega0)
+
+
+@renamed_arguments(excess="rate_error", gauge="normalization")
+def place(
+    law: AbstractLaw,
+    reference: Attitude,
+    mu: Quat,
+    rate_error: Vec3,
+    sign: str = "auto",
+    normalization: str = "unit",
+) -> tuple[Quat, Quat]:
+    """λ (4,) and ω (4,) [rad/s] of a body with the initial error `mu` (4,), a unit quaternion of either sign.
+
+    `rate_error` (3,) [rad/s], body axes: the body's rate minus the program's. `sign` of λ: "near" (μ0 ≥ 0), "far"
+    (μ0 ≤ 0), or "auto": `choose_sign` for laws with a linear error, "near" for others. `normalization`: "unit"
+    (|λ| = 1, ω0 = 0) or "gibbs" (`gibbs_normalization`, which has μ0 = 1 for either sign).
+
+    **Raises:** ValueError for another sign or normalization, and for the Gibbs normalization with the far sign or at a
+    half turn.
+    """
+    if sign not in SIGNS:
+        raise ValueError(f"sign must be one of {', '.join(map(repr, SIGNS))}, but {sign!r} was given")
+    if normalization not in NORMALIZATIONS:
+        raise ValueError(
+            f"normalization must be one of {', '.join(map(repr, NORMALIZATIONS))}, but {normalization!r} was given"
+        )
+    if normalization == "gibbs":
+        _require_gibbs(mu, sign)
+    return _place(law, reference, mu, rate_error, sign, normalization)
+
+
+@eqx.filter_jit
+def _place(
+    law: AbstractLaw, reference: Attitude, mu: Quat, rate_error: Vec3, sign: str, normalization: str
+) -> tuple[Quat, Quat]:
+    near = jnp.where(mu[0] < 0, -mu, mu)
+    quaternion, rate = state_from_error(reference, near, jnp.zeros_like(near))
+    rate = pure(rate[1:] + rate_error)
+    if normalization == "gibbs":
+        return gibbs_normalization(reference, quaternion, rate)
+    if sign == "far":
+        return -quaternion, rate
+    if sign == "auto" and isinstance(law, AccelerationLaw | RateLaw):
+        return choose_sign(law, reference, quaternion, rate), rate
+    return quaternion, rate
+
+
+def _require_gibbs(mu: Quat, sign: str) -> None:
+    if sign == "far":
+        raise ValueError("normalization='gibbs' has μ0 = 1, which contradicts sign='far'. Leave out one of them.")
+    scalar = concrete(mu[0])
+    if scalar is not None and abs(float(scalar)) < HALF_TURN:
+        raise ValueError(
+            "normalization='gibbs' is not possible at a half turn, which has no Gibbs vector. Use normalization='unit'."
+        )
+
+
+def _time_scale(law: AccelerationLaw | RateLaw) -> Scalar:
+    """Estimate of the slowest time constant [s]. An error only changes the spacing of the samples."""
+    if isinstance(law, RateLaw):
+        return 1 / _min_gain(law.k)
+    return jnp.maximum(_max_gain(law.k1) / _min_gain(law.k2), 2 / _min_gain(law.k1))
+
+
+def _diagonal(k: jax.Array) -> jax.Array:
+    return jnp.abs(jnp.diagonal(k) if k.ndim == 2 else jnp.atleast_1d(k))
+
+
+def _max_gain(k: jax.Array) -> Scalar:
+    return jnp.max(_diagonal(k))
+
+
+def _min_gain(k: jax.Array) -> Scalar:
+    return jnp.maximum(jnp.min(_diagonal(k)), jnp.finfo(k.dtype).tiny ** 0.5)
