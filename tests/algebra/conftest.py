@@ -1,4 +1,4 @@
-"""Attitudes that every conversion must survive: ordinary ones, and all the singular ones."""
+"""Attitudes for the tests of conversions: random ones, and the singular ones."""
 
 import itertools
 
@@ -17,7 +17,7 @@ def _turn(axis, cosine, sine):
 
 @pytest.fixture(scope="session")
 def special():
-    """Identity, half turns about 26 axes, the rotations of the cube, tiny and nearly half turns; both signs of each."""
+    """Identity, half turns about 26 axes, rotations of the cube, tiny and nearly half turns; both signs."""
     turns = [np.array([1.0, 0, 0, 0])]
     for axis in AXES:
         turns.append(_turn(axis, 0.0, 1.0))

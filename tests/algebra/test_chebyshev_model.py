@@ -1,4 +1,4 @@
-"""Chebyshev models: whatever is formed from them stays within their bounds, in cells of any size."""
+"""Chebyshev models: the results of their arithmetic stay within the error bounds, in cells of any size."""
 
 import jax
 import jax.numpy as jnp
@@ -27,11 +27,11 @@ def exact(row, s):
 
 
 def require_enclosed(build, truth, scale=1.0, tight=1e-11):
-    """What is built of models in a cell differs from the truth by less than its bound, and that bound is small."""
+    """The model from `build` differs from the exact function by less than its bound, and the bound is small."""
     for centre, half in CELLS:
         cell = jnp.full((1, 1), centre), jnp.full((1, 1), half)
         coefficients, error = jax.jit(lambda *cell: interpolated(build(*cell), semi_axes(cell[1])))(*cell)
-        assert float(error[0, 0]) < tight * scale or half > 0.1, "only wide cells need dividing"
+        assert float(error[0, 0]) < tight * scale or half > 0.1, "only in wide cells may the bound be large"
         with mpmath.workdps(DIGITS):
             own = [mpmath.mpf(float(x)) for x in coefficients[:, 0, 0]]
             for u in PLACES:
@@ -44,8 +44,8 @@ def test_nodes_and_their_matrix_are_exact_to_rounding():
         for j, x in enumerate(POINTS):
             assert abs(float(x) - mpmath.cos(mpmath.pi * (2 * j + 1) / (2 * NODES))) < 2.0**-53
             for k in range(NODES):
-                whole = mpmath.cos(mpmath.pi * k * (2 * j + 1) / (2 * NODES)) * (2 if k else 1) / NODES
-                assert abs(float(TO_CHEBYSHEV[k, j]) - whole) < 2 * 2.0**-53 / NODES * (2 if k else 1)
+                entry = mpmath.cos(mpmath.pi * k * (2 * j + 1) / (2 * NODES)) * (2 if k else 1) / NODES
+                assert abs(float(TO_CHEBYSHEV[k, j]) - entry) < 2 * 2.0**-53 / NODES * (2 if k else 1)
 
 
 @pytest.mark.parametrize(("m", "n"), [(0, 3), (3, 3), (5, 11), (11, 11)])
@@ -78,20 +78,20 @@ def test_vector_products_and_high_powers():
     require_enclosed(build, truth, scale=1e6)
 
 
-def test_an_inherited_error_is_passed_on():
-    """The coefficients are known to within 1e-6 only: so are the values, and no bound is smaller."""
+def test_errors_of_the_coefficients_are_propagated():
+    """Coefficients with errors up to 1e-6 give bounds that include the shifted values."""
     (p, exact_p), (q, exact_q) = vectors(3, 5, error=1e-6), vectors(3, 6)
     exact_p = [[x + mpmath.mpf(1e-6) / 4 for x in row] for row in exact_p]
-    factor, doubt = jnp.full((1, 1), 2.0), jnp.full((1, 1), 1e-7)
+    factor, uncertainty = jnp.full((1, 1), 2.0), jnp.full((1, 1), 1e-7)
 
     def build(*cell):
-        return multiple(p.on(*cell)[0] * q.on(*cell)[1], factor, doubt) + q.on(*cell)[2].one()
+        return multiple(p.on(*cell)[0] * q.on(*cell)[1], factor, uncertainty) + q.on(*cell)[2].one()
 
     require_enclosed(build, lambda s: 2 * exact(exact_p[0], s) * exact(exact_q[1], s) + 1, scale=1e7)
     require_enclosed(build, lambda s: (2 + 1e-7) * exact(exact_p[0], s) * exact(exact_q[1], s) + 1, scale=1e7)
 
 
-def test_what_is_not_finite_is_not_bounded():
+def test_a_model_with_an_infinite_error_has_no_finite_bound():
     p, _ = vectors(3, 7, error=np.inf)
     cell = jnp.zeros((1, 1)), jnp.full((1, 1), 0.125)
     _, error = interpolated(p.on(*cell)[0], semi_axes(cell[1]))

@@ -1,4 +1,4 @@
-"""Paper S's quaternion matrices: their printed form, their monomial basis, their laws."""
+"""Paper S's quaternion matrices: printed form, monomial basis, identities."""
 
 import jax
 import jax.numpy as jnp

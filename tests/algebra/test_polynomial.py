@@ -23,12 +23,16 @@ def test_taylor_gives_every_derivative(degree, t):
         np.testing.assert_allclose(series[k], expected, rtol=ROUND_OFF, atol=ROUND_OFF * np.abs(c).max() * 40)
 
 
-def test_product_and_derivative_agree_with_numpy():
-    rng = np.random.default_rng(1)
-    p, q = rng.normal(size=4), rng.normal(size=3)
-    np.testing.assert_allclose(polynomial.product(jnp.asarray(p), jnp.asarray(q)), np.convolve(p, q), rtol=ROUND_OFF)
-    np.testing.assert_allclose(polynomial.derivative(jnp.asarray(p)), Polynomial(p).deriv().coef, rtol=ROUND_OFF)
-    assert polynomial.derivative(jnp.asarray([3.0])).tolist() == [0.0]
+@pytest.mark.parametrize("degree", [0, 1, 5])
+def test_horner_takes_arrays_of_coefficients(degree):
+    c, t = np.random.default_rng(1).normal(size=(degree + 1, 4, 1)), np.linspace(-2.0, 2.0, 3)
+    expected = np.array([Polynomial(row)(t) for row in c[..., 0].T])
+    value = np.broadcast_to(polynomial.horner(list(c), t), expected.shape)
+    np.testing.assert_allclose(value, expected, rtol=ROUND_OFF, atol=ROUND_OFF * np.abs(c).max() * 40)
+
+
+def test_orders_above_the_degree_are_the_integer_zero():
+    assert polynomial.taylor_terms([3.0], 0.5, 2) == [3.0, 0, 0]
 
 
 @pytest.mark.parametrize(("at_start", "at_end"), [(1, 1), (2, 2), (3, 3), (3, 1), (2, 4)])
@@ -45,7 +49,7 @@ def test_hermite_meets_both_ends(at_start, at_end, duration):
         np.testing.assert_allclose(c.deriv(k)(duration), end[k], atol=1e2 * ROUND_OFF * scale)
 
 
-def test_hermite_cubic_is_that_of_the_paper():
+def test_hermite_gives_the_cubic_of_paper_s():
     """Paper S, with the sign of ρ3 corrected."""
     a, va, b, vb, t = 20.0, 1.5, 26.0, -0.7, 4.0
     c = polynomial.hermite(jnp.asarray([a, va]), jnp.asarray([b, vb]), t)

@@ -1,4 +1,4 @@
-"""Hamilton's algebra, the convention table, exponential and logarithm with their derivatives at the hard points."""
+"""Hamilton's algebra, the convention table, exponential and logarithm with derivatives at their singular points."""
 
 import jax
 import jax.numpy as jnp
@@ -49,7 +49,7 @@ def test_hamilton_s_table(p, q, pq):
     np.testing.assert_array_equal(quaternion.product(p, q), pq)
 
 
-def test_a_quarter_turn_about_z_pins_every_convention():
+def test_a_quarter_turn_about_z_shows_every_convention():
     """A body yawed by +90°: its x axis (τ) is the inertial y axis."""
     q = jnp.array([1.0, 0, 0, 1])  # unnormalised on purpose
     close(quaternion.rotate(q, jnp.array([1.0, 0, 0])), [0, 1, 0])
@@ -154,44 +154,44 @@ def test_exp_at_zero_with_first_and_second_derivatives():
     zero = jnp.zeros(3)
     np.testing.assert_array_equal(quaternion.exp(zero), ONE)
     slope = np.vstack([np.zeros(3), np.eye(3)])
-    bend = np.zeros((4, 3, 3))
-    bend[0] = -np.eye(3)
+    curvature = np.zeros((4, 3, 3))
+    curvature[0] = -np.eye(3)
     first, second = EXP(zero)
     for derivative in first:
         np.testing.assert_array_equal(derivative, slope)
     for derivative in second:
-        np.testing.assert_array_equal(derivative, bend)
+        np.testing.assert_array_equal(derivative, curvature)
 
 
 def test_log_at_the_identity_with_first_and_second_derivatives():
     np.testing.assert_array_equal(quaternion.log(ONE), np.zeros(3))
     slope = np.hstack([np.zeros((3, 1)), np.eye(3)])
-    bend = np.zeros((3, 4, 4))
+    curvature = np.zeros((3, 4, 4))
     for k in range(3):
-        bend[k, 0, k + 1] = bend[k, k + 1, 0] = -1
+        curvature[k, 0, k + 1] = curvature[k, k + 1, 0] = -1
     first, second = LOG(ONE)
     for derivative in first:
         np.testing.assert_array_equal(derivative, slope)
     for derivative in second:
-        np.testing.assert_array_equal(derivative, bend)
+        np.testing.assert_array_equal(derivative, curvature)
 
 
-def there_and_back(v):
+def log_of_exp(v):
     return quaternion.log(quaternion.exp(v))
 
 
 @quickly
-def there_and_back_with_derivatives(v):
-    f = there_and_back
+def log_of_exp_with_derivatives(v):
+    f = log_of_exp
     return f(v), (jax.jacfwd(f)(v), jax.jacrev(f)(v)), jax.hessian(f)(v)
 
 
 @pytest.mark.parametrize("size", [s for s in SIZES if s < np.pi])
 def test_log_inverts_exp_with_value_and_derivatives(size):
-    """The identity also in the first and second derivatives: no seam at the ends of the series."""
+    """log(exp(v)) = v with its first and second derivatives, also where the series end."""
     v = jnp.array(size * np.array([2.0, -3, 6]) / 7)
     loss = max(1.0, 1 / (np.pi - size))  # the direction of v is ill-conditioned near |v| = π
-    value, first, second = there_and_back_with_derivatives(v)
+    value, first, second = log_of_exp_with_derivatives(v)
     np.testing.assert_allclose(value, v, rtol=2e-15 * loss)
     for derivative in first:
         close(derivative, np.eye(3), ROUND_OFF * loss)
@@ -232,22 +232,22 @@ def test_derivatives_against_differences(f):
 
 
 def test_derivative_is_the_flow_of_a_constant_rate():
-    """d/dt of λ∘exp(ω_x t/2), and of exp(ω_ξ t/2)∘λ, with the scalar part growing |λ|² as exp ω0 t."""
+    """d/dt of λ∘exp(ω_x t/2), and of exp(ω_ξ t/2)∘λ, where the scalar part makes |λ|² grow as exp ω0 t."""
     omega = jnp.array([0.7, 0.1, -0.4, 0.9])
 
-    def grow(t):
+    def growing_rotation(t):
         return jnp.exp(0.5 * omega[0] * t) * quaternion.exp(0.5 * omega[1:] * t)
 
     def flow(f):
         return quickly(lambda t: jax.jvp(f, (t,), (jnp.array(1.0),))[1])(jnp.array(0.0))
 
-    close(flow(lambda t: quaternion.product(P, grow(t))), quaternion.derivative(P, omega))
-    close(flow(lambda t: quaternion.product(grow(t), P)), quaternion.derivative(P, omega, axes="inertial"))
+    close(flow(lambda t: quaternion.product(P, growing_rotation(t))), quaternion.derivative(P, omega))
+    close(flow(lambda t: quaternion.product(growing_rotation(t), P)), quaternion.derivative(P, omega, axes="inertial"))
     rate = quaternion.derivative(P, omega)
     close(2 * P @ rate / (P @ P), omega[0])
 
 
-def test_a_rate_vector_has_scalar_part_zero_and_two_sets_of_components():
+def test_a_rate_vector_has_scalar_part_zero_and_may_be_in_body_or_inertial_axes():
     padded = jnp.concatenate([jnp.zeros(1), V])
     np.testing.assert_array_equal(quaternion.derivative(P, V), quaternion.derivative(P, padded))
     close(P @ quaternion.derivative(P, V), 0)

@@ -1,4 +1,4 @@
-"""Derivatives of the conversions at every singular attitude, forward, reverse and twice."""
+"""First and second derivatives of the conversions, forward and reverse, at every singular attitude."""
 
 import jax
 import jax.numpy as jnp
@@ -57,21 +57,21 @@ def unit(special):
 
 @pytest.mark.parametrize("name", THERE_AND_BACK)
 def test_there_and_back_is_the_unit_quaternion_with_its_derivatives(name, unit):
-    """The composition is ±λ/|λ|; so are its first and second derivatives, at identity, half turns and ties alike."""
-    qs, (_, direction, _, bend) = unit[0], unit[1]
+    """The composition is ±λ/|λ| with its first and second derivatives, also at identity, half turns and ties."""
+    qs, (_, direction, _, curvature) = unit[0], unit[1]
     value, forward, reverse, second = all_derivatives(THERE_AND_BACK[name], qs)
     sign = np.sign(np.sum(value * np.array(qs), axis=1))
-    regular = slice(None) if name != "gibbs" else np.abs(qs[:, 0]) > 0.01  # half turns have a test of their own
+    regular = slice(None) if name != "gibbs" else np.abs(qs[:, 0]) > 0.01  # half turns are tested separately
     expected = unit[1][0] * sign[:, None]
     np.testing.assert_allclose(value[regular], expected[regular], rtol=0, atol=ROUND_OFF)
     for slope in (forward, reverse):
         np.testing.assert_allclose((sign[:, None, None] * slope)[regular], direction[regular], rtol=0, atol=ROUND_OFF)
     second = sign[:, None, None, None] * second
-    np.testing.assert_allclose(second[regular], bend[regular], rtol=0, atol=10 * ROUND_OFF)
+    np.testing.assert_allclose(second[regular], curvature[regular], rtol=0, atol=10 * ROUND_OFF)
 
 
 @pytest.mark.parametrize("f", [rotation.to_dcm, rotation.to_rotation_vector, rotation.to_mrp])
-def test_read_outs_are_flat_along_the_scale(f, special):
+def test_conversions_do_not_change_along_the_scale(f, special):
     """Finite first and second derivatives, forward and reverse; f(cλ) = f(λ) makes f′λ = 0 and f″λ = −f′."""
     _, forward, reverse, second = all_derivatives(f, jnp.array(special))
     assert np.isfinite(second).all()
@@ -92,7 +92,7 @@ def test_maps_from_three_parameters_are_smooth_at_zero_and_elsewhere(name):
     np.testing.assert_allclose(forward, differences(f, vs), rtol=0, atol=DIFFERENCE)
 
 
-READ_OUTS = {
+CONVERSIONS = {
     "dcm": rotation.to_dcm,
     "rotation vector": rotation.to_rotation_vector,
     "mrp": rotation.to_mrp,
@@ -103,25 +103,25 @@ READ_OUTS = {
 }
 
 
-@pytest.mark.parametrize("name", READ_OUTS)
-def test_read_outs_against_differences(name):
-    """At four attitudes away from lock and half turns, where differences can be trusted."""
+@pytest.mark.parametrize("name", CONVERSIONS)
+def test_conversions_against_differences(name):
+    """At four attitudes away from gimbal lock and half turns, where differences are accurate."""
     qs = jnp.array([[0.7, 0.4, -0.3, 0.5], [-0.6, 0.5, 0.4, 0.2], [0.9, 0.5, 0.1, -0.4], [1.4, -1.0, 0.8, 0.9]])
-    forward, reverse = first_derivatives(READ_OUTS[name], qs)
+    forward, reverse = first_derivatives(CONVERSIONS[name], qs)
     np.testing.assert_allclose(forward, reverse, rtol=0, atol=10 * ROUND_OFF)
-    np.testing.assert_allclose(forward, differences(READ_OUTS[name], qs), rtol=0, atol=DIFFERENCE)
+    np.testing.assert_allclose(forward, differences(CONVERSIONS[name], qs), rtol=0, atol=DIFFERENCE)
 
 
 @pytest.mark.parametrize("seq", EULER)
 def test_euler_angles_have_finite_derivatives_in_gimbal_lock(seq, special):
-    """At the special attitudes, among them exact locks, and at locked attitudes of the sequence."""
+    """At the special attitudes, some of them locked, and at locked attitudes of the sequence."""
     lock = (0.0, np.pi) if seq[0] == seq[2] else (-np.pi / 2, np.pi / 2)
     angles = jnp.array([[a, b, c] for a in (0.0, 0.3, np.pi / 2, 3.0) for b in lock for c in (0.0, -1.1)])
     locked = batch(lambda x: rotation.from_euler(seq, x))(angles)
     qs = jnp.concatenate([locked, -locked, jnp.array(special)])
     forward, reverse = first_derivatives(lambda q: rotation.to_euler(q, seq), qs)
     assert np.isfinite(forward).all()
-    size = np.abs(forward).max(axis=(1, 2), keepdims=True)  # near a lock the derivatives are large, and right
+    size = np.abs(forward).max(axis=(1, 2), keepdims=True)  # near gimbal lock the derivatives are correctly large
     np.testing.assert_allclose(forward / size, reverse / size, rtol=0, atol=10 * ROUND_OFF)
 
 

@@ -1,4 +1,4 @@
-"""Laws of the conversions: scale, Gibbs vectors, the paper's squares and ratios, sign continuity, errors, float32."""
+"""Properties of the conversions: scale, Gibbs vectors, paper S's squares and ratios, signs, errors, float32."""
 
 import jax
 import jax.numpy as jnp
@@ -33,7 +33,7 @@ def dcm(qs):
 # Scale
 
 
-def read_outs(q):
+def converted(q):
     angles = jnp.stack([rotation.to_euler(q, seq) for seq in ("xyz", "ZXZ", "XZY")])
     return {
         "dcm": rotation.to_dcm(q),
@@ -44,23 +44,23 @@ def read_outs(q):
     }
 
 
-READ_OUTS, TO_GIBBS = quickly(jax.vmap(read_outs)), batch(rotation.to_gibbs)
+CONVERSIONS, TO_GIBBS = quickly(jax.vmap(converted)), batch(rotation.to_gibbs)
 
 
 @pytest.mark.parametrize("c", [-1.0, -3.0, 1e-3, -1e-200, 1e200])
-def test_read_outs_agree_at_any_scale(c, special):
+def test_conversions_agree_at_any_scale(c, special):
     qs = np.concatenate([random_quaternions(200), special])
     qs = qs[clear_of_lock(qs)]
     if c == -1e-200:
         qs = np.where(np.abs(qs) < 1e-100, 0.0, qs)  # these would underflow
-    expected, actual = READ_OUTS(jnp.array(qs)), READ_OUTS(jnp.array(c * qs))
+    expected, actual = CONVERSIONS(jnp.array(qs)), CONVERSIONS(jnp.array(c * qs))
     for name, value in expected.items():
         np.testing.assert_allclose(actual[name], value, rtol=0, atol=20 * ROUND_OFF, err_msg=name)
     np.testing.assert_allclose(TO_GIBBS(jnp.array(c * qs)), TO_GIBBS(jnp.array(qs)), rtol=ROUND_OFF)
 
 
 def clear_of_lock(qs):
-    """Near a lock of one of the sequences, not in it, the outer angles are ill-conditioned: set those aside."""
+    """Exclude attitudes near gimbal lock of a sequence, but not in it: their outer angles are ill-conditioned."""
     R = dcm(qs).transpose(0, 2, 1)
     pairs = [R[:, 2, 1:], R[:, 2, :2], R[:, 0, ::2]]  # cosine or sine of the middle angle of xyz, ZXZ, XZY
     gap = np.linalg.norm(pairs, axis=2)
@@ -115,14 +115,14 @@ def test_gibbs_vector_has_the_length_of_scipy_s_half_angle():
 
 
 def test_gibbs_vector_from_direction_cosines(attitudes):
-    """Good to round-off of the attitude everywhere; equal to the regular form where that is well-conditioned."""
+    """Accurate to round-off of the attitude everywhere; equal to the regular form where that is well-conditioned."""
     C = dcm(attitudes)
     gibbs = np.array(batch(rotation.gibbs_from_dcm)(jnp.array(C)))
     finite = np.isfinite(gibbs).all(axis=1)
     np.testing.assert_array_less(np.abs(attitudes[~finite, 0]), 1e-15)
     back = np.array(batch(rotation.from_gibbs)(jnp.array(gibbs[finite])))
-    apart = [np.linalg.norm(back + s * attitudes[finite], axis=1) for s in (1, -1)]
-    assert np.min(apart, axis=0).max() < ROUND_OFF
+    distances = [np.linalg.norm(back + s * attitudes[finite], axis=1) for s in (1, -1)]
+    assert np.min(distances, axis=0).max() < ROUND_OFF
     near = attitudes[:, 0] ** 2 > 0.25
     regular = regular_form(C[near])
     size = np.maximum(np.abs(regular).max(axis=1, keepdims=True), np.finfo(float).tiny)
@@ -175,14 +175,14 @@ def test_continuous_undoes_random_sign_flips():
     np.testing.assert_array_equal(fixed, flips[0] * scales * smooth)
 
 
-def test_continuous_keeps_the_first_sign_and_takes_zero_for_plus():
+def test_continuous_keeps_the_first_sign_and_treats_zero_as_positive():
     qs = jnp.array([[-1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, -1.0, 0, 0], [0, 0, 0, 2.0]])
     expected = [[-1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 1.0, 0, 0], [0, 0, 0, -2.0]]
     np.testing.assert_array_equal(rotation.continuous(qs), expected)
     np.testing.assert_array_equal(rotation.continuous(qs[:1]), qs[:1])
 
 
-def test_continuous_has_the_signs_for_derivatives():
+def test_the_derivatives_of_continuous_are_its_signs():
     qs = jnp.array([[1.0, 0, 0, 0], [-1.0, 0.1, 0, 0], [0, 1.0, 0, 0]])
     expected = np.einsum("k,kl,ij->kilj", [1, -1, -1], np.eye(3), np.eye(4))
     for jacobian in (jax.jacfwd, jax.jacrev):

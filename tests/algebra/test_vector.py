@@ -1,4 +1,4 @@
-"""Lengths and directions, at ordinary, extreme and zero size."""
+"""Norms and directions of vectors of ordinary, extreme and zero length."""
 
 import jax
 import jax.numpy as jnp
@@ -44,9 +44,9 @@ def test_second_derivative_of_the_norm():
 
 
 def test_nan_is_not_hidden_by_the_fallback():
-    broken = jnp.array([jnp.nan, 0.0, 0.0])
-    assert np.isnan(vector.norm(broken))
-    assert np.isnan(vector.unit(broken, UP)).any()
+    invalid = jnp.array([jnp.nan, 0.0, 0.0])
+    assert np.isnan(vector.norm(invalid))
+    assert np.isnan(vector.unit(invalid, UP)).any()
 
 
 def test_float32_is_kept():

@@ -11,7 +11,7 @@ from qtraj.foundation import untrusted
 from qtraj.io.flat import FORMAT
 
 DEEP = 100_000
-NESTED = untrusted.DEEPEST + 1
+NESTED = untrusted.MAX_DEPTH + 1
 
 HEADER = {"format": FORMAT, "rows": ["time"], "dimensions": {"time": 1}, "attributes": {}, "variables": {}}
 DATASET = "# " + json.dumps(HEADER)
@@ -75,7 +75,7 @@ def test_a_long_text_is_no_deep_table():
 
 @pytest.mark.parametrize("name", ["a.toml", "a.csv"])
 def test_a_file_over_the_limit_is_not_read(tmp_path, monkeypatch, name):
-    monkeypatch.setattr(untrusted, "LARGEST", 10)
+    monkeypatch.setattr(untrusted, "MAX_SIZE", 10)
     (tmp_path / name).write_text("x" * 11)
     with pytest.raises(ValueError, match="larger than"):
         qt.load(tmp_path / name) if name.endswith("toml") else qt.read_track(tmp_path / name)

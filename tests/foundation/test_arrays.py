@@ -1,4 +1,4 @@
-"""Input becomes arrays without a program of JAX, and without a hold on the caller's memory."""
+"""Conversion of input compiles nothing and copies the caller's memory."""
 
 import jax
 import numpy as np
@@ -6,12 +6,12 @@ import pytest
 
 from qtraj.foundation.arrays import as_array, as_float, part
 
-SIZE = 1009  # of no other array in the tests, so that nothing of this shape has been compiled before
+SIZE = 1009  # no other test uses this size, so nothing of this shape is compiled yet
 
 
 @pytest.fixture
 def compiled():
-    """The compilations since the test began."""
+    """The compilations since the start of the test."""
     events = []
 
     def listen(name, *_, **__):
@@ -24,7 +24,7 @@ def compiled():
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32, np.int64, np.bool_])
-def test_known_input_compiles_nothing(compiled, dtype):
+def test_concrete_input_compiles_nothing(compiled, dtype):
     x = np.ones(SIZE, dtype)
     assert as_float(x).dtype == (dtype if np.issubdtype(dtype, np.floating) else np.float64)
     assert as_float(x.tolist()).shape == as_array(x, np.int32).shape == (SIZE,)
@@ -32,15 +32,15 @@ def test_known_input_compiles_nothing(compiled, dtype):
     assert not compiled
 
 
-def test_what_the_caller_writes_later_is_not_seen():
-    room = np.zeros(SIZE + 8)
-    x = room[-room.ctypes.data % 64 // 8 :][:SIZE]  # aligned as JAX would like to keep it
-    kept = as_float(x)
+def test_later_writes_of_the_caller_do_not_change_the_array():
+    memory = np.zeros(SIZE + 8)
+    x = memory[-memory.ctypes.data % 64 // 8 :][:SIZE]  # aligned, so that JAX would not copy it by itself
+    converted = as_float(x)
     x[:] = 1.0
-    assert not np.any(kept)
+    assert not np.any(converted)
 
 
-def test_a_part_can_be_traced():
+def test_part_of_a_traced_array():
     rows = np.arange(12.0).reshape(3, 4)
     np.testing.assert_array_equal(jax.vmap(lambda row: part(row, slice(1, 3)))(rows), rows[:, 1:3])
     np.testing.assert_array_equal(jax.grad(lambda row: part(row, 2))(rows[0]), [0, 0, 1, 0])

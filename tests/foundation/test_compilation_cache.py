@@ -1,4 +1,4 @@
-"""What one process compiles, the next one loads; a folder that cannot serve is named before anything is compiled."""
+"""Later processes load what one process compiled; an unusable folder is an error before anything is compiled."""
 
 import os
 import subprocess
@@ -31,7 +31,7 @@ print(len(hits))
 
 
 def process(*folders, **environment):
-    """The folders that were returned in a new process, and how many functions it loaded from them."""
+    """The folders that a new process returned, and the number of functions that it loaded from them."""
     inherited = {k: v for k, v in os.environ.items() if not k.startswith(("JAX_", "XDG_"))}
     command = [sys.executable, "-c", PROCESS, *map(str, folders)]
     done = subprocess.run(command, env=inherited | environment, capture_output=True, text=True, check=True, timeout=120)
@@ -54,14 +54,14 @@ def test_a_second_process_loads_what_the_first_compiled(tmp_path):
 
 
 def test_another_folder_takes_effect_at_once(tmp_path):
-    """JAX itself stays with the first folder that it used."""
+    """JAX itself keeps using its first folder."""
     one, other = tmp_path / "one", tmp_path / "another"
     assert process(one, other)[0] == [one, other]
     assert compiled(one)
     assert compiled(other)
 
 
-def test_without_a_folder_it_is_the_users_own(tmp_path):
+def test_the_default_folder_is_the_users_own(tmp_path):
     folders, _ = process("", XDG_CACHE_HOME=str(tmp_path))
     assert folders == [tmp_path / "qtraj" / "jax"]
     assert compiled(*folders)
@@ -104,7 +104,7 @@ def test_without_a_home_folder_one_must_be_passed(monkeypatch):
 
 
 @pytest.mark.parametrize(("name", "message"), [("file", "this is a file"), ("file/below", "cannot be made")])
-def test_a_folder_that_cannot_be_made_is_refused(tmp_path, name, message):
+def test_a_folder_that_cannot_be_created_is_an_error(tmp_path, name, message):
     (tmp_path / "file").write_text("")
     before = jax.config.jax_compilation_cache_dir
     with pytest.raises(ValueError, match=rf"{name}.*{message}"):
@@ -112,13 +112,13 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path, name, message):
     assert jax.config.jax_compilation_cache_dir == before
 
 
-def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path, monkeypatch):
+def test_a_folder_that_cannot_be_written_to_is_an_error(tmp_path, monkeypatch):
     monkeypatch.setattr(compilation_cache.os, "access", lambda path, mode: False)
     with pytest.raises(ValueError, match="cannot be written to"):
         qt.enable_compilation_cache(tmp_path)
 
 
-def test_the_import_brings_in_nothing():
+def test_the_import_loads_no_heavy_package():
     code = "import sys, qtraj.foundation.compilation_cache; print({'jax', 'equinox', 'numpy'} & {*sys.modules})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"

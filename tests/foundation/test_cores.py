@@ -1,4 +1,4 @@
-"""Blocks of lanes: every lane comes back in its place, whatever their number and the core that worked on it."""
+"""Blocks of a batch: each element is written to its own index, for any batch size and number of threads."""
 
 import threading
 
@@ -12,22 +12,22 @@ from qtraj.foundation import cores
 SIZE = 4
 
 
-@pytest.mark.parametrize("lanes", [1, 3, 4, 5, 23])
-def test_every_lane_comes_back_in_its_place(lanes):
-    given = {"a": np.arange(lanes, dtype=float), "b": np.arange(2 * lanes).reshape(lanes, 2)}
-    parts = cores.split(np.arange(lanes)[::-1], SIZE)
-    calls = [(cores.take(given, part, SIZE),) for part in parts]
-    assert all(call[0]["b"].shape == (SIZE, 2) for call in calls), "one size for all"
-    found = None
-    for part, answer in zip(parts, cores.map_blocks(jax.jit(lambda x: (x["a"] ** 2, x["b"] + 1)), calls), strict=True):
-        found = cores.allocate(lanes, answer) if found is None else found
-        cores.put(found, part, answer)
-    assert found is not None
-    np.testing.assert_array_equal(found[0], given["a"] ** 2)
-    np.testing.assert_array_equal(found[1], given["b"] + 1)
+@pytest.mark.parametrize("elements", [1, 3, 4, 5, 23])
+def test_every_element_is_written_to_its_own_index(elements):
+    batch = {"a": np.arange(elements, dtype=float), "b": np.arange(2 * elements).reshape(elements, 2)}
+    parts = cores.split(np.arange(elements)[::-1], SIZE)
+    calls = [(cores.take(batch, part, SIZE),) for part in parts]
+    assert all(call[0]["b"].shape == (SIZE, 2) for call in calls), "all blocks have one size"
+    result = None
+    for part, output in zip(parts, cores.map_blocks(jax.jit(lambda x: (x["a"] ** 2, x["b"] + 1)), calls), strict=True):
+        result = cores.allocate(elements, output) if result is None else result
+        cores.put(result, part, output)
+    assert result is not None
+    np.testing.assert_array_equal(result[0], batch["a"] ** 2)
+    np.testing.assert_array_equal(result[1], batch["b"] + 1)
 
 
-def test_a_new_call_is_compiled_by_one_thread_and_the_rest_are_shared_by_several(monkeypatch):
+def test_a_new_call_is_compiled_by_one_thread_and_the_rest_run_in_several(monkeypatch):
     monkeypatch.setattr(cores, "CORES", 2)
     meet, threads, traced = threading.Barrier(2, timeout=60), [], []
 
@@ -39,11 +39,11 @@ def test_a_new_call_is_compiled_by_one_thread_and_the_rest_are_shared_by_several
     def call(x):
         threads.append(threading.current_thread())
         if len(threads) > 1:
-            meet.wait()  # two at a time, or never
+            meet.wait()  # needs two threads at the same time
         return double(x)
 
-    found = list(cores.map_blocks(call, [(np.full(3, k),) for k in range(5)]))
-    np.testing.assert_array_equal(found, [[2 * k] * 3 for k in range(5)])
+    result = list(cores.map_blocks(call, [(np.full(3, k),) for k in range(5)]))
+    np.testing.assert_array_equal(result, [[2 * k] * 3 for k in range(5)])
     assert len(traced) == 1
     assert threads[0] is threading.current_thread()
     assert len(set(threads[1:])) == 2
@@ -56,15 +56,15 @@ def test_threads_have_the_precision_of_the_caller():
             assert [x.dtype for x in cores.map_blocks(lambda x: jnp.asarray(x) / 3, calls)] == [dtype] * 3
 
 
-def test_every_block_is_worked_on_where_the_caller_says():
+def test_every_block_runs_on_the_device_of_the_caller():
     here, there = jax.devices()[0], jax.devices()[-1]
     calls = [(np.full(2, k),) for k in range(4)]
     seen = []
 
     def call(x):
-        found = jnp.asarray(x)
-        seen.append(found.devices())
-        return found
+        result = jnp.asarray(x)
+        seen.append(result.devices())
+        return result
 
     list(cores.map_blocks(call, calls, there))
     with jax.default_device(here):

@@ -1,4 +1,4 @@
-"""Documents round-trip exactly, refuse what they cannot hold, and name the file when they cannot be read."""
+"""Documents round-trip exactly, reject unsupported types, and errors name the file."""
 
 import os
 import stat
@@ -30,14 +30,14 @@ def test_round_trip_is_exact(tmp_path, suffix):
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
-def test_what_is_not_finite_is_kept(tmp_path, suffix):
-    found = qt.Certificate(["speed"] * 3, [2] * 3, [jnp.inf, -jnp.inf, jnp.nan], [1.0, 2.0, 3.0], [1.0] * 3)
-    document.save(found, tmp_path / f"found{suffix}")
-    times = qt.load(tmp_path / f"found{suffix}").times
+def test_nan_and_infinity_are_kept(tmp_path, suffix):
+    certificate = qt.Certificate(["speed"] * 3, [2] * 3, [jnp.inf, -jnp.inf, jnp.nan], [1.0, 2.0, 3.0], [1.0] * 3)
+    document.save(certificate, tmp_path / f"certificate{suffix}")
+    times = qt.load(tmp_path / f"certificate{suffix}").times
     np.testing.assert_array_equal(times, [np.inf, -np.inf, np.nan])
 
 
-def test_a_document_read_without_float64_is_warned_of(tmp_path):
+def test_loading_without_float64_warns(tmp_path):
     qt.SpiralHelix([1 / 3], [0.0, 1.0], [0.0], 1.0).save(tmp_path / "path.toml")
     jax.config.update("jax_enable_x64", False)
     try:
@@ -47,7 +47,7 @@ def test_a_document_read_without_float64_is_warned_of(tmp_path):
         jax.config.update("jax_enable_x64", True)
 
 
-def test_a_file_is_replaced_whole(tmp_path):
+def test_a_file_is_replaced_at_once(tmp_path):
     file = tmp_path / "path.toml"
     file.write_text("old")
     helix().save(file)
@@ -66,7 +66,7 @@ def test_a_file_is_replaced_whole(tmp_path):
         ("a.toml", 'format = "qtraj/1"\ntype = "Nothing"', "unknown type 'Nothing'"),
         ("a.toml", 'format = "qtraj/1"\ntype = "Placement"\ncolour = 1', "no field 'colour'"),
         ("a.toml", 'format = "qtraj/1"\ntype = "Placement"\norigin = [0, 0]', "shape (3,)"),
-        ("a.toml", 'format = "qtraj/1"\ntype = "SpiralHelix"\nradius = [1.0]', "SpiralHelix lacks its field 'angle'"),
+        ("a.toml", 'format = "qtraj/1"\ntype = "SpiralHelix"\nradius = [1.0]', "SpiralHelix lacks the field 'angle'"),
         ("a.txt", "", "must end in .toml or .json"),
     ],
 )
@@ -84,7 +84,7 @@ def test_a_missing_file_is_an_os_error(tmp_path):
         qt.load(tmp_path / "nothing.toml")
 
 
-def test_what_has_no_document_form_is_refused(tmp_path):
+def test_a_path_with_a_function_cannot_be_stored(tmp_path):
     curve = qt.Curve(lambda t: jnp.stack([t, t, t]), 1.0)
     with pytest.raises(ValueError, match="Curve cannot be stored"):
         curve.save(tmp_path / "curve.toml")

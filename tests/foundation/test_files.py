@@ -1,4 +1,4 @@
-"""Files appear whole or not at all, and what a killed process leaves is removed by the next that is no other's."""
+"""Files are complete or absent, and the staging folders of killed processes are removed by the next write."""
 
 import os
 import signal
@@ -13,7 +13,7 @@ from qtraj.foundation import files
 
 SOURCE = Path(__file__).parents[2] / "src"
 
-locks = pytest.mark.skipif(files._prefix() is None, reason="this system cannot tell whose a folder is")
+locks = pytest.mark.skipif(files._prefix() is None, reason="this system cannot tell which process owns a folder")
 
 STAGE = """
 import sys
@@ -41,7 +41,7 @@ REPLACE = """
 
 @contextmanager
 def writing(folder, step="pass"):
-    """A process of its own that has staged files in the folder and waits."""
+    """A separate process that has staged files in the folder and waits."""
     command = [sys.executable, "-c", STAGE.format(step=step.strip()), str(folder)]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": str(SOURCE)}
@@ -65,10 +65,10 @@ def names(folder):
 
 
 def test_a_failed_write_leaves_nothing(tmp_path, monkeypatch):
-    def broken(*_):
+    def failing(*_):
         raise OSError("disk full")
 
-    monkeypatch.setattr(files.os, "replace", broken)
+    monkeypatch.setattr(files.os, "replace", failing)
     with pytest.raises(OSError, match="disk full"):
         files.write_atomically(tmp_path / "x", b"content")
     assert not os.listdir(tmp_path)
@@ -83,10 +83,10 @@ def test_a_file_never_replaces_a_folder(tmp_path):
 
 
 @locks
-def test_the_next_write_removes_what_a_killed_process_left(tmp_path):
+def test_the_next_write_removes_the_folder_of_a_killed_process(tmp_path):
     killed(tmp_path)
     killed(tmp_path)
-    assert len(names(tmp_path)) == 1  # the second removed what the first left
+    assert len(names(tmp_path)) == 1  # the second process removed the folder of the first
     assert names(tmp_path)[0].startswith(".qtraj-")
     files.write_atomically(tmp_path / "x", b"content")
     assert names(tmp_path) == ["x"]
@@ -98,13 +98,13 @@ def test_the_folder_of_a_living_process_stays(tmp_path):
         (stage,) = tmp_path.iterdir()
         files.write_atomically(tmp_path / "x", b"content")
         assert (stage / "content").read_text() == "half"
-        process.communicate("")  # it goes on, and ends as if it had been alone
+        process.communicate("")  # it continues undisturbed
         assert process.returncode == 0
     assert names(tmp_path) == ["x"]
 
 
 @locks
-def test_a_stopped_process_lives(tmp_path):
+def test_the_folder_of_a_stopped_process_stays(tmp_path):
     with writing(tmp_path) as process:
         process.send_signal(signal.SIGSTOP)
         (stage,) = tmp_path.iterdir()
@@ -124,8 +124,8 @@ def test_folders_of_this_process_stay(tmp_path):
 
 
 @locks
-def test_what_is_not_certainly_ours_stays(tmp_path, monkeypatch):
-    """Other names, another kernel's folders, files, links, a folder with content and no lock, another user's."""
+def test_only_own_staging_folders_are_removed(tmp_path, monkeypatch):
+    """Not: other names, another kernel's folders, files, links, folders without lock, another user's folders."""
     own, elsewhere = files._prefix(), tmp_path / "elsewhere"
     elsewhere.mkdir()
     (elsewhere / ".lock").write_text("")
@@ -149,34 +149,34 @@ def test_what_is_not_certainly_ours_stays(tmp_path, monkeypatch):
 
 
 @locks
-def test_a_folder_whose_process_was_killed_before_it_had_a_lock_goes(tmp_path):
+def test_the_empty_folder_of_a_process_killed_before_locking_is_removed(tmp_path):
     (tmp_path / (files._prefix() + "empty")).mkdir()
     files.sweep(tmp_path)
     assert names(tmp_path) == []
 
 
 @locks
-def test_a_folder_swept_while_it_is_made_is_made_again(tmp_path, monkeypatch):
-    """Between making the folder and locking it, another process may take it for abandoned: twice, in two ways."""
-    make, take, met = files.tempfile.mkdtemp, files._acquire, []
+def test_a_folder_removed_before_it_is_locked_is_created_again(tmp_path, monkeypatch):
+    """Another process may consider a folder abandoned while it is empty, and before its lock is taken."""
+    make, acquire, events = files.tempfile.mkdtemp, files._acquire, []
 
     def swept_when_empty(**arguments):
         stage = make(**arguments)
-        if not met:
-            met.append("empty")
+        if not events:
+            events.append("empty")
             os.rmdir(stage)
         return stage
 
     def swept_before_locked(lock, stage):
-        if met == ["empty"]:
-            met.append("unlocked")
+        if events == ["empty"]:
+            events.append("unlocked")
             files._discard(stage)
-        return take(lock, stage)
+        return acquire(lock, stage)
 
     monkeypatch.setattr(files.tempfile, "mkdtemp", swept_when_empty)
     monkeypatch.setattr(files, "_acquire", swept_before_locked)
     files.write_atomically(tmp_path / "x", b"content")
-    assert met == ["empty", "unlocked"]
+    assert events == ["empty", "unlocked"]
     assert names(tmp_path) == ["x"]
 
 
@@ -197,8 +197,8 @@ def test_without_locks_files_are_written_and_nothing_is_removed(tmp_path, monkey
 
 
 @locks
-def test_a_folder_that_was_being_replaced_is_put_back(tmp_path):
-    """Killed while neither the old nor the new folder is in its place: the old one must not be lost."""
+def test_a_folder_is_restored_if_its_replacement_was_killed(tmp_path):
+    """The process is killed while neither the old nor the new folder is in place."""
     (tmp_path / "store").mkdir()
     (tmp_path / "store" / "old").write_text("")
     killed(tmp_path, REPLACE)
@@ -208,17 +208,17 @@ def test_a_folder_that_was_being_replaced_is_put_back(tmp_path):
     assert names(tmp_path / "store") == ["old"]
 
 
-def test_a_folder_that_cannot_be_replaced_is_put_back(tmp_path, monkeypatch):
+def test_a_folder_is_restored_if_its_replacement_fails(tmp_path, monkeypatch):
     (tmp_path / "store").mkdir()
     (tmp_path / "store" / "old").write_text("")
     replace = os.replace
 
-    def broken(source, target):
+    def failing(source, target):
         if Path(source).parent.name.startswith(".qtraj-"):
             raise OSError("disk full")
         replace(source, target)
 
-    monkeypatch.setattr(files.os, "replace", broken)
+    monkeypatch.setattr(files.os, "replace", failing)
     with files.staging(tmp_path) as stage:
         (stage / "store").mkdir()
         with pytest.raises(OSError, match="disk full"):

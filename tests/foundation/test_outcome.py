@@ -1,4 +1,4 @@
-"""How solves end: one table of codes, texts made when they are asked for, and errors only on request."""
+"""Result codes: their texts, which are composed on access, and errors only on request."""
 
 import re
 
@@ -12,24 +12,24 @@ from jaxtyping import Array, Int
 from qtraj.foundation.outcome import FAILURES, AbstractOutcome, ResultCode, Texts
 from qtraj.foundation.record import Quantity, Record
 
-made = []
+composed = []
 
 
-class Solved(AbstractOutcome):
-    """A result with no more than its codes; it notes which texts it was asked for."""
+class Outcome(AbstractOutcome):
+    """A result with only its codes, which records the texts that were composed."""
 
     code: Int[Array, "*batch"]
 
     def explain(self, at):
-        made.append(at)
+        composed.append(at)
         return f"{ResultCode(int(np.asarray(self.code)[at])).text} At {at}."
 
     def record(self):
-        return Record("a line", {"code": Quantity(self.code, "1", "how it ended")})
+        return Record("a line", {"code": Quantity(self.code, "1", "how the solve ended")})
 
 
-def solved(codes):
-    return Solved(jnp.asarray(codes, jnp.int32))
+def outcome(codes):
+    return Outcome(jnp.asarray(codes, jnp.int32))
 
 
 CODES = [0, ResultCode.near_zero_error, ResultCode.infeasible, ResultCode.max_steps_reached]
@@ -46,17 +46,17 @@ def test_every_code_has_its_own_text_and_every_failure_says_what_to_do():
             assert ADVICE.search(code.text), code.name
 
 
-def test_a_result_is_a_text_and_of_a_batch_a_sequence_made_on_demand():
-    assert solved(ResultCode.infeasible).result.startswith("no boundary velocities")
-    made.clear()
-    texts = solved(np.tile(CODES, 1000)).result
-    assert (len(texts), made) == (4000, [])
+def test_result_is_a_text_and_for_a_batch_a_sequence_composed_on_access():
+    assert outcome(ResultCode.infeasible).result.startswith("no boundary velocities")
+    composed.clear()
+    texts = outcome(np.tile(CODES, 1000)).result
+    assert (len(texts), composed) == (4000, [])
     assert "max_steps" in texts[-1]
-    assert made == [(3999,)]
+    assert composed == [(3999,)]
     assert texts[1:3][1] == texts[2]
     with pytest.raises(IndexError):
         texts[4000]
-    assert [text[:8] for text in solved(CODES).result] == ["the solv", "finished", "no bound", "stopped:"]
+    assert [text[:8] for text in outcome(CODES).result] == ["the solv", "finished", "no bound", "stopped:"]
 
 
 def test_texts_have_the_axes_of_the_batch():
@@ -70,24 +70,24 @@ def test_texts_have_the_axes_of_the_batch():
 
 
 def test_success_is_an_array_also_inside_a_trace():
-    assert solved(CODES).successful.tolist() == [True, True, False, False]
-    found = jax.jit(jax.vmap(lambda code: Solved(code).successful))(jnp.asarray(CODES, jnp.int32))
-    assert found.tolist() == [True, True, False, False]
-    with pytest.raises(ValueError, match="outside jit, vmap and grad only: use successful or code"):
-        jax.jit(lambda one: len(one.result))(solved(0))
+    assert outcome(CODES).successful.tolist() == [True, True, False, False]
+    successful = jax.jit(jax.vmap(lambda code: Outcome(code).successful))(jnp.asarray(CODES, jnp.int32))
+    assert successful.tolist() == [True, True, False, False]
+    with pytest.raises(ValueError, match="not available inside jit, vmap or grad: use successful or code"):
+        jax.jit(lambda one: len(one.result))(outcome(0))
 
 
-def test_check_raises_the_text_of_the_first_failure_and_gives_back_what_succeeded():
-    good = solved(CODES[:2])
+def test_check_raises_the_text_of_the_first_failure_or_returns_the_result():
+    good = outcome(CODES[:2])
     assert good.check() is good
     with pytest.raises(RuntimeError, match=r"^no boundary velocities .* At \(\)\.$"):
-        solved(CODES[2]).check()
+        outcome(CODES[2]).check()
     with pytest.raises(RuntimeError, match=r"^element 2 of the batch: no boundary velocities .* At \(2,\)\.$"):
-        solved(CODES).check()
+        outcome(CODES).check()
 
 
 def test_check_in_a_trace_raises_when_the_function_runs():
     checked = eqx.filter_jit(lambda one: one.check().code + 1)
-    assert checked(solved(CODES[:2])).tolist() == [1, 1 + ResultCode.near_zero_error]
+    assert checked(outcome(CODES[:2])).tolist() == [1, 1 + ResultCode.near_zero_error]
     with pytest.raises(RuntimeError, match="no boundary velocities"):
-        checked(solved([CODES[0], CODES[2]]))
+        checked(outcome([CODES[0], CODES[2]]))

@@ -1,4 +1,4 @@
-"""Progress: a fraction, in words, a few times a second."""
+"""Progress reports: text, fraction, and their rate."""
 
 import numpy as np
 import pytest
@@ -21,17 +21,17 @@ def test_a_report_says_what_and_how_much(progress, text, fraction):
 
 
 @pytest.mark.parametrize("step", [0.001, 0.1, 0.3])
-def test_reports_come_at_once_and_then_no_more_often_than_the_interval(step):
+def test_the_first_report_is_immediate_and_later_ones_are_limited(step):
     times = step * np.arange(1000)
     clock, seen = iter(times), []
-    tell = throttled(lambda progress: seen.append(times[progress.done]), interval=0.25, clock=lambda: next(clock))
+    report = throttled(lambda progress: seen.append(times[progress.done]), interval=0.25, clock=lambda: next(clock))
     for k in range(1000):
-        tell(Progress("steps", k, 1000))
+        report(Progress("steps", k, 1000))
     assert seen[0] == 0.0
     gaps = np.diff(seen)
     assert gaps.min() >= 0.25
     assert gaps.max() < 0.25 + 2 * step
 
 
-def test_nobody_need_listen():
+def test_without_a_receiver_nothing_happens():
     throttled(None)(Progress("searches", 1, 2))

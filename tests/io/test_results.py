@@ -289,7 +289,7 @@ def test_texts_from_outside_are_escaped():
 def test_traced_results_and_a_missing_xarray_are_told(monkeypatch):
     one = single()
     for name in ("tuned", "table", "closed", "path", "certificate"):
-        with pytest.raises(ValueError, match="a dataset needs known values"):
+        with pytest.raises(ValueError, match="a dataset needs concrete values"):
             jax.jit(lambda x: x.to_xarray())(one[name])
     original = record.require_package
     monkeypatch.setattr(record, "require_package", lambda package, purpose: original(f"missing_{package}", purpose))
@@ -378,7 +378,7 @@ def test_lanes_of_findings_end():
     assert lots[-1].worst["curvature"] == (0.1, 1 / 3, 0.5)
     assert lots[jnp.asarray(1)].status == lots[1].status
     for lane in (LANES, -LANES - 1, np.int64(LANES), jnp.asarray(LANES), np.asarray(-LANES - 1)):
-        with pytest.raises(IndexError, match=f"there are 3 paths, and none at {lane}"):
+        with pytest.raises(IndexError, match=f"there are 3 paths, so there is none with the index {lane}"):
             lots[lane]
     with pytest.raises(TypeError, match="only the certificate of a batch can be indexed"):
         lots[0][0]

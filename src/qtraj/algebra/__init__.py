@@ -1,1 +1,1 @@
-"""Floor 1: quaternions, rotations, polynomials."""
+"""Layer 1: quaternions, rotations, polynomials."""

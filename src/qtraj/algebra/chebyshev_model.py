@@ -1,16 +1,16 @@
-"""Analytic functions on [−1, 1] by their values at Chebyshev nodes, with bounds that turn the values into proofs.
+"""Analytic functions on [−1, 1] by their values at Chebyshev nodes, with rigorous error bounds.
 
-A model bounds what rounding did to its values, and the function itself on ellipses about [−1, 1] in the complex
-plane: by that the polynomial through the values differs from the function by next to nothing (Trefethen, Approximation
-Theory and Approximation Practice, theorem 8.2), and the less, the smaller the interval is on which the function was
-taken. So arithmetic is that of numbers, node by node, whatever the degree of the polynomials that are multiplied.
+A model bounds the rounding errors of its values, and the function itself on ellipses about [−1, 1] in the complex
+plane. The second bound limits the distance between the function and the polynomial through the values (Trefethen,
+Approximation Theory and Approximation Practice, theorem 8.2): the smaller the interval, the smaller the distance.
+Arithmetic acts on the values, node by node, and costs the same for polynomials of any degree.
 
-Three bounds are kept to. A sum of products with at most `count` roundings in any of its terms is off by at most `count`
-units of round-off of the sum of the magnitudes. A bound is raised by `SLACK` for its own rounding, and an error by
-`TINY` for underflow. A size is never below `FLOOR`, so that what underflowed in an operand is accounted for, too.
+The bounds follow three rules. A sum of products with at most `count` roundings in each term has an error of at most
+`count` units of round-off of the sum of the magnitudes. Every bound is multiplied by `SLACK` for its own rounding, and
+every error grows by `TINY` for underflow. A size is at least `MIN_SIZE`, which covers underflow in an operand.
 
-Values are (*vector, node, cell, path): the cells and paths that are worked on together stand last, where one
-instruction of the processor takes several of them.
+Values have the shape (*vector, node, cell, path). Cells and paths come last because the processor's vector instructions
+act on the last axes.
 """
 
 from typing import Any
@@ -25,14 +25,14 @@ NODES = 10
 
 SLACK = 1 + 2.0**-40
 TINY = 2.0**-1000
-FLOOR = 2.0**-960
+MIN_SIZE = 2.0**-960
 
 AXIS = -3
-"""That of the nodes, and of the powers of s in coefficients."""
+"""The axis of the nodes, and of the powers of s in arrays of coefficients."""
 
 
 def _cosine(m: np.ndarray) -> np.ndarray:
-    """cos(mπ/2n) to within a unit of round-off, by the sine of an angle reduced in whole numbers."""
+    """cos(mπ/2n) to one unit of round-off: the angle is reduced in integers, then its sine is taken."""
     n = NODES
     k = (3 * n - m) % (4 * n) - 2 * n
     k = np.where(k > n, 2 * n - k, np.where(k < -n, -2 * n - k, k))
@@ -44,29 +44,30 @@ POINTS = _cosine(_ODD)
 """The nodes, the zeros of T_n."""
 
 TO_CHEBYSHEV = _cosine(np.outer(np.arange(NODES), _ODD)) * np.where(np.arange(NODES) == 0, 1.0, 2.0)[:, None] / NODES
-"""From the values to the coefficients of T_0 … of the polynomial through them."""
+"""The matrix from values to the Chebyshev coefficients of the polynomial through them."""
 
 TO_POWERS = np.zeros((NODES, NODES))
-"""From these to the coefficients of powers of s; whole numbers."""
+"""The matrix from Chebyshev coefficients to coefficients of powers of s; its entries are integers."""
 for _k, _unit in enumerate(np.eye(NODES)):
     _powers = np.polynomial.chebyshev.cheb2poly(_unit)
     TO_POWERS[: _powers.size, _k] = _powers
 
 LEBESGUE = 3.0
-"""The polynomial through values exceeds their largest magnitude by less than this factor."""
+"""Bound on max|p|/max|values| for the polynomial p through the values."""
 
-REACHES, LONGEST = (3.0, 6.0), 16.0
-"""Long semi-axes of ellipses; the last may be longer, where the interval is small."""
+SEMI_AXES, MIN_LAST_SEMI_AXIS = (3.0, 6.0), 16.0
+"""Long semi-axes of the ellipses; the last ellipse is larger than `MIN_LAST_SEMI_AXIS` where the interval is small."""
 
-ELSEWHERE = 4 / 1.6 / 1.94 ** (NODES - 1)
-"""The theorem's 4/(ρ − 1)/ρ^(NODES−1) is below this over reach^NODES: ρ > 1.94 · reach, and ρ − 1 > 1.6 · reach."""
+INTERPOLATION_FACTOR = 4 / 1.6 / 1.94 ** (NODES - 1)
+"""With the semi-axis a, the theorem's 4/(ρ − 1)/ρ^(NODES−1) is below this factor over a^NODES: ρ > 1.94 a and
+ρ − 1 > 1.6 a."""
 
 
 class ChebyshevModel(eqx.Module):
-    """Functions by `values` within `error` of the exact ones, of magnitudes up to `size`, on ellipses up to `bound`.
+    """Functions by their `values`, with |value − exact| ≤ `error`, |value| ≤ `size`, and |f| ≤ `bound` on the ellipses.
 
-    The components of a vector share all three. The theorem holds at the zeros of T_n, too: of the terms above n each
-    takes the values of one below, up to its sign, at either kind of nodes.
+    The components of a vector share the three bounds. The theorem is stated for the extrema of T_n but is true at its
+    zeros too: at either kind of nodes every T_k with k > n has, up to sign, the values of one with k ≤ n.
     """
 
     values: Float[Array, "*vector node cells paths"]
@@ -75,7 +76,7 @@ class ChebyshevModel(eqx.Module):
     bound: Float[Array, "ellipses cells paths"]
 
     def __getitem__(self, index: Any) -> "ChebyshevModel":
-        """Some components of a vector."""
+        """Selected components of a vector."""
         return ChebyshevModel(self.values[index], self.size, self.error, self.bound)
 
     def __add__(self, other: "ChebyshevModel") -> "ChebyshevModel":
@@ -96,7 +97,7 @@ class ChebyshevModel(eqx.Module):
         return _cross(self, other)
 
     def __rmul__(self, factor: int) -> "ChebyshevModel":
-        """Times a whole number; a power of two rounds nothing."""
+        """Product with an integer; a power of two adds no rounding error."""
         size, error, bound = (abs(factor) * x for x in (self.size, self.error, self.bound))
         if abs(factor) & (abs(factor) - 1):
             size, error, bound = size * SLACK, add_rounding(error, 1, size), bound * SLACK
@@ -110,45 +111,45 @@ class ChebyshevModel(eqx.Module):
 
 @jax.jit
 def multiple(p: ChebyshevModel, factor: Float[Array, "1 paths"], error: Float[Array, "1 paths"]) -> ChebyshevModel:
-    """`p` times a positive number that is known to within `error`."""
-    size, most = factor * p.size, (factor + error)[None] * p.bound * SLACK
+    """`p` times a positive `factor` with the absolute uncertainty `error`."""
+    size, bound = factor * p.size, (factor + error)[None] * p.bound * SLACK
     rounding = add_rounding(factor * p.error + error * (p.size + p.error), 1, size)
-    return ChebyshevModel(factor[None] * p.values, size * SLACK, rounding, most)
+    return ChebyshevModel(factor[None] * p.values, size * SLACK, rounding, bound)
 
 
 @jax.jit
-def interpolated(p: ChebyshevModel, reach: Float[Array, "ellipses cells paths"]) -> tuple[Array, Array]:
-    """Coefficients (k, cells, paths) of a polynomial, and how far from it the function may be on [−1, 1].
+def interpolated(p: ChebyshevModel, semi_axes: Float[Array, "ellipses cells paths"]) -> tuple[Array, Array]:
+    """Coefficients (k, cells, paths) of the interpolating polynomial, and a bound on its error on [−1, 1].
 
-    `reach` are the long semi-axes of the ellipses on which the bounds hold.
+    `semi_axes` are the long semi-axes of the ellipses to which `p.bound` refers.
     """
     eps = float(np.finfo(p.values.dtype).eps)
-    a = _applied(TO_CHEBYSHEV, p.values)
-    # Of a coefficient of T_k: NODES + 2 roundings of terms below 2/NODES · size. The nodes are rounded, too: a value
-    # there is off by half a unit of round-off of the slope, of which Bernstein's inequality makes 340 of the size.
-    rounding = eps * 4 * NODES**2 * largest(p.values)
+    a = _apply(TO_CHEBYSHEV, p.values)
+    # A coefficient of T_k has NODES + 2 roundings of terms below 2/NODES · size. The nodes are rounded too: that shifts
+    # a value by half a unit of round-off of the slope, which Bernstein's inequality bounds by 340 times the size.
+    rounding = eps * 4 * NODES**2 * max_abs(p.values)
     weights = jnp.asarray(np.sum(np.abs(TO_POWERS), axis=0), a.dtype)[:, None, None]
     conversion = eps * NODES * jnp.sum(weights * jnp.abs(a), axis=0)
-    elsewhere = jnp.min(ELSEWHERE * jax.lax.integer_pow(1 / reach, NODES) * p.bound, axis=0)
-    return _applied(TO_POWERS, a), (LEBESGUE * p.error + rounding + conversion + elsewhere) * SLACK + TINY
+    interpolation = jnp.min(INTERPOLATION_FACTOR * jax.lax.integer_pow(1 / semi_axes, NODES) * p.bound, axis=0)
+    return _apply(TO_POWERS, a), (LEBESGUE * p.error + rounding + conversion + interpolation) * SLACK + TINY
 
 
-def add_rounding(inherited: Array, count: float, size: Array) -> Array:
-    """An error bound after `count` more roundings of terms whose magnitudes sum up to `size`."""
-    return (inherited + count * float(np.finfo(size.dtype).eps) * size) * SLACK + TINY
+def add_rounding(error: Array, count: float, size: Array) -> Array:
+    """The bound `error`, enlarged for `count` more roundings of terms whose magnitudes sum to `size`."""
+    return (error + count * float(np.finfo(size.dtype).eps) * size) * SLACK + TINY
 
 
-def largest(values: Array) -> Float[Array, "cells paths"]:
-    """The largest magnitude of a value."""
-    return jnp.max(jnp.abs(values), axis=tuple(range(values.ndim - 2))) + FLOOR
+def max_abs(values: Array) -> Float[Array, "cells paths"]:
+    """The largest magnitude of the values, and at least `MIN_SIZE`."""
+    return jnp.max(jnp.abs(values), axis=tuple(range(values.ndim - 2))) + MIN_SIZE
 
 
-def _of_products(values: Array, p: ChebyshevModel, q: ChebyshevModel, terms: int) -> ChebyshevModel:
-    """Each value is a sum of so many products of components."""
+def _products(values: Array, p: ChebyshevModel, q: ChebyshevModel, terms: int) -> ChebyshevModel:
+    """The model with these values, each a sum of `terms` products of a component of `p` and one of `q`."""
     inherited, size = p.size * q.error + q.size * p.error + p.error * q.error, p.size * q.size
     error = add_rounding(terms * inherited, terms * terms, size)
-    found = size * SLACK + FLOOR if terms == 1 else largest(values)
-    return ChebyshevModel(values, found, error, terms * p.bound * q.bound * SLACK)
+    size = size * SLACK + MIN_SIZE if terms == 1 else max_abs(values)
+    return ChebyshevModel(values, size, error, terms * p.bound * q.bound * SLACK)
 
 
 @jax.jit
@@ -157,18 +158,18 @@ def _dot(p: ChebyshevModel, q: ChebyshevModel) -> ChebyshevModel:
     values = terms[0]
     for term in terms[1:]:
         values = values + term
-    return _of_products(values, p, q, terms.shape[0])
+    return _products(values, p, q, terms.shape[0])
 
 
 @jax.jit
 def _cross(p: ChebyshevModel, q: ChebyshevModel) -> ChebyshevModel:
     (px, py, pz), (qx, qy, qz) = p.values, q.values
-    return _of_products(jnp.stack([py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx]), p, q, 2)
+    return _products(jnp.stack([py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx]), p, q, 2)
 
 
 @jax.jit
 def _product(p: ChebyshevModel, q: ChebyshevModel) -> ChebyshevModel:
-    return _of_products(p.values * q.values, p, q, 1)
+    return _products(p.values * q.values, p, q, 1)
 
 
 @jax.jit
@@ -179,5 +180,5 @@ def _sum(p: ChebyshevModel, q: ChebyshevModel) -> ChebyshevModel:
     )
 
 
-def _applied(matrix: np.ndarray, x: Float[Array, "k cells paths"]) -> Float[Array, "k cells paths"]:
+def _apply(matrix: np.ndarray, x: Float[Array, "k cells paths"]) -> Float[Array, "k cells paths"]:
     return jnp.tensordot(jnp.asarray(matrix, x.dtype), x, 1, precision="highest")

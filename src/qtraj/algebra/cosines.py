@@ -8,11 +8,11 @@ from qtraj.algebra.vector import balanced
 from qtraj.foundation.types import Mat3, Mat4, Quat
 
 SIGNS = ((1, 1, 1, 1), (1, 1, -1, -1), (1, -1, 1, -1), (1, -1, -1, 1))
-"""Paper S's matrix H with H·H = 4E: it takes the squares of a unit quaternion to (1, α11, α22, α33)."""
+"""Paper S's matrix H with H·H = 4E, which maps the squares of a unit quaternion to (1, α11, α22, α33)."""
 
 
 def to_dcm(q: Quat) -> Mat3:
-    """α = R(λ)ᵀ: inertial components to body components; `q` and `c*q` agree for any c ≠ 0."""
+    """Direction cosines α = R(λ)ᵀ, inertial to body components; `q` and `c*q` agree for any c ≠ 0."""
     q = balanced(q)
     s, x, y, z = q
     rows = [
@@ -26,9 +26,9 @@ def to_dcm(q: Quat) -> Mat3:
 def from_dcm(C: Mat3) -> Quat:
     """The unit quaternion of a rotation matrix α, first non-zero component positive (so the scalar is ≥ 0).
 
-    The diagonal alone gives the squares and loses the signs (`squares_from_dcm`); the row of the largest of the four
-    (Shepperd's choice) gives all. Value and gradient are finite at every rotation. Off the rotations, where C is not
-    orthogonal, the extension depends on the row.
+    Uses Shepperd's method: the row of 4 λ_i λ_k with the largest diagonal element. (The diagonal alone, as in
+    `squares_from_dcm`, loses the signs.) Value and gradient are finite at every rotation. For a matrix that is not
+    orthogonal the result depends on the row.
     """
     return canonical(unit_quaternion(pivot_row(C)))
 
@@ -54,7 +54,7 @@ def outer_from_dcm(C: Mat3) -> Mat4:
 
 
 def pivot_row(C: Mat3) -> Quat:
-    """4 α_k (α0, α1, α2, α3) for the k of the largest square: a multiple, of size 2 at least, of the quaternion."""
+    """4 α_k (α0, α1, α2, α3) for the k with the largest square: a multiple of the quaternion, of norm ≥ 2."""
     outer = outer_from_dcm(C)
     largest = stop_gradient(jnp.argmax(jnp.diagonal(outer)))
     return jnp.sum(jnp.where((jnp.arange(4) == largest)[:, None], outer, 0.0), axis=0)

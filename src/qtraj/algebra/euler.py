@@ -1,11 +1,12 @@
 """Euler angles for the 12 sequences, extrinsic and intrinsic, with SciPy's case rule.
 
-Lower case turns about fixed axes: `"zyx"` is first z, then y, then x, so λ = e_x(a3)∘e_y(a2)∘e_z(a1). Upper case turns
-about the moving axes: `"ZYX"` is λ = e_z(a1)∘e_y(a2)∘e_x(a3). With λ body → inertial, `"ZYX"` are yaw, pitch, roll.
+Lower case means rotations about fixed axes: `"zyx"` is first z, then y, then x, so λ = e_x(a3)∘e_y(a2)∘e_z(a1). Upper
+case means rotations about the moving axes: `"ZYX"` is λ = e_z(a1)∘e_y(a2)∘e_x(a3), which for λ body → inertial is yaw,
+pitch and roll.
 
 For an extrinsic sequence i, j, i the quaternion splits into two planes, λ = A + B∘e_j with
-A = cos(a2/2) exp(e_i (a3+a1)/2) and B = sin(a2/2) exp(e_i (a3−a1)/2): two polar forms give the three angles. A sequence
-i, j, k becomes one of these by a quarter turn about j: e_j(π/2)∘λ has the angles (a1, a2 + π/2, ±a3).
+A = cos(a2/2) exp(e_i (a3+a1)/2) and B = sin(a2/2) exp(e_i (a3−a1)/2). The polar forms of A and B give the three angles.
+A quarter turn about j reduces a sequence i, j, k to this case: e_j(π/2)∘λ has the angles (a1, a2 + π/2, ±a3).
 """
 
 import math
@@ -19,13 +20,13 @@ from qtraj.foundation.types import Flag, Quat, Scalar, Vec3
 
 Pair = Float[Array, "2"]
 
-_LOCK = 16  # in units of the machine precision: nearer to gimbal lock the outer angles are round-off
+_LOCK = 16  # in machine epsilons: closer to gimbal lock the outer angles are only round-off
 
 
 def from_euler(seq: str, angles: Vec3) -> Quat:
     """The unit quaternion of three Euler angles [rad] in the order of `seq`.
 
-    **Raises:** ValueError where `seq` is not three axes of one case without an immediate repetition.
+    **Raises:** ValueError unless `seq` is three axes of one case, none twice in a row.
     """
     axes, intrinsic = _parse(seq)
     first, second, third = (_turn(axis, angle) for axis, angle in zip(axes, angles, strict=True))
@@ -38,10 +39,10 @@ def to_euler(q: Quat, seq: str) -> Vec3:
     """Euler angles [rad] in the order of `seq`; `q` and `c*q` agree for any c ≠ 0.
 
     The first and third are in [−π, π], the second in [0, π] for sequences like xyx and in [−π/2, π/2] for others. In
-    gimbal lock the third angle is 0, as SciPy has it (without the warning), and the derivatives are finite. SciPy calls
-    it a lock within 1e-7 rad and loses as much attitude there; here it is 16 units of round-off.
+    gimbal lock the third angle is 0, as in SciPy (but without its warning), and the derivatives are finite. SciPy
+    assumes gimbal lock within 1e-7 rad and loses that much accuracy there; here the threshold is 16 units of round-off.
 
-    **Raises:** ValueError as `from_euler`.
+    **Raises:** ValueError unless `seq` is three axes of one case, none twice in a row.
     """
     axes, intrinsic = _parse(seq)
     i, j, k = axes[::-1] if intrinsic else axes
@@ -60,7 +61,7 @@ def to_euler(q: Quat, seq: str) -> Vec3:
 
 
 def _polar(plane_a: Pair, plane_b: Pair, keep_third: bool) -> tuple[Scalar, Scalar, Scalar]:
-    """The angles of e_i(third)∘e_j(second)∘e_i(first) from A and B; in a lock only one outer angle is kept."""
+    """The angles of e_i(third)∘e_j(second)∘e_i(first) from A and B; in gimbal lock one outer angle is 0."""
     size_a, size_b = norm(plane_a), norm(plane_b)
     margin = _LOCK * float(jnp.finfo(plane_a.dtype).eps)
     lost_a, lost_b = size_a <= margin * size_b, size_b <= margin * size_a
@@ -75,18 +76,18 @@ def _polar(plane_a: Pair, plane_b: Pair, keep_third: bool) -> tuple[Scalar, Scal
 
 
 def _argument(plane: Pair, lost: Flag) -> Scalar:
-    """Polar angle of a pair, or 0 (with zero derivative) where its length is round-off."""
+    """Polar angle of a pair, or 0 with zero derivative if its length is only round-off."""
     return jnp.arctan2(jnp.where(lost, 0.0, plane[1]), jnp.where(lost, 1.0, plane[0]))
 
 
 def _wrap(angle: Scalar) -> Scalar:
-    """An angle in [−2π, 2π] brought into [−π, π]."""
+    """An angle in [−2π, 2π], reduced to [−π, π]."""
     turns = jnp.where(angle > math.pi, 1.0, jnp.where(angle < -math.pi, -1.0, 0.0))
     return angle - 2 * math.pi * turns
 
 
 def _turn(axis: int, angle: Scalar) -> Quat:
-    """The quaternion of a turn by `angle` about a coordinate axis."""
+    """The quaternion of a rotation by `angle` about a coordinate axis."""
     parts = [jnp.cos(0.5 * angle)] + 3 * [jnp.zeros_like(angle)]
     parts[1 + axis] = jnp.sin(0.5 * angle)
     return jnp.stack(parts)

@@ -12,7 +12,7 @@ R(p) x = x∘p, and ᾱ the conjugate:
 | Ṙ₀      | `r0`     | ᵗA of (0, r)   | a vector (3,)                  |
 | Ṙ₀′     | `r0_prime` | Aᵗ of (0, r) | a vector (3,)                  |
 
-ᵗA is A with its first row and first column exchanged. The laws: Aᵗ·ᵗAᵗ = |α|² diag(1, direction cosines), and
+ᵗA is A with its first row and first column exchanged. Identities: Aᵗ·ᵗAᵗ = |α|² diag(1, direction cosines), and
 ½(Ṙ₀ − Ṙ₀′)(0, x) = (0, r × x), whose square and cube are the double and the triple product.
 """
 
@@ -66,7 +66,7 @@ def r0_prime(v: Vec3) -> Mat4:
 
 
 def cross(v: Vec3) -> Mat4:
-    """½(Ṙ₀ − Ṙ₀′): takes (0, x) to (0, v × x)."""
+    """½(Ṙ₀ − Ṙ₀′), which maps (0, x) to (0, v × x)."""
     return 0.5 * (r0(v) - r0_prime(v))
 
 
@@ -79,6 +79,6 @@ def cross_repeated(v: Vec3, x: Vec3, times: int = 1) -> Vec3:
 
 
 def _combine(components: Float[Array, " n"], basis: np.ndarray) -> Mat4:
-    """Σ_k components_k basis_k; sums of one term each, so the entries are exact."""
+    """Σ_k components_k basis_k; each entry has one term, so it is exact."""
     components = jnp.asarray(components)
     return jnp.einsum("k,kij->ij", components, jnp.asarray(basis, components.dtype), precision="highest")

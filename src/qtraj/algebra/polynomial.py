@@ -4,6 +4,7 @@ Degrees are static and small, so the loops below unroll into a few multiplicatio
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -24,41 +25,41 @@ def taylor(coefficients: Float[Array, " n"], t: ScalarLike, order: int) -> Float
 
     Orders above the degree are zero.
     """
-    return jnp.stack([jnp.asarray(c, coefficients.dtype) for c in terms(coefficients, t, order)])
+    return jnp.stack([jnp.asarray(c, coefficients.dtype) for c in split_taylor(coefficients, t, order)])
 
 
-def terms(coefficients: Float[Array, "n *rest"], t: ScalarLike, order: int) -> list[Any]:
-    """As `taylor`, one number each: what is computed from them then stays apart, which compiles to faster loops.
+def split_taylor(coefficients: Float[Array, "n *rest"], t: ScalarLike, order: int) -> list[Any]:
+    """The coefficients of `taylor` as a list; expressions of separate numbers compile to faster loops.
 
-    Repeated synthetic division (Ruffini–Horner). Orders above the degree are the integer 0, so that what is computed
-    from them can be left out. Polynomials side by side, each coefficient an array, are taken together.
+    Orders above the degree are the integer 0. Axes after the first hold polynomials side by side.
     """
     c = [x.reshape(x.shape[1:]) for x in jax.lax.split(coefficients, (1,) * coefficients.shape[0])]
-    t = as_float(t).astype(coefficients.dtype)
+    return taylor_terms(c, as_float(t).astype(coefficients.dtype), order)
+
+
+def horner(coefficients: Sequence[Any], t: Any) -> Any:
+    """The value at `t` from a list of coefficients, which are numbers or arrays that broadcast with `t`."""
+    return taylor_terms(coefficients, t, 0)[0]
+
+
+def taylor_terms(coefficients: Sequence[Any], t: Any, order: int) -> list[Any]:
+    """Taylor coefficients at `t`, orders 0 … `order`, from a list of coefficients that broadcast with `t`.
+
+    Repeated synthetic division (Ruffini–Horner). Orders above the degree are the integer 0, so that terms with them can
+    be left out.
+    """
+    c = list(coefficients)
     for k in range(min(order + 1, len(c) - 1)):
         for i in range(len(c) - 2, k - 1, -1):
             c[i] = c[i] + t * c[i + 1]
     return [*c[: order + 1], *[0] * (order + 1 - len(c))]
 
 
-def product(p: Float[Array, " n"], q: Float[Array, " m"]) -> Float[Array, " n+m-1"]:
-    """Coefficients of the product of two polynomials."""
-    return jnp.convolve(p, q)
-
-
-def derivative(coefficients: Float[Array, " n"]) -> Float[Array, " m"]:
-    """Coefficients of dp/dt; the derivative of a constant is the constant zero."""
-    n = coefficients.shape[0]
-    if n == 1:
-        return jnp.zeros_like(coefficients)
-    return coefficients[1:] * jnp.arange(1, n, dtype=coefficients.dtype)
-
-
 def hermite(start: Float[Array, " m"], end: Float[Array, " n"], duration: ScalarLike) -> Float[Array, " m+n"]:
     """The polynomial of least degree with given value and derivatives at both ends of [0, duration].
 
-    `start[k]` and `end[k]` are the k-th derivatives in t at 0 and at `duration`: two of each give the cubic of
-    paper S (its ρ2, ρ3 with the sign of ρ3 corrected), three of each a quintic.
+    `start[k]` and `end[k]` are the k-th derivatives in t at 0 and at `duration`. Two of each give the cubic of paper S
+    (its ρ2 and ρ3, with the sign of ρ3 corrected), three of each a quintic.
     """
     m, n = start.shape[0], end.shape[0]
     duration = as_float(duration).astype(start.dtype)
@@ -67,15 +68,15 @@ def hermite(start: Float[Array, " m"], end: Float[Array, " n"], duration: Scalar
     a = start * _unit_scales(m, duration)
     b = end * _unit_scales(n, duration)
     # In u = t/duration: p(u) = a(u) + u^m q(u), where q is fixed by its Taylor series about u = 1.
-    gap = b - taylor(a, 1.0, n - 1)
+    difference = b - taylor(a, 1.0, n - 1)
     series = [(-1) ** j * math.comb(m + j - 1, j) for j in range(n)]  # (1 + s)^(-m)
-    about_one = jnp.stack([sum(series[j] * gap[k - j] for j in range(k + 1)) for k in range(n)])
+    about_one = jnp.stack([sum(series[j] * difference[k - j] for j in range(k + 1)) for k in range(n)])
     c = jnp.concatenate([a, taylor(about_one, -1.0, n - 1)])
     return c / duration ** jnp.arange(m + n, dtype=c.dtype)
 
 
 def _cubic(start: Float[Array, " 2"], end: Float[Array, " 2"], duration: Scalar) -> Float[Array, " 4"]:
-    """`hermite` of values and slopes, written out: most paths are made of these."""
+    """`hermite` of two values and two slopes, the most common case, written out."""
     mean = (end[0] - start[0]) / duration
     second = (3 * mean - 2 * start[1] - end[1]) / duration
     third = (start[1] + end[1] - 2 * mean) / duration**2

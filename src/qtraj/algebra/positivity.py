@@ -1,4 +1,4 @@
-"""Is a function positive on [−1, 1]? Proved, refuted at a point, or left open."""
+"""Prove that functions are positive on [−1, 1], or find a point where they are negative."""
 
 from typing import NamedTuple
 
@@ -10,17 +10,18 @@ from jaxtyping import Array, Bool, Float, Int
 from qtraj.algebra.cells import Build, PerPath, initial_front, refine
 
 POSITIVE, UNDECIDED, NEGATIVE = range(3)
-"""Codes of an answer: proved positive everywhere; neither; proved negative somewhere."""
+"""Codes of an answer: proved positive everywhere; undecided; proved negative somewhere."""
 
 
-NARROWER, NARROWEST = 4.0, 2.0**-9
-"""By what a piece is made narrower; one of the second width or less is left open instead."""
+SHRINK_FACTOR, MIN_WIDTH = 4.0, 2.0**-9
+"""A piece with too many undecided cells is divided by the factor, unless it has this width or less."""
 
 
 class Answer(eqx.Module):
-    """What is known of the least value of a function on [−1, 1], for each path.
+    """Bounds on the minimum of a function on [−1, 1], for each path.
 
-    `code` is POSITIVE, NEGATIVE or UNDECIDED; the least value lies in [`low`, `high`], and `high` bounds the value at `at`.
+    `code` is POSITIVE, NEGATIVE or UNDECIDED. The minimum lies in [`low`, `high`], and the value at `at` is at most
+    `high`.
     """
 
     code: Int[Array, " paths"]
@@ -30,45 +31,45 @@ class Answer(eqx.Module):
 
 
 def prove_positive(build: Build, widest: Float[Array, " paths"]) -> Answer:
-    """Whether the functions that `build` makes, one for each path, are positive on the whole of [−1, 1].
+    """Prove that the functions that `build` makes, one for each path, are positive on the whole of [−1, 1].
 
-    Piece after piece of [−1, 1] is judged, first of the `widest` width that is given for a path, a power of two. Where
-    more cells of a piece are undecided than there is space for, a narrower one is taken.
+    The interval is swept from left to right in pieces. The first piece has the width `widest`, a power of two for each
+    path. Where a piece has too many undecided cells, a narrower one is tried.
     """
 
     def piece(s: _Sweep) -> _Sweep:
         front = jax.lax.while_loop(
             lambda front: jnp.any(front.undecided & (front.high >= 0)),
             lambda front: refine(build, front),
-            initial_front(s.left, s.width, s.going),
+            initial_front(s.left, s.width, s.active),
         )
-        narrower = front.overfull & (front.high >= 0) & (s.width > NARROWEST)
-        left = front.overfull | jnp.any(front.active, axis=0)
-        code = jnp.where(front.high < 0, NEGATIVE, jnp.where(left, UNDECIDED, POSITIVE)).astype(jnp.int32)
-        done = s.going & ~narrower
-        low = jnp.minimum(front.low, jnp.min(jnp.where(front.active, front.floor, jnp.inf), axis=0))
-        lower = front.high < s.found.high
-        found = Answer(
-            jnp.where(done, code, s.found.code),
-            jnp.where(done, jnp.minimum(low, s.found.low), s.found.low),
-            jnp.where(lower, front.high, s.found.high),
-            jnp.where(lower, front.at, s.found.at),
+        narrower = front.overfull & (front.high >= 0) & (s.width > MIN_WIDTH)
+        undecided = front.overfull | jnp.any(front.active, axis=0)
+        code = jnp.where(front.high < 0, NEGATIVE, jnp.where(undecided, UNDECIDED, POSITIVE)).astype(jnp.int32)
+        done = s.active & ~narrower
+        low = jnp.minimum(front.low, jnp.min(jnp.where(front.active, front.lower_bound, jnp.inf), axis=0))
+        lower = front.high < s.answer.high
+        answer = Answer(
+            jnp.where(done, code, s.answer.code),
+            jnp.where(done, jnp.minimum(low, s.answer.low), s.answer.low),
+            jnp.where(lower, front.high, s.answer.high),
+            jnp.where(lower, front.at, s.answer.at),
         )
         at = jnp.where(done, s.left + s.width, s.left)
         wider = (at / (2 * s.width) == jnp.round(at / (2 * s.width))) & (s.width < widest)
-        width = jnp.where(narrower, s.width / NARROWER, jnp.where(wider, 2 * s.width, s.width))
-        return _Sweep(at, width, (found.code == POSITIVE) & (at < 1), found)
+        width = jnp.where(narrower, s.width / SHRINK_FACTOR, jnp.where(wider, 2 * s.width, s.width))
+        return _Sweep(at, width, (answer.code == POSITIVE) & (at < 1), answer)
 
     infinite = jnp.full_like(widest, jnp.inf)
-    unknown = Answer(jnp.full(widest.shape, POSITIVE, jnp.int32), infinite, infinite, jnp.zeros_like(infinite))
-    start = _Sweep(jnp.full_like(widest, -1.0), widest, jnp.ones(widest.shape, bool), unknown)
-    return jax.lax.while_loop(lambda s: jnp.any(s.going), piece, start).found
+    initial = Answer(jnp.full(widest.shape, POSITIVE, jnp.int32), infinite, infinite, jnp.zeros_like(infinite))
+    start = _Sweep(jnp.full_like(widest, -1.0), widest, jnp.ones(widest.shape, bool), initial)
+    return jax.lax.while_loop(lambda s: jnp.any(s.active), piece, start).answer
 
 
 class _Sweep(NamedTuple):
-    """From where on [−1, 1] is not judged yet, and the width of the next piece."""
+    """The state of the sweep: all before `left` is decided, and the next piece has this width."""
 
     left: Float[Array, " paths"]
     width: Float[Array, " paths"]
-    going: Bool[Array, " paths"]
-    found: Answer
+    active: Bool[Array, " paths"]
+    answer: Answer

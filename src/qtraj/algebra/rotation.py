@@ -1,14 +1,14 @@
-"""One attitude, many descriptions: λ ↔ direction cosines, Gibbs vector, MRP, rotation vector, Euler angles.
+"""Conversions of attitudes: λ ↔ direction cosines, Gibbs vector, MRP, rotation vector, Euler angles.
 
-Conventions are those of `qtraj.algebra.quaternion`. Each function takes one attitude; each `to_…` agrees for λ and cλ,
-c ≠ 0; each `from_…` gives a unit quaternion. Values and derivatives are finite at every attitude, with one exception
-that belongs to the description itself: the Gibbs vector of a half turn.
+Conventions are those of `qtraj.algebra.quaternion`. Each function takes one attitude. Each `to_…` gives the same result
+for λ and cλ, c ≠ 0; each `from_…` returns a unit quaternion. Values and derivatives are finite at every attitude, with
+one exception: the Gibbs vector of a half turn is infinite by definition.
 """
 
 import jax.numpy as jnp
-from jax.lax import stop_gradient
 from jaxtyping import Array, Float
 
+from qtraj.algebra import hamilton
 from qtraj.algebra.cosines import from_dcm, squares_from_dcm, to_dcm
 from qtraj.algebra.euler import from_euler, to_euler
 from qtraj.algebra.gibbs import from_gibbs, from_mrp, gibbs_from_dcm, gibbs_ratios, to_gibbs, to_mrp
@@ -34,7 +34,7 @@ __all__ = [
 
 
 def to_rotation_vector(q: Quat) -> Vec3:
-    """Φe [rad] of the shorter turn, 0 ≤ Φ ≤ π; for a half turn, the e whose first non-zero component is positive."""
+    """Φe [rad] of the shorter rotation, 0 ≤ Φ ≤ π; for Φ = π, the first non-zero component of e is positive."""
     return 2 * log(canonical(q))
 
 
@@ -44,11 +44,10 @@ def from_rotation_vector(v: Vec3) -> Quat:
 
 
 def continuous(qs: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
-    """The same attitudes with signs such that neighbours have ⟨λ_{k−1}, λ_k⟩ ≥ 0; the first keeps its sign.
+    """The same attitudes with signs chosen so that ⟨λ_{k−1}, λ_k⟩ ≥ 0; the first sign is kept.
 
     The signs are constants to differentiation.
     """
     directions = qs / jnp.max(jnp.abs(qs), axis=1, keepdims=True)  # small quaternions must not underflow
     alignment = jnp.sum(directions[1:] * directions[:-1], axis=1)
-    signs = jnp.concatenate([jnp.ones_like(qs, shape=1), jnp.where(alignment < 0, -jnp.ones_like(alignment), 1.0)])
-    return qs * stop_gradient(jnp.cumprod(signs))[:, None]
+    return qs * hamilton.continuous_signs(alignment)[:, None]

@@ -1,4 +1,4 @@
-"""Lengths and directions that stay finite, value and gradient, down to the smallest numbers."""
+"""Lengths and directions of vectors, with finite values and gradients also for tiny and zero vectors."""
 
 import jax.numpy as jnp
 from jax.lax import stop_gradient
@@ -30,7 +30,7 @@ def balanced(v: Vector) -> Vector:
 
 
 def _scaled(v: Vector) -> tuple[Vector, Scalar, Flag]:
-    """`v` over its largest magnitude, that magnitude (a constant to differentiation), and whether it vanishes."""
+    """`v` over its largest magnitude, that magnitude (a constant to differentiation), and whether `v` is zero."""
     size = stop_gradient(jnp.max(jnp.abs(v)))
     zero = size < jnp.finfo(size.dtype).tiny  # false for NaN, which must pass through
     scale = jnp.where(zero, 1.0, size)
@@ -38,4 +38,5 @@ def _scaled(v: Vector) -> tuple[Vector, Scalar, Flag]:
 
 
 def _squares(w: Vector, zero: Flag) -> Scalar:
-    return jnp.where(zero, 1.0, jnp.sum(w * w))  # the 1 keeps the backward pass finite
+    """w·w, or 1 for the zero vector, which keeps the backward pass finite."""
+    return jnp.where(zero, 1.0, jnp.sum(w * w))

@@ -1,1 +1,1 @@
-"""The ground under the six floors: array types, input checks, stored documents."""
+"""Layer 0: array types, input checks, stored documents, results and records."""

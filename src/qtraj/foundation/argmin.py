@@ -1,4 +1,4 @@
-"""The least of some numbers and its place."""
+"""Minimum and its index together, in a form that XLA compiles to fast code."""
 
 import jax
 import jax.numpy as jnp
@@ -6,18 +6,18 @@ from jaxtyping import Array, Float, Int
 
 
 def min_and_argmin(values: Float[Array, "n *rest"]) -> tuple[Float[Array, "*rest"], Int[Array, "*rest"]]:
-    """The least of n ≥ 1 values on the first axis, and a place where it stands.
+    """The minimum of n ≥ 1 values along the first axis, and its index.
 
-    Any place of equal ones, and 0 where all are infinite; NaN counts as infinite. Nothing of it is differentiated.
-    Several times faster than `jnp.argmin`, whose care for NaN and for the first of equal numbers keeps XLA from
+    Of equal values any index may be returned; if all are infinite it is 0. NaN counts as infinite. The result has no
+    derivatives. Several times faster than `jnp.argmin`, which treats NaN and ties exactly and so keeps XLA from
     compiling plain comparisons.
     """
-    known = jax.lax.stop_gradient(jnp.where(values == values, values, jnp.inf))
-    places = jax.lax.broadcasted_iota(jnp.int32, values.shape, 0)
+    finite = jax.lax.stop_gradient(jnp.where(values == values, values, jnp.inf))
+    indices = jax.lax.broadcasted_iota(jnp.int32, values.shape, 0)
 
-    def lesser(a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
+    def smaller(a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
         better = b[0] < a[0]
         return jnp.where(better, b[0], a[0]), jnp.where(better, b[1], a[1])
 
-    nothing = jnp.full((), jnp.inf, values.dtype), jnp.zeros((), places.dtype)
-    return jax.lax.reduce((known, places), nothing, lesser, (0,))
+    initial = jnp.full((), jnp.inf, values.dtype), jnp.zeros((), indices.dtype)
+    return jax.lax.reduce((finite, indices), initial, smaller, (0,))

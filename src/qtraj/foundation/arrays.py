@@ -1,4 +1,4 @@
-"""Turning input into float arrays, and checking what is known before a trace."""
+"""Convert input to float arrays, and check values that are known before tracing."""
 
 import warnings
 from typing import Any
@@ -12,19 +12,22 @@ from jaxtyping import Array
 from qtraj.foundation.types import ArrayInput, ScalarLike
 
 COARSE_METRES = 1e-3
-"""A float32 position that resolves less than this [m] is worth a warning."""
+"""Positions in float32 with a coarser resolution than this [m] cause a warning."""
 
-MOST_SHOWN = 12
-"""Numbers that a message repeats; of more it names the first that is wrong."""
+MAX_SHOWN = 12
+"""Error messages repeat arrays up to this size; of larger ones they name the first invalid row."""
 
-SMALLEST_BUCKET = 64
-"""Rows to which fewer are padded."""
+MIN_BUCKET = 64
+"""Arrays are padded to at least this number of rows."""
 
 _warned: set[str] = set()
 
 
 def as_float(x: ArrayInput) -> Array:
-    """`x` as a floating array: float dtypes are kept, anything else takes JAX's default float."""
+    """`x` as a float array: float dtypes are kept, others become JAX's default float.
+
+    **Raises:** ValueError for complex numbers, objects and texts.
+    """
     x = x if isinstance(x, jax.Array) else np.asarray(x)
     if jnp.issubdtype(x.dtype, jnp.floating):
         return x if isinstance(x, jax.Array) else as_array(x, x.dtype)
@@ -34,33 +37,33 @@ def as_float(x: ArrayInput) -> Array:
 
 
 def as_array(x: ArrayInput, dtype: Any) -> Array:
-    """`x` as an array of `dtype`, or of what JAX's precision makes of it; no program is compiled for known input."""
+    """`x` as an array of `dtype`, reduced to JAX's precision; compiles nothing for concrete input."""
     if isinstance(x, jax.Array):
         return jnp.asarray(x, dtype)
-    # A copy: JAX may keep the memory it is given, and the caller may write there.
+    # A copy: JAX may keep a reference to the memory, which the caller may overwrite.
     return jax.device_put(np.array(x, jax.dtypes.canonicalize_dtype(dtype)))
 
 
 def concrete(x: Any) -> np.ndarray | None:
-    """The value of `x` as a NumPy array, or None inside a trace, where Python cannot know it."""
+    """The value of `x` as a NumPy array, or None if it is traced."""
     return None if isinstance(x, Tracer) else np.asarray(x)
 
 
 def part(x: Array | np.ndarray, index: Any) -> Array:
-    """`x[index]`, taken by NumPy where it is known: a small gather of JAX costs more than what is gathered."""
+    """`x[index]`, computed by NumPy if both are concrete, since a small JAX gather costs more than the data."""
     return x[index] if isinstance(x, Tracer) or isinstance(index, Tracer) else as_array(np.asarray(x)[index], x.dtype)
 
 
 def bucket(count: int) -> int:
     """The size to which `count` rows are padded, a power of two, so that similar sizes share one executable."""
-    return max(SMALLEST_BUCKET, 1 << (count - 1).bit_length())
+    return max(MIN_BUCKET, 1 << (count - 1).bit_length())
 
 
 def real_vector(x: ArrayInput, name: str, size: int) -> Array:
     """`x` as a finite float vector of `size` components.
 
-    **Raises:** ValueError naming `name`, what was given and what was expected. Finiteness is checked where the value
-    is known; a traced value passes.
+    **Raises:** ValueError naming `name`, what was given and what was expected. A traced value is not checked for NaN
+    and infinity.
     """
     try:
         vector = as_float(x)
@@ -75,7 +78,7 @@ def real_vector(x: ArrayInput, name: str, size: int) -> Array:
 def real_scalar(x: ArrayInput, name: str) -> Array:
     """`x` as one float.
 
-    **Raises:** ValueError naming `name` where an array or something else than a number was given.
+    **Raises:** ValueError naming `name` unless `x` is one number.
     """
     try:
         scalar = as_float(x)
@@ -89,7 +92,7 @@ def real_scalar(x: ArrayInput, name: str) -> Array:
 def one_instant(t: ScalarLike) -> Array:
     """`t` as a 0-d float array.
 
-    **Raises:** ValueError where many instants are given at once.
+    **Raises:** ValueError for an array of instants.
     """
     t = as_float(t)
     if t.ndim != 0:
@@ -101,41 +104,41 @@ def one_instant(t: ScalarLike) -> Array:
 
 
 def require_finite(x: Array, name: str) -> None:
-    """Raise a ValueError where a known value is NaN or infinite."""
+    """Raise a ValueError if a concrete value is NaN or infinite."""
     value = concrete(x)
     if value is not None and not np.all(np.isfinite(value)):
         raise ValueError(f"{name} must be finite, but {_first_not_finite(value)}")
 
 
 def _first_not_finite(value: np.ndarray) -> str:
-    """The whole of a small array; of a larger one the first row with a number that is not finite."""
-    if value.ndim == 0 or value.size <= MOST_SHOWN:
+    """A text with the small array, or with the first row of a larger one that is not finite."""
+    if value.ndim == 0 or value.size <= MAX_SHOWN:
         return f"{value.tolist()} was given"
     bad = ~np.isfinite(value).reshape(len(value), -1).all(axis=1)
     row, count = int(bad.argmax()), int(bad.sum())
-    held = value[row].tolist() if value[row].size <= MOST_SHOWN else "not"
+    shown = value[row].tolist() if value[row].size <= MAX_SHOWN else "not"
     others = f", the first of {count} that are not finite" if count > 1 else ""
-    return f"sample {row} (of 0 to {len(value) - 1}) is {held}{others}"
+    return f"sample {row} (of 0 to {len(value) - 1}) is {shown}{others}"
 
 
 def require_positive(x: Array, name: str, unit: str) -> None:
-    """Raise a ValueError where a known scalar is not a positive finite number."""
+    """Raise a ValueError if a concrete scalar is not positive and finite."""
     value = concrete(x)
     if value is not None and not (np.all(np.isfinite(value)) and np.all(value > 0)):
         raise ValueError(f"{name} must be positive and finite [{unit}], but {value.tolist()} was given")
 
 
 def require_element(index: Any, count: int, what: str) -> None:
-    """Raise an IndexError where `index` is a known whole number, of Python, NumPy or JAX, and none of `count`."""
-    known = concrete(index) if isinstance(index, int | np.integer | np.ndarray | jax.Array) else None
-    if known is None or known.ndim > 0 or known.dtype.kind not in "iu":
+    """Raise an IndexError if `index` is a concrete integer of Python, NumPy or JAX outside −count … count−1."""
+    value = concrete(index) if isinstance(index, int | np.integer | np.ndarray | jax.Array) else None
+    if value is None or value.ndim > 0 or value.dtype.kind not in "iu":
         return
-    if not -count <= int(known) < count:
-        raise IndexError(f"there are {count} {what}, and none at {index}")
+    if not -count <= int(value) < count:
+        raise IndexError(f"there are {count} {what}, so there is none with the index {index}")
 
 
 def warn_if_coarse(x: Array, name: str) -> None:
-    """Warn (once per name) where positions in float32 resolve worse than a millimetre."""
+    """Warn, once per name, if positions in float32 have a resolution coarser than a millimetre."""
     value = concrete(x)
     if value is None or value.dtype != np.float32 or value.size == 0:
         return

@@ -1,4 +1,4 @@
-"""JAX's persistent compilation cache: what one process compiles, later ones load."""
+"""Switch on JAX's persistent compilation cache, so that later processes load what one process compiled."""
 
 import os
 import sys
@@ -6,17 +6,17 @@ from pathlib import Path
 
 
 def enable_compilation_cache(folder: str | os.PathLike[str] | None = None) -> Path:
-    """Make JAX store what it compiles in `folder`, which is made if missing and returned.
+    """Make JAX store compiled functions in `folder`, which is created if missing and returned.
 
-    Later processes load it and no longer compile; they still trace. The default is `qtraj/jax` in the user's cache
-    folder, which the command line uses too: `XDG_CACHE_HOME` or `LOCALAPPDATA` where set, else `~/Library/Caches` on
+    Later processes load them instead of compiling; they still trace. The default is `qtraj/jax` in the user's cache
+    folder, as for the command line: `XDG_CACHE_HOME` or `LOCALAPPDATA` where set, else `~/Library/Caches` on
     macOS and `~/.cache` elsewhere. The folder may be deleted at any time. JAX runs the code it finds there, so only
     trusted users should have write access.
 
-    Call it at the start: what is already compiled is not stored. All functions are stored, also those that compile
-    quickly. `JAX_ENABLE_COMPILATION_CACHE=0` in the environment still switches the cache off.
+    Call it at the start, since functions that are already compiled are not stored. All others are, however quickly they
+    compile. `JAX_ENABLE_COMPILATION_CACHE=0` in the environment still switches the cache off.
 
-    **Raises:** ValueError where the folder cannot be made or written to, or is a file.
+    **Raises:** ValueError if the folder cannot be created or written to, or is a file.
     """
     import jax  # here, so that importing this module costs nothing
     from jax.experimental.compilation_cache.compilation_cache import reset_cache
@@ -35,18 +35,18 @@ def enable_compilation_cache(folder: str | os.PathLike[str] | None = None) -> Pa
     jax.config.update("jax_compilation_cache_dir", str(path))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    reset_cache()  # JAX otherwise keeps to the first folder that it used
+    reset_cache()  # otherwise JAX keeps using its first folder
     return path
 
 
 def default_folder() -> Path:
     """The folder for compiled code in the user's cache folder.
 
-    **Raises:** ValueError where the user has no home folder.
+    **Raises:** ValueError if the user has no home folder.
     """
     for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
         base = os.environ.get(name)
-        if base and Path(base).is_absolute():  # others are to be ignored, by the XDG specification
+        if base and Path(base).is_absolute():  # the XDG specification says to ignore relative paths
             return Path(base) / "qtraj" / "jax"
     try:
         home = Path.home()

@@ -1,4 +1,4 @@
-"""Derivatives: a function with its first two, traced once for all of them, and a value with those of another."""
+"""A function with its first two derivatives from one trace, and values with substituted derivatives."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 
 def with_derivatives(f: Callable[[Array], Any], x: Float[Array, " n"]) -> tuple[Any, Any, Any]:
-    """f(x) of any structure, ∂f/∂x and ∂²f/∂x², whose arrays have one and two further axes of n; forward mode."""
+    """f(x), ∂f/∂x and ∂²f/∂x² by forward mode; the derivatives have one and two more axes of length n."""
 
     def value(x: Array) -> tuple[Any, Any]:
         y = f(x)
@@ -24,10 +24,10 @@ def with_derivatives(f: Callable[[Array], Any], x: Float[Array, " n"]) -> tuple[
 
 @jax.custom_jvp
 def with_tangent_of(value: Array, derivatives: Array) -> Array:
-    """`value`, with the derivatives of the second array, whose own value is not asked for."""
+    """`value` with the derivatives of the array `derivatives`, whose own value is not used."""
     return value
 
 
 @with_tangent_of.defjvp
-def _carried(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Array, Array]:
+def _substituted_tangent(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Array, Array]:
     return with_tangent_of(*primals), tangents[1]

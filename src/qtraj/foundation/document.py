@@ -1,7 +1,7 @@
-"""Stored documents: Modules as TOML or JSON, exact in float64, without pickle.
+"""Save and load Modules as TOML or JSON documents, exact in float64, without pickle.
 
-A document is a table of the Module's fields with its class name under `type`; a field that is None is left out.
-A class takes part by `@storable`; its fields must be arguments of its `__init__`.
+A document is a table of the Module's fields, with its class name under `type`; fields that are None are left out.
+`@storable` registers a class, whose fields must be arguments of its `__init__`.
 """
 
 import dataclasses
@@ -23,10 +23,10 @@ from qtraj.foundation.untrusted import parse_json, parse_toml, read_text
 
 FORMAT = "qtraj/1"
 
-_SPELT = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
+_NON_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 
 Change = Callable[[dict[str, Any]], dict[str, Any]]
-"""From the fields of an older document to those of today, before any of them is read."""
+"""Maps the fields of an older document to the present ones, before they are decoded."""
 
 _classes: dict[str, type] = {}
 _changes: dict[str, Change] = {}
@@ -36,37 +36,37 @@ T = TypeVar("T")
 
 
 def storable(cls: type[T]) -> type[T]:
-    """Let `save` write and `load` read instances of this Module class."""
+    """Register a Module class, so that `save` and `load` accept its instances."""
     _classes[cls.__name__] = cls
     return cls
 
 
 def formerly(name: str) -> Callable[[type[T]], type[T]]:
-    """Let `load` read documents in which this class has a former name."""
+    """Let `load` accept documents in which the class has its former name."""
 
-    def of(cls: type[T]) -> type[T]:
+    def register(cls: type[T]) -> type[T]:
         _former[name] = cls.__name__
         return cls
 
-    return of
+    return register
 
 
 def reads_older(change: Change) -> Callable[[type[T]], type[T]]:
-    """Let `load` read documents of this class that an older version wrote, whose fields `change` brings up to date."""
+    """Let `load` accept documents of older versions, whose fields `change` updates."""
 
-    def of(cls: type[T]) -> type[T]:
+    def register(cls: type[T]) -> type[T]:
         _changes[cls.__name__] = change
         return cls
 
-    return of
+    return register
 
 
 def save(obj: Any, file: str | os.PathLike[str]) -> None:
-    """Write `obj` to `file`, as TOML or JSON by the suffix; the file appears whole or not at all.
+    """Write `obj` to `file` as TOML or JSON, by its suffix; a failure leaves no partial file.
 
-    JSON has no NaN and no infinity: they are written as the strings "NaN", "Infinity" and "-Infinity".
+    JSON has no NaN and no infinity; they are written as the strings "NaN", "Infinity" and "-Infinity".
 
-    **Raises:** ValueError for another suffix; OSError where the file cannot be written.
+    **Raises:** ValueError for another suffix; OSError if the file cannot be written.
     """
     path = Path(file)
     write = _by_suffix(path, {".toml": tomli_w.dumps, ".json": _to_json})
@@ -76,7 +76,7 @@ def save(obj: Any, file: str | os.PathLike[str]) -> None:
 def load(file: str | os.PathLike[str]) -> Any:
     """The object that `save` wrote to `file`.
 
-    **Raises:** OSError where the file cannot be read; ValueError, naming the file, where it is no such document.
+    **Raises:** OSError if the file cannot be read; ValueError, naming the file, if it is not a valid document.
     """
     path = Path(file)
     read = _by_suffix(path, {".toml": parse_toml, ".json": parse_json})
@@ -100,15 +100,15 @@ def load(file: str | os.PathLike[str]) -> Any:
 
 
 def _to_json(data: dict[str, Any]) -> str:
-    return json.dumps(_spelt(data), indent=2, allow_nan=False) + "\n"
+    return json.dumps(_as_strings(data), indent=2, allow_nan=False) + "\n"
 
 
-def _spelt(value: Any) -> Any:
-    """`value` with what JSON cannot hold spelt out."""
+def _as_strings(value: Any) -> Any:
+    """`value` with NaN and infinities as strings."""
     if isinstance(value, dict):
-        return {k: _spelt(v) for k, v in value.items()}
+        return {k: _as_strings(v) for k, v in value.items()}
     if isinstance(value, list):
-        return [_spelt(v) for v in value]
+        return [_as_strings(v) for v in value]
     if isinstance(value, float) and not math.isfinite(value):
         return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
     return value
@@ -133,7 +133,7 @@ def _encode(value: Any) -> Any:
         return [_encode(v) for v in value]
     if isinstance(value, bool | int | float | str):
         return value
-    raise ValueError(f"a {type(value).__name__} cannot be stored; known are {', '.join(sorted(_classes))}")
+    raise ValueError(f"a {type(value).__name__} cannot be stored; these types can: {', '.join(sorted(_classes))}")
 
 
 def _decode(value: Any) -> Any:
@@ -147,17 +147,17 @@ def _decode(value: Any) -> Any:
         return {k: _decode(v) for k, v in value.items()}
     if isinstance(value, list):
         return [_decode(v) for v in value]
-    return _SPELT.get(value, value) if isinstance(value, str) else value
+    return _NON_FINITE.get(value, value) if isinstance(value, str) else value
 
 
 def _construct(name: Any, fields: dict[str, Any]) -> Any:
     cls = _classes.get(name) if isinstance(name, str) else None
     if cls is None:
-        raise ValueError(f"unknown type {name!r}; known are {', '.join(sorted(_classes))}")
-    known = [f.name for f in dataclasses.fields(cls)]
-    if unknown := sorted(set(fields) - set(known)):
-        raise ValueError(f"{name} has no field {unknown[0]!r}; its fields are {', '.join(known)}")
-    needed = [p.name for p in inspect.signature(cls).parameters.values() if p.default is p.empty]
-    if missing := [field for field in needed if field not in fields]:
-        raise ValueError(f"{name} lacks its field {missing[0]!r}; it needs {', '.join(needed)}")
+        raise ValueError(f"unknown type {name!r}; the known types are {', '.join(sorted(_classes))}")
+    names = [f.name for f in dataclasses.fields(cls)]
+    if unknown := sorted(set(fields) - set(names)):
+        raise ValueError(f"{name} has no field {unknown[0]!r}; its fields are {', '.join(names)}")
+    required = [p.name for p in inspect.signature(cls).parameters.values() if p.default is p.empty]
+    if missing := [field for field in required if field not in fields]:
+        raise ValueError(f"{name} lacks the field {missing[0]!r}; it needs {', '.join(required)}")
     return cls(**fields)

@@ -1,7 +1,7 @@
-"""The way from a result to its figure: `plot()` asks here, and the root package says which module draws.
+"""Call the plotting functions from lower layers: every `plot()` method goes through `draw`.
 
-Results lie below the figures, and imports go down only. So nothing below knows the module that draws: the root package,
-which stands above all others, names it when it is imported.
+Results are in lower layers than the figures and must not import upwards. The root package, which may import all layers,
+registers the plotting module by its name.
 """
 
 import importlib
@@ -12,19 +12,19 @@ from qtraj.foundation.extras import require_package
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_drawers: list[str] = []
+_plot_modules: list[str] = []
 
 
 def set_plot_module(module: str) -> None:
-    """Name the module whose functions draw."""
-    _drawers[:] = [module]
+    """Register the module with the plotting functions, by its name."""
+    _plot_modules[:] = [module]
 
 
-def draw(kind: str, *given: Any, **options: Any) -> "Figure":
-    """The figure that the function `kind` of the module that draws makes.
+def draw(function: str, *arguments: Any, **options: Any) -> "Figure":
+    """The figure from this function of the registered plotting module.
 
-    **Raises:** ModuleNotFoundError, naming the extra, where matplotlib or xarray is missing.
+    **Raises:** ModuleNotFoundError, naming the extra, if matplotlib or xarray is missing.
     """
     require_package("matplotlib", "a plot", "viz")
     require_package("xarray", "a plot")
-    return getattr(importlib.import_module(_drawers[0]), kind)(*given, **options)
+    return getattr(importlib.import_module(_plot_modules[0]), function)(*arguments, **options)

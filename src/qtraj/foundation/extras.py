@@ -1,10 +1,10 @@
-"""Packages that come with an extra: say which one where they are missing."""
+"""Check for optional packages, and name the extra that installs a missing one."""
 
 import importlib.util
 
 
 def require_package(package: str, purpose: str, extra: str | None = "io") -> None:
-    """Raise ModuleNotFoundError where `package` is not installed, naming the extra (or the package, of no extra)."""
+    """Raise ModuleNotFoundError if `package` is missing, naming the `extra`, or the package if no extra has it."""
     if importlib.util.find_spec(package) is None:
-        wanted = package if extra is None else f"'qtraj[{extra}]'"
-        raise ModuleNotFoundError(f"{purpose} needs {package}: pip install {wanted}", name=package)
+        requirement = package if extra is None else f"'qtraj[{extra}]'"
+        raise ModuleNotFoundError(f"{purpose} needs {package}: pip install {requirement}", name=package)

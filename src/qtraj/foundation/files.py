@@ -1,4 +1,4 @@
-"""Files that are either complete or absent, also where a process is killed while it writes."""
+"""Write files that are either complete or absent, even if the process is killed."""
 
 import os
 import shutil
@@ -18,7 +18,7 @@ _REPLACED = ".replaced"
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file that is either complete or absent, also when the process is interrupted or killed."""
+    """Write a file that is either complete or absent, even if the process is interrupted or killed."""
     with staging(path.parent) as stage:
         staged = stage / "content"
         staged.write_bytes(content)
@@ -28,13 +28,13 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 @contextmanager
 def staging(folder: Path) -> Iterator[Path]:
-    """A new hidden folder in `folder`, for files that `move` brings to their places once they are complete.
+    """A new hidden folder in `folder`, for files that `move` puts in place once they are complete.
 
-    It is removed at the end. A killed process cannot do that, so each call first removes what killed processes left in
-    `folder` (see `sweep`). The folder belongs to its process by a lock on a file inside, which the operating system
-    releases when the process ends, however it ends.
+    It is removed at the end. Since a killed process cannot do that, each call first removes the staging folders of
+    killed processes in `folder` (see `sweep`). A process owns its staging folder by a lock on a file in it, which the
+    operating system releases when the process ends.
 
-    **Raises:** OSError where `folder` cannot be written to.
+    **Raises:** OSError if `folder` cannot be written to.
     """
     sweep(folder)
     stage, lock = _new_stage(folder)
@@ -47,45 +47,45 @@ def staging(folder: Path) -> Iterator[Path]:
 
 
 def move(staged: Path, target: Path) -> None:
-    """Move a complete file or folder out of its staging folder to `target`, replacing what has this name there.
+    """Move a complete file or folder out of its staging folder to `target`, replacing an existing one.
 
-    A folder cannot be replaced in one step. The old one waits in the staging folder. If the process fails before the
-    new one is in its place, the old one is put back. If the process is killed, the next `sweep` of this folder puts it
-    back. After a restart of the machine, or without file locks, it stays in the staging folder, as `.replaced`.
+    A folder cannot be replaced in one step, so the old one is first moved into the staging folder. If the process fails
+    before the new one is in place, the old one is restored. If the process is killed, the next `sweep` of this folder
+    restores it. After a restart of the machine, or without file locks, it stays in the staging folder, as `.replaced`.
 
-    **Raises:** OSError where it cannot be moved, such as a file to the name of a folder.
+    **Raises:** OSError if the move fails, for example of a file to the name of a folder.
     """
     if not (staged.is_dir() and target.is_dir()):
         os.replace(staged, target)
         return
-    aside = staged.parent / _REPLACED
-    aside.mkdir(exist_ok=True)
-    os.replace(target, aside / target.name)
+    replaced = staged.parent / _REPLACED
+    replaced.mkdir(exist_ok=True)
+    os.replace(target, replaced / target.name)
     os.replace(staged, target)
-    shutil.rmtree(aside, ignore_errors=True)
+    shutil.rmtree(replaced, ignore_errors=True)
 
 
 def sweep(folder: Path) -> None:
     """Remove the staging folders in `folder` whose process was killed.
 
-    Only this user's folders are removed, and only those whose lock this running kernel can decide on, which the name
-    says: what another machine left on a shared file system stays, and so does what was left before a restart. Where
-    there are no such locks (Windows, some network file systems), nothing is removed.
+    Only this user's folders are removed, and only those created since this machine started, which their names show: a
+    lock is reliable only within one running kernel. Folders from other machines on a shared file system stay. Without
+    file locks (Windows, some network file systems) nothing is removed.
     """
     prefix = _prefix()
     if prefix is None:
         return
-    left: list[Path] = []
+    stages: list[Path] = []
     with suppress(OSError), os.scandir(folder) as entries:
-        left += [Path(e.path) for e in entries if e.name.startswith(prefix) and e.is_dir(follow_symlinks=False)]
-    for stage in left:
+        stages += [Path(e.path) for e in entries if e.name.startswith(prefix) and e.is_dir(follow_symlinks=False)]
+    for stage in stages:
         with suppress(OSError):
             if stage.lstat().st_uid == os.geteuid():
                 _remove_unowned(stage)
 
 
 def _new_stage(folder: Path) -> tuple[Path, int | None]:
-    """A staging folder with its lock, held; without one where locks are not to be had."""
+    """A staging folder and its acquired lock, or None in place of the lock if there are no locks."""
     prefix = _prefix()
     for _ in range(0 if prefix is None else 10):
         stage = Path(tempfile.mkdtemp(prefix=prefix, dir=folder))
@@ -108,7 +108,7 @@ def _remove_unowned(stage: Path) -> None:
     try:
         lock = os.open(stage / _LOCK, os.O_RDWR | os.O_NOFOLLOW)
     except FileNotFoundError:
-        os.rmdir(stage)  # refused unless empty; a process about to lock it takes another
+        os.rmdir(stage)  # fails unless empty; a process about to lock it then creates another
         return
     try:
         if _acquire(lock, stage):
@@ -118,9 +118,9 @@ def _remove_unowned(stage: Path) -> None:
 
 
 def _acquire(lock: int, stage: Path) -> bool:
-    """Take the lock unless a process holds it; False, too, where the folder is gone by then.
+    """Take the lock; False if another process has it, or if the folder has been removed.
 
-    **Raises:** OSError where the file system has no locks.
+    **Raises:** OSError if the file system has no locks.
     """
     if fcntl is None:
         raise OSError("this system has no locks on files")
@@ -134,7 +134,7 @@ def _acquire(lock: int, stage: Path) -> bool:
 
 
 def _discard(stage: Path) -> None:
-    """Remove a staging folder, the lock last: until then no other process takes it for abandoned."""
+    """Remove a staging folder, the lock last, so that no other process considers it abandoned before."""
     with suppress(OSError):
         for old in stage.glob(f"{_REPLACED}/*"):
             if not os.path.lexists(stage.parent / old.name):
@@ -149,10 +149,10 @@ def _discard(stage: Path) -> None:
 
 
 def _prefix() -> str | None:
-    """How this kernel's staging folders begin; None where a lock does not tell whether its process lives.
+    """The prefix of this kernel's staging folders; None if locks do not show whether a process is alive.
 
-    A lock is certain among the processes of one running kernel. Between machines that share a file system it need not
-    be, so the name holds the identity that Linux gives to every start of the system.
+    Locks are reliable between processes of one running kernel, but not between machines that share a file system. So
+    the prefix contains the boot ID, which Linux assigns at every start.
     """
     if fcntl is None:
         return None

@@ -1,7 +1,8 @@
-"""How a solve ended: one table of codes and texts for every solve, and what each solved result offers of them.
+"""Result codes of all solves, their texts, and the base class of results that have them.
 
-A failure is a value: the result of a solve has a `code` for each element of its batch and a text that says what to do.
-`throw=True` raises instead. Codes below `NOTES` are clean, those below `FAILURES` succeeded with something to know.
+A failure is a value: the result of a solve has a `code` for each element of its batch, and a text that says what to do.
+`throw=True` raises instead. Codes below `NOTES` are full successes, codes from `FAILURES` on are failures, and codes in
+between are successes with a note.
 """
 
 import abc
@@ -20,15 +21,16 @@ from qtraj.foundation.result import AbstractResult
 T = TypeVar("T", bound="AbstractOutcome")
 
 NOTES, FAILURES, ILL_POSED = 10, 20, 60
-"""The first codes: success with something to know, failure, and a problem that has no solution to look for."""
+"""The first codes of successes with a note, of failures, and of problems that cannot be solved as posed."""
 
 
 class ResultCode(enum.IntEnum):
-    """How a solve ended; `.text` says it in words, with what to do."""
+    """How a solve ended; `.text` says it in words, with advice."""
 
     text: str
 
     def __new__(cls, value: int, text: str = "") -> "ResultCode":
+        """A code with its text."""
         code = int.__new__(cls, value)
         code._value_ = value
         code.text = text
@@ -48,24 +50,24 @@ class ResultCode(enum.IntEnum):
     )
     loose_fit = (
         NOTES + 3,
-        "the path follows its recording loosely. Choose a window with one clear bend in which the vehicle keeps "
+        "the path follows its recording only roughly. Choose a window with one clear bend in which the vehicle keeps "
         "moving; motion='hermite' follows it more closely than 'uniform', and wider radius_bounds may help.",
     )
     limits_sampled = (
         NOTES + 2,
-        "every limit is met, some only as far as refined sampling shows. Loosen those limits a little for a proof, or "
-        "describe the path by polynomials.",
+        "every limit is met, but for some only sampling shows it. For a proof relax those limits a little, or describe "
+        "the path by polynomials.",
     )
 
     max_steps_reached = (
         FAILURES + 0,
-        "stopped: max_steps were not enough. Try a larger max_steps, a larger rtol and atol, or a shorter span of "
-        "times; at instants where the acceleration jumps, pass them as jumps.",
+        "stopped: the maximum number of steps was reached. Try a larger max_steps, larger rtol and atol, or a shorter "
+        "time span. If the acceleration is discontinuous, pass the instants as jumps.",
     )
     step_too_small = (
         FAILURES + 1,
-        "stopped: the step fell to round-off. The acceleration has a pole there or is not finite: look at its values "
-        "near the last instant reached, and for a tolerance below round-off raise rtol.",
+        "stopped: the step size fell to round-off. The acceleration has a pole there or is not finite: check its "
+        "values near the last instant reached. If the tolerance is below round-off, raise rtol.",
     )
     wrong_sign = (
         FAILURES + 2,
@@ -75,39 +77,38 @@ class ResultCode(enum.IntEnum):
     )
     not_finite = (
         FAILURES + 3,
-        "stopped: a number is NaN or infinite. Look at the initial values, the times and the values of the rate or "
-        "acceleration that was given.",
+        "stopped: a number is NaN or infinite. Check the initial values, the times and the values of the given rate or "
+        "acceleration.",
     )
     tolerance_not_reached = (
         FAILURES + 4,
         "the tolerance was not reached. Try a larger max_steps (or steps), a larger tolerance, or a method of higher "
-        "order; at instants where the rate jumps, put a time.",
+        "order. If the rate is discontinuous, add those instants to the times.",
     )
     not_converged = FAILURES + 5, "the search stopped before it converged. Try a larger max_steps."
     infeasible = (
         FAILURES + 6,
-        "no boundary velocities were found that meet the limits. Raise the limits that are broken, or move the ends.",
+        "no boundary velocities were found that meet the limits. Raise the violated limits, or move the ends.",
     )
     poor_fit = (
         FAILURES + 11,
         "the path does not follow its recording. Choose a window with one clear bend in which the vehicle keeps "
         "moving; motion='hermite' follows it more closely than 'uniform', and wider radius_bounds may help.",
     )
-    limits_broken = FAILURES + 8, "a limit is broken. Tune the path, or raise the limit."
+    limits_broken = FAILURES + 8, "a limit is violated. Tune the path, or raise the limit."
     limits_undecided = (
         FAILURES + 9,
-        "a limit is neither proved nor broken: its largest value is too near to it for the rounding. Change the limit "
-        "a little.",
+        "a limit is neither proved nor violated: the largest value equals it to rounding. Change the limit a little.",
     )
     limits_undefined = (
         FAILURES + 10,
-        "a limited quantity does not exist somewhere on the path, which stops or straightens there. Limit another "
-        "quantity, or change the path.",
+        "a limited quantity is undefined somewhere on the path, where it stops or is straight. Limit another quantity, "
+        "or change the path.",
     )
 
     velocity_vanishes = (
         ILL_POSED + 0,
-        "the given velocities must be finite and not all zero, for they set the scale of the search.",
+        "the given velocities must be finite and not all zero, because they set the scale of the search.",
     )
     position_on_axis = (
         ILL_POSED + 1,
@@ -129,8 +130,8 @@ class ResultCode(enum.IntEnum):
     )
     turn_against_sense = (
         ILL_POSED + 5,
-        "the given turn is against the sense of V_phi, so the states have no duration of their own. Give one, with "
-        "motion='hermite', or a turn in the sense of the states.",
+        "the given turn is opposite to the sense of V_phi, so the states do not determine a duration. Pass a duration "
+        "with motion='hermite', or a turn in the sense of the states.",
     )
     duration_not_positive = ILL_POSED + 6, "the duration must be positive and finite [s]."
     objective_not_finite = (
@@ -139,13 +140,14 @@ class ResultCode(enum.IntEnum):
     )
     turn_mismatch = (
         ILL_POSED + 8,
-        "the given turn does not lead from the start's azimuth to the end's. Give the turn between them, plus whole "
-        "turns.",
+        "the given turn does not lead from the start's azimuth to the end's. Pass the difference of the azimuths plus "
+        "whole turns.",
     )
     limit_not_positive = ILL_POSED + 9, "every limit must be positive and finite."
     axis_far_away = (
         ILL_POSED + 11,
-        "no placement was given, and the world's z axis is over a hundred times as far away as the states are apart. "
+        "no placement was given, and the world's z axis is over a hundred times farther away than the states are from "
+        "each other. "
         "Give a placement, such as axis_between(start, end).",
     )
     heading_unknown = (
@@ -160,12 +162,12 @@ class ResultCode(enum.IntEnum):
 
 
 MESSAGES = tuple(code.text for code in ResultCode)
-_PLACES = np.zeros(max(ResultCode) + 1, np.int32)
-_PLACES[[int(code) for code in ResultCode]] = np.arange(len(ResultCode))
+_MESSAGE_INDEX = np.zeros(max(ResultCode) + 1, np.int32)
+_MESSAGE_INDEX[[int(code) for code in ResultCode]] = np.arange(len(ResultCode))
 
 
 class Texts(Sequence[str]):
-    """The texts of a batch, each made when it is asked for; with several axes as a nested list has them."""
+    """The texts of a batch, composed on access; several batch axes are indexed like a nested list."""
 
     def __init__(self, make: Callable[[tuple[int, ...]], str], shape: tuple[int, ...]):
         self._make, self._shape = make, shape
@@ -179,9 +181,9 @@ class Texts(Sequence[str]):
         at = self._at[index]
         if np.ndim(at) == 0:
             return self._make(tuple(int(k) for k in np.unravel_index(at, self._shape)))
-        some = Texts(self._make, self._shape)
-        some._at = at
-        return some
+        part = Texts(self._make, self._shape)
+        part._at = at
+        return part
 
     def __len__(self) -> int:
         return len(self._at)
@@ -204,31 +206,31 @@ class AbstractOutcome(AbstractResult):
 
     @abc.abstractmethod
     def explain(self, at: tuple[int, ...]) -> str:
-        """How the solve of one element of the batch ended and what to do; of one problem `at` is empty."""
+        """The text for one element of the batch: how its solve ended and what to do. A single problem has `at = ()`."""
 
     @property
     def successful(self) -> Bool[Array, "*batch"]:
-        """Whether the solve did what it was asked; also inside a trace."""
+        """Whether the solve succeeded; available inside a trace too."""
         return self.code < FAILURES
 
     @property
     def result(self) -> Any:
-        """How it ended, and what to do: a text, or a sequence of texts that are made when they are asked for.
+        """How the solve ended and what to do: a text, or for a batch a sequence of texts, composed on access.
 
-        **Raises:** ValueError inside a trace, where only `code` and `successful` are known.
+        **Raises:** ValueError inside a trace, where only `code` and `successful` are available.
         """
-        shape = known_codes(self).shape
+        shape = concrete_codes(self).shape
         return Texts(self.explain, shape) if shape else self.explain(())
 
     def check(self: T) -> T:
-        """This result, if the solve succeeded for every element of the batch: what `throw=True` does.
+        """This result if every element of the batch succeeded, else an error: what `throw=True` does.
 
-        **Raises:** RuntimeError with the text of the first element that failed; inside a trace, when the compiled
-        function runs, with the text of its code.
+        **Raises:** RuntimeError with the text of the first element that failed. Inside a trace the error is raised when
+        the compiled function runs, with the text of the code.
         """
         codes = concrete(self.code)
         if codes is None:
-            return eqx.branched_error_if(self, ~self.successful, jnp.asarray(_PLACES)[self.code], MESSAGES)
+            return eqx.branched_error_if(self, ~self.successful, jnp.asarray(_MESSAGE_INDEX)[self.code], MESSAGES)
         failed = np.argwhere(codes >= FAILURES)
         if not len(failed):
             return self
@@ -237,23 +239,26 @@ class AbstractOutcome(AbstractResult):
         raise RuntimeError(which + self.explain(at))
 
 
-def known_codes(solved: AbstractOutcome) -> np.ndarray:
-    """The codes of a result (ValueError inside a trace)."""
-    codes = concrete(solved.code)
+def concrete_codes(outcome: AbstractOutcome) -> np.ndarray:
+    """The codes of a result as NumPy array.
+
+    **Raises:** ValueError inside a trace.
+    """
+    codes = concrete(outcome.code)
     if codes is None:
-        raise ValueError("the text of a result is known outside jit, vmap and grad only: use successful or code")
+        raise ValueError("the text of a result is not available inside jit, vmap or grad: use successful or code")
     return codes
 
 
 def names_of(codes: np.ndarray, names: Mapping[ResultCode, str], other: str) -> np.ndarray:
-    """The names of many codes at once, and `other` for those that have none."""
+    """The names of an array of codes; `other` for codes without a name."""
     table = np.full(max(ResultCode) + 1, other, dtype=object)
     table[[int(code) for code in names]] = list(names.values())
     return np.asarray(table.astype(str)[codes])
 
 
 def renumbered(codes: Any, numbers: Mapping[int, ResultCode]) -> Any:
-    """The codes of an older document by today's numbers: a number, or nested lists of them."""
+    """The codes of an older document, a number or nested lists, with the present numbers."""
     if isinstance(codes, list):
         return [renumbered(code, numbers) for code in codes]
     return int(numbers.get(codes, codes))

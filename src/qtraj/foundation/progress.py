@@ -1,4 +1,4 @@
-"""Progress of long work: a few reports a second, each with how much is done."""
+"""Progress reports of long computations, a few per second."""
 
 import time
 from collections.abc import Callable
@@ -7,11 +7,11 @@ from typing import NamedTuple
 from typing_extensions import TypeAliasType
 
 INTERVAL = 0.25
-"""[s] Least time between two reports."""
+"""[s] Minimum time between two reports."""
 
 
 class Progress(NamedTuple):
-    """What is being done, and how much of it: `done` of `total`, whose total may not be known."""
+    """One report: what is being done (`text`), and `done` of `total` steps; `total` is None if unknown."""
 
     text: str
     done: int = 0
@@ -19,7 +19,7 @@ class Progress(NamedTuple):
 
     @property
     def fraction(self) -> float | None:
-        """How much is done, from 0 to 1; None where the total is not known."""
+        """The completed fraction, from 0 to 1; None if the total is unknown."""
         return None if self.total is None else min(self.done / max(self.total, 1), 1.0)
 
     def __str__(self) -> str:
@@ -27,21 +27,21 @@ class Progress(NamedTuple):
 
 
 Report = TypeAliasType("Report", Callable[[Progress], None])
-"""What is told of progress."""
+"""A function that receives progress reports."""
 
 
 def throttled(report: Report | None, interval: float = INTERVAL, clock: Callable[[], float] = time.monotonic) -> Report:
-    """`report`, called at once and then no more often than every `interval` [s]; what comes too soon is left out.
+    """`report`, called at once and then at most every `interval` [s]; reports in between are dropped.
 
-    Where nobody wants reports (None) nothing happens.
+    If `report` is None, nothing is reported.
     """
     last = -float("inf")
 
-    def tell(progress: Progress) -> None:
+    def limited(progress: Progress) -> None:
         nonlocal last
         now = clock()
         if report is not None and now - last >= interval:
             last = now
             report(progress)
 
-    return tell
+    return limited

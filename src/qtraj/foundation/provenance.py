@@ -1,4 +1,4 @@
-"""What computed a result, for the attributes of its dataset."""
+"""The versions that computed a result, as attributes of its dataset."""
 
 import platform
 

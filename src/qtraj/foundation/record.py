@@ -1,4 +1,4 @@
-"""A result as labelled arrays with units: the one form between every result and xarray, HTML and its summary."""
+"""Results as labelled arrays with units, from which xarray datasets, HTML and summaries are made."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,19 +19,19 @@ LABELS: dict[str, list[str]] = {
     "body": ["x", "y", "z"],
     "component": ["w", "x", "y", "z"],
 }
-"""The names along the axes of components, unless a record has others."""
+"""The labels of the component axes, unless a record has its own."""
 
 CONVENTIONS = {
     "quaternion_convention": "scalar first, Hamilton product, body to world",
     "frame_convention": "right-handed; world axes x, y, z with z up; rates and accelerations of attitudes in body axes",
 }
-"""Attributes of every dataset, unless its record says more."""
+"""Attributes of every dataset, unless its record overrides them."""
 
 
 class Quantity(NamedTuple):
-    """Values, their unit as netCDF writes it ("m s-2"), their meaning, and the axes after those of the batch.
+    """Values, their unit as netCDF writes it ("m s-2"), their meaning, and the names of the axes after the batch axes.
 
-    A number without unit has "1"; a text, or a number in units told by its meaning, has "".
+    The unit of a dimensionless number is "1". It is "" for texts, and for numbers whose `meaning` states the unit.
     """
 
     values: Any
@@ -42,7 +42,7 @@ class Quantity(NamedTuple):
 
 @dataclass(frozen=True)
 class Record:
-    """What a result consists of.
+    """The contents of a result as labelled quantities.
 
     `summary`, a line for people; `variables` and `coordinates`; `attributes` of the whole; `labels` along axes of
     components. A quantity with more dimensions than axes has batch axes in front, the same for all.
@@ -55,46 +55,49 @@ class Record:
     labels: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     def everything(self) -> dict[str, Quantity]:
-        """Coordinates and variables."""
+        """Coordinates and variables together."""
         return {**self.coordinates, **self.variables}
 
     def dims(self, quantity: Quantity) -> tuple[str, ...]:
-        """The names of all its dimensions: `batch`, or `batch_1`, `batch_2` … where there are several, and its axes."""
-        most = max(_batch_axes(each) for each in self.everything().values())
-        names = ("batch",) if most == 1 else tuple(f"batch_{k + 1}" for k in range(most))
-        return (*names[most - _batch_axes(quantity) :], *quantity.axes)
+        """The names of the dimensions: `batch` (or `batch_1`, `batch_2` … if there are several), then the axes."""
+        n_batch = max(_batch_axes(each) for each in self.everything().values())
+        names = ("batch",) if n_batch == 1 else tuple(f"batch_{k + 1}" for k in range(n_batch))
+        return (*names[n_batch - _batch_axes(quantity) :], *quantity.axes)
 
 
 def to_dataset(record: Record, attributes: Mapping[str, Any] | None = None) -> "xarray.Dataset":
-    """The record as an `xarray.Dataset`, with conventions and provenance, and more `attributes`, in its attributes.
+    """The record as an `xarray.Dataset`; its attributes are conventions, provenance and the given `attributes`.
 
-    **Raises:** ModuleNotFoundError, naming the extra `io`, without xarray.
+    **Raises:** ModuleNotFoundError, naming the extra `io`, if xarray is missing.
     """
     require_package("xarray", "a labelled dataset")
     import xarray
 
-    known = {name: q._replace(values=np.asarray(q.values)) for name, q in record.everything().items()}
+    concrete = {name: q._replace(values=np.asarray(q.values)) for name, q in record.everything().items()}
     variables, coordinates = (
-        {name: (record.dims(q), known[name].values, variable_attributes(q.unit, q.meaning)) for name, q in part.items()}
+        {
+            name: (record.dims(q), concrete[name].values, variable_attributes(q.unit, q.meaning))
+            for name, q in part.items()
+        }
         for part in (record.variables, record.coordinates)
     )
     used = {dim for dims, *_ in variables.values() for dim in dims}
     labels = {axis: list(names) for axis, names in {**LABELS, **record.labels}.items() if axis in used}
-    dtypes = [q.values.dtype for q in known.values() if q.values.dtype.kind == "f"]
-    made = provenance_attributes(np.result_type(*dtypes) if dtypes else np.dtype(float))
-    whole = CONVENTIONS | made | dict(record.attributes) | dict(attributes or {})
-    return xarray.Dataset(variables, {**coordinates, **labels}, whole)
+    dtypes = [q.values.dtype for q in concrete.values() if q.values.dtype.kind == "f"]
+    provenance = provenance_attributes(np.result_type(*dtypes) if dtypes else np.dtype(float))
+    everything = CONVENTIONS | provenance | dict(record.attributes) | dict(attributes or {})
+    return xarray.Dataset(variables, {**coordinates, **labels}, everything)
 
 
 def variable_attributes(unit: str, meaning: str) -> dict[str, Any]:
-    """The attributes of a variable; a unit of "" is none."""
+    """The attributes of a variable; a unit of "" is left out."""
     return {**({"units": unit} if unit else {}), "long_name": meaning}
 
 
 def require_concrete(values: Any) -> None:
-    """Raise a ValueError where any array in a tree is traced."""
+    """Raise a ValueError if any array in a tree is traced."""
     if any(isinstance(x, Tracer) for x in jax.tree.leaves(values)):
-        raise ValueError("a dataset needs known values, and inside jit, grad or vmap they are not: return them first")
+        raise ValueError("a dataset needs concrete values, but these are traced: create it outside jit, grad and vmap")
 
 
 def _batch_axes(quantity: Quantity) -> int:

@@ -1,4 +1,4 @@
-"""What every result can do: become a labelled dataset, say what it is in a line, and show itself in a notebook."""
+"""Base class of all results: conversion to xarray, one-line summary, HTML for notebooks."""
 
 import abc
 from collections.abc import Mapping
@@ -11,30 +11,31 @@ import numpy as np
 from jax.core import Tracer
 
 from qtraj.foundation.record import Quantity, Record, require_concrete, to_dataset
+from qtraj.foundation.units import symbol
 
 if TYPE_CHECKING:
     import xarray
 
-MOST_VALUES = 10_000_000
-"""Of a larger array the range is not looked up for display."""
-MOST_TEXTS = 4
-"""Different texts shown of one variable."""
+MAX_VALUES = 10_000_000
+"""The displayed range is not computed for larger arrays."""
+MAX_TEXTS = 4
+"""At most this many different texts of a variable are displayed."""
 
 
 class AbstractResult(eqx.Module):
-    """The outcome of a call: labelled arrays, of one problem or of many (batch axes in front of every array)."""
+    """The result of a call as labelled arrays, for one problem or a batch (batch axes first in every array)."""
 
     @abc.abstractmethod
     def record(self) -> Record:
-        """What the result consists of, with units and meanings."""
+        """The contents of the result, with units and meanings."""
 
     def to_xarray(self, attributes: Mapping[str, Any] | None = None) -> "xarray.Dataset":
         """The result as an `xarray.Dataset` (extra `io`), which `qtraj.save_dataset` writes.
 
-        Units and meanings stand in the attributes of its variables; conventions of frames and quaternions, versions and
-        dtype in its own, with further `attributes`, such as the hash of a scenario.
+        The attributes of the variables are units and meanings. The attributes of the dataset are the conventions of
+        frames and quaternions, versions, dtype, and the given `attributes`, such as the hash of a scenario.
 
-        **Raises:** ModuleNotFoundError, naming the extra, where xarray is missing; ValueError inside a trace.
+        **Raises:** ModuleNotFoundError, naming the extra, if xarray is missing; ValueError inside a trace.
         """
         require_concrete(self)
         return to_dataset(self.record(), {"type": type(self).__name__, **(attributes or {})})
@@ -54,53 +55,56 @@ class AbstractResult(eqx.Module):
 
 
 def counts_text(texts: Any) -> str:
-    """How often each text occurs: "3 converged, 1 infeasible", "all proved"; one text alone as it is."""
+    """The number of occurrences of each text: "3 converged, 1 infeasible", "all proved"; a single text unchanged."""
     if np.ndim(texts) == 0:
         return str(texts)
     if np.unique(texts).size == 1:
         return f"all {np.ravel(texts)[0]}"
-    found, counts = np.unique(np.asarray(texts), return_counts=True)
-    most = np.argsort(-counts, kind="stable")
-    shown = [f"{counts[k]} {found[k]}" for k in most[:MOST_TEXTS]]
-    return ", ".join([*shown, *([f"{len(most) - MOST_TEXTS} others"] if len(most) > MOST_TEXTS else [])])
+    distinct, counts = np.unique(np.asarray(texts), return_counts=True)
+    order = np.argsort(-counts, kind="stable")
+    shown = [f"{counts[k]} {distinct[k]}" for k in order[:MAX_TEXTS]]
+    return ", ".join([*shown, *([f"{len(order) - MAX_TEXTS} others"] if len(order) > MAX_TEXTS else [])])
 
 
 def batch_prefix(shape: tuple[int, ...], what: str = "") -> str:
-    """ "3 paths, ", "batch of 2 × 3, ", or nothing for one problem alone: the beginning of a summary."""
+    """The beginning of a summary: "3 paths, ", "batch of 2 × 3, ", or nothing for a single problem."""
     count = " × ".join(map(str, shape))
     return "" if not shape else f"{count} {what}, " if what else f"batch of {count}, "
 
 
 def extent(values: Any, unit: str = "") -> str:
-    """ "0 … 12 s": the least and the largest number, one number where they agree, and whether any is missing."""
-    known = np.asarray(values)
-    finite = known[np.isfinite(known)]
-    missing = "" if finite.size == known.size else " and others that are not finite" if finite.size else "not finite"
+    """The range of the values, such as "0 … 12 s", or one number; says so if some are not finite.
+
+    `unit` is spelled as netCDF spells it, "m s-1".
+    """
+    values = np.asarray(values)
+    finite = values[np.isfinite(values)]
+    missing = "" if finite.size == values.size else " and others that are not finite" if finite.size else "not finite"
     if not finite.size:
         return missing or "none"
     low, high = f"{finite.min():.6g}", f"{finite.max():.6g}"
-    return f"{low if low == high else f'{low} … {high}'} {unit}".rstrip() + missing
+    return f"{low if low == high else f'{low} … {high}'} {symbol(unit)}".rstrip() + missing
 
 
 def vector_text(vector: Any) -> str:
-    """ "(0.707107, 0, 0, 0.707107)": a few numbers, in a summary."""
+    """A few numbers as text, such as "(0.707107, 0, 0, 0.707107)"."""
     return f"({', '.join(f'{x:.6g}' for x in np.asarray(vector).tolist())})"
 
 
 def times_text(times: Any) -> str:
-    """ "101 instants, 0 … 12 s": what a result runs over, in its summary."""
+    """The number of instants and their range, such as "101 instants, 0 … 12 s"."""
     return f"{np.shape(times)[-1]} instants, {extent(times, 's')}"
 
 
 def _record(result: AbstractResult) -> Record | None:
-    """The record of a whole result; of one that is traced, or that a transformation has left half built, nothing."""
+    """The record of a result, or None if it is traced or was left incomplete by a JAX transformation."""
     leaves = jax.tree.leaves(result)
     if not leaves or not all(isinstance(x, jax.Array | np.ndarray) and not isinstance(x, Tracer) for x in leaves):
         return None
     try:
         return result.record()
     except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError):
-        return None  # to be shown must not fail where to be used would
+        return None  # displaying an incomplete result must not fail
 
 
 def _row(name: str, dims: tuple[str, ...], quantity: Quantity) -> str:
@@ -111,9 +115,9 @@ def _row(name: str, dims: tuple[str, ...], quantity: Quantity) -> str:
 
 
 def _shown(values: Any) -> str:
-    if np.size(values) > MOST_VALUES:
+    if np.size(values) > MAX_VALUES:
         return ""
-    known = np.asarray(values)
-    if known.dtype.kind in "iuf":
-        return extent(known)
-    return counts_text(known)
+    values = np.asarray(values)
+    if values.dtype.kind in "iuf":
+        return extent(values)
+    return counts_text(values)

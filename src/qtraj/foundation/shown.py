@@ -1,4 +1,4 @@
-"""Modules as people read them: the fields that are set, with values and units."""
+"""Readable `repr` of Modules: the fields that are set, with values and units."""
 
 import dataclasses
 from typing import Any
@@ -8,12 +8,15 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-MOST = 16
-"""Numbers of one field that are shown; of more the shape and the type."""
+MAX_SHOWN = 16
+"""Fields with more numbers are shown by shape and type."""
 
 
 def shown(module: Any, **units: str) -> str:
-    """ "Limits(curvature=0.1 1/m, speed=5 m/s)": fields that are None are left out; `units` are those of fields."""
+    """A text such as "Limits(curvature=0.1 1/m, speed=5 m/s)", without fields that are None.
+
+    `units` are the units of fields, as they are displayed.
+    """
     fields = {f.name: getattr(module, f.name, None) for f in dataclasses.fields(module) if f.repr}
     texts = [f"{name}={_text(x, units.get(name, ''))}" for name, x in fields.items() if x is not None]
     return f"{type(module).__name__}({', '.join(texts)})"
@@ -22,7 +25,7 @@ def shown(module: Any, **units: str) -> str:
 def _text(value: Any, unit: str) -> str:
     if not isinstance(value, jax.Array | np.ndarray):
         return repr(value)
-    if isinstance(value, Tracer) or value.size > MOST:
+    if isinstance(value, Tracer) or value.size > MAX_SHOWN:
         return eqx.tree_pformat(value)
     written = np.array2string(np.asarray(value), separator=", ", formatter={"float_kind": lambda x: f"{x:.6g}"})
     return f"{' '.join(written.split())} {unit}".rstrip()

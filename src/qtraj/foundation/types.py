@@ -1,6 +1,6 @@
-"""Shapes in types. Components stand on the last axis; core functions take one instant and are vmapped.
+"""Array types with shapes. Components are on the last axis; core functions take one instant and are vmapped.
 
-They are named aliases, which keep their names in `help` and in signatures.
+The types are named aliases, so `help` and signatures show their names.
 """
 
 from collections.abc import Sequence
@@ -20,4 +20,4 @@ Mat4 = TypeAliasType("Mat4", Float[Array, "4 4"])
 ScalarLike = TypeAliasType("ScalarLike", Real[ArrayLike, ""])
 
 ArrayInput = TypeAliasType("ArrayInput", ArrayLike | Sequence[Any])
-"""What constructors take from a user: arrays of JAX or NumPy, numbers, and (nested) lists of numbers."""
+"""Input of constructors: JAX and NumPy arrays, numbers, and (nested) lists of numbers."""

@@ -1,6 +1,6 @@
-"""Units: spelled as netCDF spells them, shown as people write them.
+"""Units, spelled as netCDF spells them ("m s-2"), and their display form ("m/s²").
 
-A unit is a text such as "m s-2": factors apart by spaces, an exponent behind its factor. "1" is a number without unit.
+A unit is a text of factors, separated by spaces, each followed by its exponent. "1" is the dimensionless unit.
 """
 
 import re
@@ -14,40 +14,40 @@ FACTOR = re.compile(r"([^\W\d_]+)(-?\d+)?")
 def powers(unit: str) -> dict[str, int]:
     """The exponent of each factor: "m s-2" is {"m": 1, "s": -2}.
 
-    **Raises:** ValueError for a text that is no unit.
+    **Raises:** ValueError if the text is not a unit.
     """
-    found: dict[str, int] = {}
+    exponents: dict[str, int] = {}
     for factor in () if unit in ("", "1") else unit.split(" "):
         match = FACTOR.fullmatch(factor)
         if match is None:
-            raise ValueError(f"{unit!r} is no unit: write factors with their exponents, such as 'm s-2'")
-        found[match[1]] = found.get(match[1], 0) + int(match[2] or 1)
-    return found
+            raise ValueError(f"{unit!r} is not a unit: write factors with their exponents, such as 'm s-2'")
+        exponents[match[1]] = exponents.get(match[1], 0) + int(match[2] or 1)
+    return exponents
 
 
 @cache
 def symbol(unit: str) -> str:
-    """The unit as people write it: "m s-2" is "m/s²", "1" is empty."""
-    above = "·".join(_factor(name, power) for name, power in powers(unit).items() if power > 0)
-    below = "".join("/" + _factor(name, -power) for name, power in powers(unit).items() if power < 0)
-    return f"{above or '1'}{below}" if below else above
+    """The unit as it is displayed: "m s-2" as "m/s²", "1" as an empty text."""
+    numerator = "·".join(_factor(name, power) for name, power in powers(unit).items() if power > 0)
+    denominator = "".join("/" + _factor(name, -power) for name, power in powers(unit).items() if power < 0)
+    return f"{numerator or '1'}{denominator}" if denominator else numerator
 
 
-def spelled(factors: dict[str, int]) -> str:
-    """The unit of these exponents, as netCDF spells it."""
-    return " ".join(name + ("" if power == 1 else str(power)) for name, power in factors.items() if power) or "1"
+def spelled(exponents: dict[str, int]) -> str:
+    """The unit with these exponents, as netCDF spells it; the inverse of `powers`."""
+    return " ".join(name + ("" if power == 1 else str(power)) for name, power in exponents.items() if power) or "1"
 
 
 def per_time(unit: str) -> int:
-    """The power of 1/s: a path driven in half the time has 2 to this power times the value."""
+    """The power k of 1/s: a path driven in half the time has 2^k times the value."""
     return -powers(unit).get("s", 0)
 
 
 def integrated(unit: str) -> str:
     """The unit of an integral over time."""
-    factors = dict(powers(unit))
-    factors["s"] = factors.get("s", 0) + 1
-    return spelled(factors)
+    exponents = dict(powers(unit))
+    exponents["s"] = exponents.get("s", 0) + 1
+    return spelled(exponents)
 
 
 def with_unit(value: float, unit: str) -> str:

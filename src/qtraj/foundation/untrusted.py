@@ -1,4 +1,4 @@
-"""Reading files that may hold anything: what is too large or nested too deep is refused, and never a crash."""
+"""Read untrusted files safely: content that is too large or too deeply nested is an error, never a crash."""
 
 import json
 import re
@@ -7,41 +7,44 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-LARGEST = 2**30
-"""[bytes] of a text file."""
+MAX_SIZE = 2**30
+"""[bytes] Maximum size of a file."""
 
-DEEPEST = 64
-"""Levels of tables and arrays inside one another."""
+MAX_DEPTH = 64
+"""Maximum depth of nested tables and arrays."""
 
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
-_DOTTED = re.compile(rf"^[ \t]*+\[{{0,2}}[ \t]*+(?:{_PART}\.[ \t]*+){{{DEEPEST},}}", re.MULTILINE)
-"""A key at the beginning of a line that names tables in tables: the parser takes minutes for very long ones."""
+_DOTTED = re.compile(rf"^[ \t]*+\[{{0,2}}[ \t]*+(?:{_PART}\.[ \t]*+){{{MAX_DEPTH},}}", re.MULTILINE)
+"""A dotted key at the beginning of a line: the parser takes minutes for very long ones."""
 
-TOO_DEEP = f"its tables or arrays are nested deeper than {DEEPEST} levels"
+TOO_DEEP = f"its tables or arrays are nested deeper than {MAX_DEPTH} levels"
 
 
 def read_bytes(path: Path) -> bytes:
     """The content of a file.
 
-    **Raises:** OSError where it cannot be read; ValueError, naming it, where it is larger than `LARGEST`.
+    **Raises:** OSError if it cannot be read; ValueError, naming it, if it is larger than `MAX_SIZE`.
     """
     with path.open("rb") as stream:
-        content = stream.read(LARGEST + 1)
-    if len(content) > LARGEST:
-        raise ValueError(f"{path}: the file is larger than {LARGEST / 2**30:.3g} GiB, the most that is read")
+        content = stream.read(MAX_SIZE + 1)
+    if len(content) > MAX_SIZE:
+        raise ValueError(f"{path}: the file is larger than the maximum of {MAX_SIZE / 2**30:.3g} GiB")
     return content
 
 
 def read_text(path: Path) -> str:
     """The content of a file in UTF-8, without a byte order mark.
 
-    **Raises:** OSError where it cannot be read; ValueError, naming it, where it is too large or another encoding.
+    **Raises:** OSError if it cannot be read; ValueError, naming it, if it is too large or has another encoding.
     """
     return decoded(path, read_bytes(path))
 
 
 def decoded(path: Path, content: bytes) -> str:
-    """The text of a file in UTF-8, without a byte order mark (ValueError, naming the file, for other bytes)."""
+    """The text of a file in UTF-8, without a byte order mark.
+
+    **Raises:** ValueError, naming the file, for another encoding.
+    """
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -51,7 +54,7 @@ def decoded(path: Path, content: bytes) -> str:
 def parse_json(text: str | bytes) -> Any:
     """The content of a JSON text.
 
-    **Raises:** ValueError where it is none, or is nested deeper than `DEEPEST`.
+    **Raises:** ValueError if it is not valid JSON, or is nested deeper than `MAX_DEPTH`.
     """
     return _parsed(json.loads, text)
 
@@ -59,8 +62,8 @@ def parse_json(text: str | bytes) -> Any:
 def parse_toml(text: str) -> dict[str, Any]:
     """The content of a TOML text.
 
-    **Raises:** tomllib.TOMLDecodeError, a ValueError, where it is none; ValueError where it is nested deeper than
-    `DEEPEST`.
+    **Raises:** tomllib.TOMLDecodeError, a ValueError, if it is not valid TOML; ValueError if it is nested deeper than
+    `MAX_DEPTH`.
     """
     if _DOTTED.search(text):
         raise ValueError(TOO_DEEP)
@@ -79,7 +82,7 @@ def _parsed(parse: Callable[[Any], Any], text: str | bytes) -> Any:
 
 def _is_deep(data: Any) -> bool:
     level = [data]
-    for _ in range(DEEPEST + 1):
+    for _ in range(MAX_DEPTH + 1):
         level = [inner for outer in level for inner in _inside(outer)]
         if not level:
             return False

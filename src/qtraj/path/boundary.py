@@ -46,7 +46,7 @@ class BoundaryState(AbstractResult):
 
     def _summary(self) -> str:
         if self.position.ndim > 1:
-            speed = extent(np.linalg.norm(np.asarray(self.velocity), axis=-1), "m/s")
+            speed = extent(np.linalg.norm(np.asarray(self.velocity), axis=-1), "m s-1")
             return f"{batch_prefix(self.position.shape[:-1])}|velocity| {speed}"
         whole = f"position {vector_text(self.position)} m, velocity {vector_text(self.velocity)} m/s"
         return whole if self.acceleration is None else f"{whole}, acceleration {vector_text(self.acceleration)} m/s²"

@@ -1,8 +1,8 @@
-"""Paths with polynomial components in a basis that turns about its third axis.
+"""Paths with polynomial components in a basis that rotates about its third axis.
 
 r(t) = R_z(φ(t))·(x(t), y(t), z(t)) in the axes of a placement, all four polynomials in t: a spiral-helix is (ρ, 0, h)
-about its angle φ, and a polynomial path in world axes has φ = 0. Every derivative is a polynomial in the basis itself,
-so that proofs, tuning and batches need no trigonometry.
+about its angle φ, and a polynomial path in world axes has φ = 0. In this basis every derivative is a polynomial, so
+proofs, tuning and batched evaluation need no trigonometry.
 """
 
 import math
@@ -13,16 +13,17 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from qtraj.algebra import polynomial
+from qtraj.algebra.sparse import add, mul
 from qtraj.foundation.types import ScalarLike
-from qtraj.path.components import Triple, add, mul
+from qtraj.path.components import Triple
 from qtraj.path.placement import Placement
 
 Series = Sequence[Any]
-"""Taylor coefficients (k-th derivative / k!), orders 0 … n−1; the integer 0 for one that vanishes identically."""
+"""Taylor coefficients (k-th derivative / k!), orders 0 … n−1; the integer 0 for one that is identically zero."""
 
 
 class MovingPolynomials(eqx.Module):
-    """Ascending coefficients in t [s] of x, y, z [m] and of the angle φ [rad]; `y` is None where it vanishes."""
+    """Ascending coefficients in t [s] of x, y, z [m] and of the angle φ [rad]; `y` is None if it is zero."""
 
     x: Float[Array, "*batch _"]
     y: Float[Array, "*batch _"] | None
@@ -32,20 +33,20 @@ class MovingPolynomials(eqx.Module):
 
     def series(self, t: ScalarLike, order: int) -> tuple[Series, Series, Series, Series]:
         """Taylor coefficients of x, y, z and φ at one instant."""
-        x, z, angle = (polynomial.terms(c, t, order) for c in (self.x, self.z, self.angle))
-        y = [0] * (order + 1) if self.y is None else polynomial.terms(self.y, t, order)
+        x, z, angle = (polynomial.split_taylor(c, t, order) for c in (self.x, self.z, self.angle))
+        y = [0] * (order + 1) if self.y is None else polynomial.split_taylor(self.y, t, order)
         return x, y, z, angle
 
     def components(self, t: ScalarLike, order: int) -> list[Triple]:
-        """Derivatives of r at one instant in the moving basis, orders 0 … `order`, a triple each."""
+        """Derivatives of r at one instant in the moving basis, orders 0 … `order`, each a triple."""
         return in_moving_basis(*self.series(t, order))
 
 
 def in_moving_basis(x: Series, y: Series, z: Series, angle: Series) -> list[Triple]:
-    """Derivatives of R_z(φ)·(x, y, z) in the moving basis, orders 0 … n−1, a triple each.
+    """Derivatives of R_z(φ)·(x, y, z) in the moving basis, orders 0 … n−1, each a triple.
 
-    In the plane r = (x + iy) e^{iφ}: with g(s) = e^{i(φ(t+s)−φ(t))}, g' = iφ'g gives the series of g, and that of the
-    product follows by Cauchy's rule. For y = 0 orders 1 and 2 are (ρ̇, ρφ̇, ḣ) and (ρ̈ − ρφ̇², 2ρ̇φ̇ + ρφ̈, ḧ) (paper S).
+    In the plane r = (x + iy) e^{iφ}. With g(s) = e^{i(φ(t+s)−φ(t))}, g' = iφ'g gives the Taylor series of g, and the
+    Cauchy product gives the series of r. For y = 0 orders 1 and 2 are (ρ̇, ρφ̇, ḣ) and (ρ̈ − ρφ̇², 2ρ̇φ̇ + ρφ̈, ḧ) (paper S).
     """
     count = len(x)
     cos: list[Any] = [1]

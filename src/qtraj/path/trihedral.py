@@ -79,8 +79,8 @@ class Trihedral(AbstractResult):
         }
         variables = {name: CHANNELS[name].labelled(x) for name, x in values.items()}
         exists = "" if np.all(self.defined) else ", not defined" if not np.any(self.defined) else ", partly defined"
-        shown = f"speed {extent(self.speed, 'm/s')}, curvature {extent(self.curvature, '1/m')}"
-        summary = f"{batch_prefix(self.speed.shape)}{shown}, torsion {extent(self.torsion, '1/m')}{exists}"
+        shown = f"speed {extent(self.speed, 'm s-1')}, curvature {extent(self.curvature, 'm-1')}"
+        summary = f"{batch_prefix(self.speed.shape)}{shown}, torsion {extent(self.torsion, 'm-1')}{exists}"
         return Record(summary, variables, attributes=framed("trihedral"), labels=labels_of("trihedral"))
 
 

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from qtraj.foundation.types import Scalar, ScalarLike
-from qtraj.path.components import Triple
+from qtraj.path.components import Triple, rotated_z
 from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import in_moving_basis
@@ -13,12 +13,12 @@ from qtraj.path.quantity import quantity
 
 
 def invariants_at(path: AbstractHodograph, t: ScalarLike, order: int) -> Invariants:
-    """The invariants of a path's derivatives up to `order` at `t`, formed in a basis of the path's own choice."""
-    known = path.polynomials()
-    if known is None:
+    """The invariants of a path's derivatives up to `order` at `t`, computed in its moving basis if it has one."""
+    polynomials = path.polynomials()
+    if polynomials is None:
         return Invariants([(row[0], row[1], row[2]) for row in path.derivatives(t, order)])
-    x, y, z, angle = known.series(t, order)
-    return Invariants(in_moving_basis(x, y, z, angle), vertical(known.placement, angle[0]))
+    x, y, z, angle = polynomials.series(t, order)
+    return Invariants(in_moving_basis(x, y, z, angle), vertical(polynomials.placement, angle[0]))
 
 
 def squared(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
@@ -28,18 +28,18 @@ def squared(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
 
 
 def value(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
-    """One path quantity at one instant, in its unit; infinite where it grows without bound."""
+    """One path quantity at one instant, in its unit; infinite at a pole."""
     return root(squared(path, t, name))
 
 
 def root(square: Array) -> Array:
-    """√square, with a derivative of zero where it vanishes."""
-    vanishes = square <= 0
-    return jnp.where(vanishes, 0.0, jnp.sqrt(jnp.where(vanishes, 1.0, square)))
+    """√square, with derivative 0 where the square is 0."""
+    zero = square <= 0
+    return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, square)))
 
 
 def vertical(placement: Placement | None, angle: Array) -> Triple | None:
-    """The world's vertical in the moving basis where that has turned by `angle`; None for its third axis."""
+    """The world's vertical in the moving basis at this `angle`; None if it is the third axis."""
     if placement is None:
         return None
     zero = jnp.zeros_like(angle)
@@ -47,7 +47,5 @@ def vertical(placement: Placement | None, angle: Array) -> Triple | None:
 
 
 def to_turned_basis(vector: Array, angle: Array) -> Triple:
-    """The components (x, y, z) of a vector in a basis that has turned about the third axis by `angle`."""
-    x, y, z = vector
-    cos, sin = jnp.cos(angle), jnp.sin(angle)
-    return (x * cos + y * sin, y * cos - x * sin, z)
+    """The components of a vector in a basis that is rotated about the third axis by `angle`."""
+    return rotated_z(vector, jnp.cos(angle), -jnp.sin(angle))
