@@ -8,19 +8,19 @@
 # ---
 
 # %% [markdown]
-# # The two papers in one sitting
+# # The two papers, formula by formula
 #
 # This library starts from two papers:
 #
-# - **S**: Sakhno, Kravets, Bas, Krivda, *Orientation of natural trihedral of the spiral-helix supporting trajectory
-#   of spatial vehicle movement* (2017): where a vehicle must be, and which way it then points.
+# - **S**: Sakhno, Kravets, Bas, Krivda, *Orientation of natural trihedral of the spiral-helix supporting trajectory of
+#   spatial vehicle movement* (2017): where a vehicle must be, and how it is then oriented.
 # - **C**: Chelnokov, *Quaternion solution of kinematic problems of rigid body orientation control*, part 1 (Mechanics
-#   of Solids, 1993): how a body must turn to get there, and what to command when it does not.
+#   of Solids, 1993): how a body must rotate to reach an attitude, and how to correct errors.
 #
-# We walk through both in the order of their formulas, compute each one with plain NumPy beside the library, and
-# redraw the figures of S (C has none). Where the print, or the scan of it, is wrong, both forms are computed: the
-# printed one must miss by more than a percent and the corrected one hold to round-off, or this notebook fails. The
-# whole list, with remarks on what is scan damage, is docs/errata.md.
+# This notebook follows both papers in the order of their formulas, computes each formula in plain NumPy and with the
+# library, and redraws the figures of S (C has none). Where the print or its scan is wrong, the notebook computes both
+# forms, and fails unless the printed form is wrong by more than a percent and the corrected form is right to round-off.
+# The complete list, with remarks on errors of the scan, is on the page [Errata](../docs/errata.md).
 
 # %%
 # %matplotlib inline
@@ -70,9 +70,8 @@ def erratum(where, printed, corrected, expected):
 # $$\bar r(t) = \rho(t)\,(\bar i\cos\omega t + \bar j\sin\omega t) + \bar k\,h(t),\qquad
 #   \rho = \textstyle\sum\rho_k t^k,\quad h=\sum h_k t^k,\quad k = 0\ldots3 .$$
 #
-# Ten boundary numbers meet nine unknowns ($\rho_k$, $h_k$, $\omega$; $t_k=\pi/2\omega$). The paper notes that
-# $V_{2A}/V_{1B} = r_{1A}/r_{2B}$ follows; read properly, that is a *condition on the data*. We choose data that meet
-# it.
+# There are ten boundary values for nine unknowns ($\rho_k$, $h_k$, $\omega$; $t_k=\pi/2\omega$). The paper notes that
+# $V_{2A}/V_{1B} = r_{1A}/r_{2B}$ follows; in fact this is a *condition on the data*. We choose data that satisfy it.
 
 # %%
 r1A, r2B, r3A, r3B = 20.0, 26.0, 1.0, 9.0
@@ -92,8 +91,8 @@ data = path_dataset(
 path_figure(data, trihedra=0, velocities=True, reference=True, view=(24, 35))
 
 # %% [markdown]
-# Data that break the condition are refused, with both rates named; `hermite` lets the angle be a polynomial as well
-# and meets all ten numbers.
+# Data that violate the condition are refused, with a message that gives both rates; `hermite` uses a polynomial angle
+# and meets all ten values.
 
 # %%
 faster = qt.BoundaryState(B.position, [-1.3 * V1B, V2B, V3B])
@@ -112,8 +111,8 @@ holds(complete.velocity(tk), faster.velocity)
 # $$\rho_2 = \frac{3\Delta}{t_k^2} - \frac{V_{2B}+2V_{1A}}{t_k},\qquad
 #   \rho_3 = -\frac{2\Delta}{t_k^3} + \frac{V_{2B}+V_{1A}}{t_k^2},\qquad \Delta = r_{2B}-r_{1A},$$
 #
-# and the same for $h$. The print has a minus in $\rho_3$, and after $t_k=\pi r_{1A}/2V_{2A}$ is put in a factor 2 too
-# many in $\rho_3$ and $h_3$. The paper's own full $\bar r(t)$ contradicts these two, and is right.
+# and the same for $h$. The print has a minus in $\rho_3$, and after substitution of $t_k=\pi r_{1A}/2V_{2A}$ an extra
+# factor 2 in $\rho_3$ and $h_3$. The paper's own full $\bar r(t)$ contradicts both, and is right.
 
 
 # %%
@@ -168,8 +167,8 @@ path_figure(data, trihedra=5, reference=True, view=(24, 35))
 
 # %% [markdown]
 # Printed is $K = |d\bar r/ds|$, which is 1 on every curve; the curvature is $|d^2\bar r/ds^2| = |\dot r\times\ddot
-# r|/|\dot r|^3$. Written with derivatives by time, each vector product brings its own length, and the print loses
-# some of them:
+# r|/|\dot r|^3$. With derivatives in time, each vector product adds a factor to the length; some of these factors are
+# missing in print:
 #
 # $$\bar n = -\frac{\dot r\times(\dot r\times\ddot r)}{|\dot r||\dot r\times\ddot r|}
 #   = \frac{(\dot r\cdot\dot r)\ddot r-(\dot r\cdot\ddot r)\dot r}{|\dot r||\dot r\times\ddot r|},\qquad
@@ -193,8 +192,9 @@ holds(c / area, frame.binormal)
 
 # %% [markdown]
 # The paper does its vector algebra with quaternion matrices: $\frac12(\dot R_0-\dot R_0')$ acting on $(0,\ddot r)$ is
-# the vector product by $\dot r$, its square and cube the double and triple one. The components of the double product
-# are printed as zero, and so are the determinants of the direction cosines, whose two rows are equal.
+# the vector product with $\dot r$, its square and cube the double and triple products. The components of the double
+# product are printed as zero. The determinants of the direction cosines are zero too, because their two rows are
+# printed equal.
 
 # %%
 for times, product in ((1, c), (2, double), (3, triple)):
@@ -226,8 +226,8 @@ holds(alpha[0], v / speed)
 # %% [markdown]
 # ## Derivatives of the hodograph
 #
-# Columns of powers of $t$, times the row of coefficients. In print the row stands before the first column only, the
-# last entry of the acceleration has $t^2$ for $t^3$, and $\ddot r_2$ has a wrong sign.
+# The derivatives are columns of powers of $t$, multiplied by the row of coefficients. In print the row multiplies the
+# first column only, the last entry of the acceleration has $t^2$ instead of $t^3$, and $\ddot r_2$ has a wrong sign.
 
 # %%
 value, slope = t ** np.arange(4), np.array([0, 1, 2 * t, 3 * t**2])
@@ -248,9 +248,9 @@ holds([np.asarray(path.height) @ slope, np.asarray(path.height) @ [0, 0, 2, 6 * 
 # %% [markdown]
 # ## Rodrigues–Hamilton parameters
 #
-# With the quaternion matrices $A^t\cdot{}^tA^t = \mathrm{diag}(1, \alpha)$; its diagonal gives a linear system for
-# the *squares* of the parameters, whose solution lacks its leading 1 in print. And only the squares: of the eight
-# sign patterns seven are wrong, so the off-diagonal cosines must decide. `rotation.from_dcm` does that.
+# With the quaternion matrices $A^t\cdot{}^tA^t = \mathrm{diag}(1, \alpha)$; its diagonal gives a linear system for the
+# *squares* of the parameters, whose solution lacks its leading 1 in print. The squares do not determine the signs:
+# seven of the eight sign patterns are wrong, so the off-diagonal cosines must decide. `rotation.from_dcm` uses them.
 
 # %%
 q = frame.quaternion()
@@ -269,9 +269,9 @@ holds(qt.rotation.to_dcm(qt.rotation.from_dcm(frame.dcm())), alpha)
 # %% [markdown]
 # ## The Gibbs vector
 #
-# $G_k=\alpha_k/\alpha_0$ has the same components in both axes, $\alpha G = G$. Six ratios of direction cosines are
-# printed for it, each 0/0 where its denominator $4\alpha_0\alpha_k$ vanishes. In the paper's own horizontal turn that
-# leaves no form for $G_3$, the only component there is. Regular up to half a turn are
+# $G_k=\alpha_k/\alpha_0$ has the same components in both axes, $\alpha G = G$. The paper prints six ratios of direction
+# cosines for it, each 0/0 where its denominator $4\alpha_0\alpha_k$ vanishes. In the paper's own horizontal turn no
+# ratio is left for $G_3$, the only nonzero component. These forms are regular up to 180°:
 # $G_1=(\alpha_{23}-\alpha_{32})/(1+\mathrm{tr}\,\alpha)$, and cyclically.
 
 # %%
@@ -290,13 +290,13 @@ heading = np.arctan2(flat.tangent[1], flat.tangent[0])
 holds(qt.rotation.gibbs_from_dcm(flat.dcm())[2], np.tan(heading / 2))
 
 # %% [markdown]
-# ## The hidden flip
+# ## A flip of the trihedral
 #
-# In the horizontal special case ($V_{1A}=V_{2B}=0$, $r_{3A}=r_{3B}=0$) the vertical component of $\dot r\times\ddot
-# r$ is $\omega(\omega^2\rho^2+2\dot\rho^2-\rho\ddot\rho)$. It changes sign when $r_{2B}/r_{1A} >
-# 1+\pi^2/24\approx1.411$ (or is below the inverse): the path bends to the *other* side first, and there $\bar n$ and
-# $\bar b$ jump by 180°. For $r_{2B}=2r_{1A}$ this is at $0.1689\,t_k$. At that instant there is no natural trihedral;
-# the figure marks it.
+# In the horizontal special case ($V_{1A}=V_{2B}=0$, $r_{3A}=r_{3B}=0$) the vertical component of $\dot r\times\ddot r$
+# is $\omega(\omega^2\rho^2+2\dot\rho^2-\rho\ddot\rho)$. It changes sign when $r_{2B}/r_{1A} > 1+\pi^2/24\approx1.411$
+# (or is below the inverse): the path first bends to the *other* side, and where it changes sides $\bar n$ and $\bar b$
+# jump by 180°. For $r_{2B}=2r_{1A}$ this happens at $0.1689\,t_k$. At that instant the natural trihedral does not
+# exist; the figure marks it.
 
 # %%
 doubled = qt.SpiralHelix.from_boundary(
@@ -318,8 +318,8 @@ orientation_figure(
 #
 # ## Equations of motion (1.2)–(1.6)
 #
-# $\dot\omega_x=\varepsilon_x$, $2\dot\lambda = \lambda\circ\omega_x$, where $\lambda$ need *not* be of unit length:
-# $\omega_x=\omega_0+\omega_v$ has a scalar part, which only moves $|\lambda|$. In inertial axes
+# $\dot\omega_x=\varepsilon_x$, $2\dot\lambda = \lambda\circ\omega_x$, where $\lambda$ may have *any* length:
+# $\omega_x=\omega_0+\omega_v$ has a scalar part, which changes only $|\lambda|$. In inertial axes
 # $2\dot\lambda=\omega_\xi\circ\lambda$ with $\omega_\xi=\lambda\circ\omega_x\circ\lambda^{-1}$.
 
 # %%
@@ -369,8 +369,8 @@ holds(scalar_equations, 2 * lam_rate)
 erratum("C: sign of ω0 = d/dt ln|λ|²", -logarithm, logarithm, omega[0])
 
 # %% [markdown]
-# $\varepsilon_0$ is free: the norm follows whatever law we choose, and no body notices. Here $\varepsilon_0=0.2$, so
-# $|\lambda(t)|^2=|\lambda(0)|^2\exp\int\omega_0$, while the attitude is that of a steady spin.
+# $\varepsilon_0$ is free: the norm follows any law we choose, without effect on the body. Here $\varepsilon_0=0.2$, so
+# $|\lambda(t)|^2=|\lambda(0)|^2\exp\int\omega_0$, while the attitude is a steady spin.
 
 # %%
 instants = jnp.linspace(0.0, 4.0, 41)
@@ -384,10 +384,10 @@ print(f"|λ| grew to {grown.norm[-1]:.3f} = exp(0.8); the attitude is that of th
 # %% [markdown]
 # ## The plane Euler turn (3.1)–(3.15)
 #
-# One turn by $\Phi_*$ about one axis $e$ leads from any attitude to any other: $a=\bar\lambda_0\circ\lambda_*$,
+# A rotation by $\Phi_*$ about one axis $e$ leads from any attitude to any other: $a=\bar\lambda_0\circ\lambda_*$,
 # $\cos(\Phi_*/2)=a_0$, $e=a_v/\sin(\Phi_*/2)$, and $\lambda^0(t) =
-# \lambda_0\circ(\cos\frac{\Phi(t)}2+e\sin\frac{\Phi(t)}2)$, $\omega^0=\dot\Phi e$, $\varepsilon^0=\ddot\Phi e$. In
-# print $(\sin\Phi_*/2)^{-1}$ must be read as the sine of the half angle; $\arccos a_0$ loses small angles, so the
+# \lambda_0\circ(\cos\frac{\Phi(t)}2+e\sin\frac{\Phi(t)}2)$, $\omega^0=\dot\Phi e$, $\varepsilon^0=\ddot\Phi e$. The
+# printed $(\sin\Phi_*/2)^{-1}$ must be read as the sine of the half angle. $\arccos a_0$ loses small angles, so the
 # library uses $\Phi_*=2\,\mathrm{atan2}(|a_v|,|a_0|)$.
 
 # %%
@@ -414,8 +414,8 @@ program_rate = 2 * product(
 assert np.allclose(program_rate, [0.0, *now.rate], atol=1e-12)  # (1.5)
 
 # %% [markdown]
-# $\Phi(t)$ comes from limits of rate and acceleration. The paper names relay laws, polynomials and given durations;
-# note that a cubic of given duration has no coefficient left for limits, since its peaks are $1.5\Phi/T$ and
+# $\Phi(t)$ follows from limits on rate and acceleration. The paper names relay laws, polynomials and prescribed
+# durations. A cubic of prescribed duration has no coefficient left for limits: its peaks are $1.5\Phi/T$ and
 # $6\Phi/T^2$.
 
 # %%
@@ -427,8 +427,8 @@ assert abs(float(profiles["cubic"].duration) - max(1.5 * angle / limits[0], np.s
 profiles_figure(profiles, *limits, title="C, section 3: an Euler turn by 90° under 1 °/s and 0.05 °/s²")
 
 # %% [markdown]
-# The shortest turn has $\Phi_*\le180°$; for $a_0<0$ the program therefore ends at $-\lambda_*$, the same attitude
-# with the other sign, and errors afterwards must be taken against that sign.
+# The shortest rotation has $\Phi_*\le180°$. For $a_0<0$ the program therefore ends at $-\lambda_*$, the same attitude
+# with the opposite sign, and later errors must be computed relative to that sign.
 
 # %%
 far = product(start, qt.quaternion.exp(jnp.asarray(np.radians(250.0) * axis / 2)))
@@ -437,17 +437,17 @@ holds(short.angle, np.radians(110.0))
 holds(short.end, -far)
 
 # %% [markdown]
-# ## Correcting control (section 2) and what its second part must be
+# ## Feedback control (section 2) and the law of part 2
 #
-# The command is the program's acceleration and a correction, (2.1) in body axes or (2.2) in inertial ones. Part 1
-# ends before the laws; from its equations follows, with the error $\mu=\bar\lambda^0\circ\lambda$, that
+# The command is the acceleration of the program plus a correction, (2.1) in body axes or (2.2) in inertial axes. Part 1
+# ends before the feedback laws. From its equations it follows, with the error $\mu=\bar\lambda^0\circ\lambda$, that
 #
 # $$\varepsilon_x = \mu^{-1}\circ[\varepsilon_z^0\circ\mu + \omega_z^0\circ\dot\mu - \dot\mu\circ\omega_x
 #   - 2K_1\dot\mu - 2K_2(\mu-1)]
 #   \iff \ddot\mu + K_1\dot\mu + K_2(\mu-1)=0 .$$
 #
-# The error equation is linear, stationary and independent of the program, so it has a closed form: the exact oracle
-# of every simulation below. A body starts 60° off a moving program, and tumbling.
+# The error equation is linear, time-invariant and independent of the program, so it has a closed form, with which we
+# compare the simulation. The body starts with an error of 60° from a moving program, and tumbling.
 
 # %%
 gains = qt.control.from_settling_time(6.0, 0.01)
@@ -474,10 +474,11 @@ assert abs(jnp.linalg.norm(delta[1:]) - jnp.linalg.norm(big_delta[1:])) > 1e-3  
 loops_figure({"simulated": loop}, {"simulated": closed}, np.radians(1.0), "The law of part 2 against its closed form")
 
 # %% [markdown]
-# ## What was wrong
+# ## Summary of the misprints
 #
-# Every row failed by at least a percent as printed, and holds to round-off as corrected. Conditions that the papers
-# leave out (boundary data, signs of the parameters, the flip, the end sign of a turn) were shown on the way.
+# Every printed formula in the table is wrong by at least a percent, and every corrected one is right to round-off. The
+# conditions that the papers omit (boundary data, signs of the parameters, the flip, the final sign of a slew) are shown
+# above.
 
 # %%
 print(f"{'formula':32s}{'as printed':>12s}{'corrected':>12s}")

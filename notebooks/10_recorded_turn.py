@@ -10,9 +10,9 @@
 # %% [markdown]
 # # A recorded turn, tuned
 #
-# A car turns left at right angle while climbing. Its recording becomes a spiral-helix, gets its natural trihedral,
-# and its boundary velocities are tuned until a longer vehicle with standing passengers could drive the turn: until
-# the limits of curvature and lateral acceleration hold at *every* instant, which a certificate proves.
+# A car makes a climbing left turn by a right angle. We fit a spiral-helix to its recording and compute the natural
+# trihedral. Then we tune the boundary velocities so that a longer vehicle with standing passengers can drive the turn:
+# curvature and lateral acceleration satisfy their limits at *every* instant, which a certificate proves.
 #
 # The recording is an excerpt of the Boreas dataset (Burnett et al., "Boreas: A multi-season autonomous driving
 # dataset", IJRR 2023), sequence 2021-08-05-13-34, CC BY 4.0.
@@ -34,9 +34,10 @@ from qtraj.viz.figures import limits_figure, tuning_figure
 # %% [markdown]
 # ## From positions to a path
 #
-# Uniform rotation is the model of the paper; a polynomial angle, the default, follows the recording four times closer.
-# The nearer the axis, the sharper the best turn about it. So that a bus gets around, we keep the axis 12 m away, which
-# costs some of that closeness. The result says that this bound is active, and what to do if that is not intended.
+# Uniform rotation is the model of the paper; a polynomial angle, the default, follows the recording four times more
+# closely. The closer the axis, the sharper the best turn about it. To make the turn drivable for a bus, we keep the
+# axis at least 12 m away, which makes the fit a little worse. The result says that this bound is active, and what to do
+# if that is not intended.
 
 # %%
 track = qt.read_track(files("qtraj.io") / "data" / "boreas_right_angle.csv").window(1093.5, 1099.5)
@@ -58,8 +59,8 @@ path = fit.path
 # %% [markdown]
 # ## Orientation along the path
 #
-# Direction cosines, quaternion and Gibbs vector say the same three ways. Half-way, the Gibbs vector is the same in
-# the world's axes and in the trihedral's: αG = G.
+# Direction cosines, quaternion and Gibbs vector describe the same attitude. We check at half the duration that the
+# Gibbs vector has the same components in world axes and in the axes of the trihedral: αG = G.
 
 # %%
 frame = jax.jit(qt.trihedral)(path, 0.5 * path.duration)
@@ -72,9 +73,9 @@ print(f"κ = {frame.curvature:.4f} 1/m, torsion {frame.torsion:.5f} 1/m, ω⁰ =
 # %% [markdown]
 # ## Limits, before and after
 #
-# A turning radius of 22.5 m and 1.5 m/s² across the path. The ends stay where they are and the turn keeps its axis;
-# the velocities at both ends change as little as possible, in the sense of least squares of their cylindrical
-# components.
+# The limits are a turning radius of 22.5 m and a lateral acceleration of 1.5 m/s². The positions of the ends and the
+# axis stay fixed. The velocities at both ends change as little as possible: `tune` minimises the sum of squares of the
+# changes of their cylindrical components.
 
 # %%
 limits = qt.Limits(curvature=1 / 22.5, lateral_acceleration=1.5)
@@ -90,9 +91,9 @@ print(f"the turn takes {best.path.duration:.2f} s instead of {path.duration:.2f}
 # %% [markdown]
 # ## The certificate
 #
-# Samples cannot promise that nothing happens between them. Along a spiral-helix every limit is a polynomial
-# inequality in time, and its Bernstein coefficients bound it on whole intervals: "proved" means on the whole path,
-# "broken" comes with an instant as witness. The path that was driven is the counterexample.
+# Samples say nothing about the instants between them. Along a spiral-helix every limit is a polynomial inequality in
+# time, and its Bernstein coefficients bound it on whole intervals. "proved" refers to the whole path; "broken" comes
+# with an instant at which the limit is violated. The driven path is an example of the latter.
 
 # %%
 assert best.certificate.holds
@@ -110,15 +111,16 @@ data = path_dataset({"before": path, "after": best.path}, limits, track, attribu
 tuning_figure(data)
 
 # %% [markdown]
-# What was not limited changes too: speed, torsion and the angular rate of the trihedral.
+# Quantities without a limit change too: speed, torsion and the angular rate of the trihedral.
 
 # %%
 limits_figure(data, ["speed", "torsion", "angular_rate"])
 
 # %% [markdown]
-# ## How the answer depends on the question
+# ## Sensitivity to the data
 #
-# Everything is differentiable: here the largest curvature of the fitted turn, as its end velocity changes.
+# Everything is differentiable. This is the gradient of the largest curvature of the fitted turn with respect to its end
+# velocity.
 
 
 # %%

@@ -10,14 +10,13 @@
 # %% [markdown]
 # # Orientation and its singularities
 #
-# An attitude is a point of a curved space of three dimensions, and no three numbers describe all of it smoothly: that
-# is topology, not clumsiness. So every description with three numbers has attitudes where it, or its derivative, is
-# infinite or jumps. Quaternions have four numbers and no such point; their price is that λ and −λ are the same
-# attitude.
+# Attitudes form a curved space of three dimensions, which no three numbers describe smoothly everywhere: this is a
+# theorem of topology. So every description by three numbers has attitudes at which the description or its derivative is
+# infinite or jumps. Quaternions have four numbers and no such point; in return, λ and −λ are the same attitude.
 #
-# A second kind of singularity has nothing to do with numbers: the natural trihedral of a path does not exist where
-# the path is straight or stands still. Another choice of frame helps there, another description does not. This
-# notebook tells the two apart.
+# A second kind of singularity is independent of the description: the natural trihedral of a path does not exist where
+# the path is straight or the vehicle stops. There you need another frame, not another description. This notebook shows
+# both kinds.
 
 # %%
 # %matplotlib inline
@@ -36,9 +35,10 @@ rotation, quaternion = qt.rotation, qt.quaternion
 # %% [markdown]
 # ## One attitude, many descriptions
 #
-# A turn by 40° to the left (about z), then 20° nose down (about the new y). The convention is fixed for the whole
-# library: λ is scalar first and takes body components to inertial ones, $v_\xi=\lambda\circ v_X\circ\lambda^{-1}$;
-# the direction cosines α go the other way. Read actively, the same λ turns the inertial axes into the body axes.
+# The example is a rotation by 40° to the left (about z), then 20° nose down (about the new y). The whole library uses
+# one convention: λ is scalar first and maps body components to inertial components, $v_\xi=\lambda\circ
+# v_X\circ\lambda^{-1}$; the direction cosines α map in the opposite direction. Read actively, the same λ rotates the
+# inertial axes into the body axes.
 
 # %%
 q = rotation.from_euler("ZYX", jnp.radians(jnp.array([40.0, 20.0, 0.0])))
@@ -62,11 +62,11 @@ assert np.allclose(alpha @ rotation.to_gibbs(q), rotation.to_gibbs(q), atol=1e-1
 # %% [markdown]
 # ## Where each description fails
 #
-# We take some special attitudes, and some close to them, and ask for the derivatives of each description with respect
-# to the attitude: here the largest entry of the Jacobian. Small numbers mean that gradients can flow through the
-# point, huge ones that the description is about to fail. *At* the points themselves the library returns a finite
-# derivative in any case (0 for the Gibbs vector of a half turn, which has none), never NaN, so that an optimiser
-# survives a visit.
+# For some special attitudes, and some close to them, we compute the derivative of each description with respect to the
+# attitude: the table shows the largest entry of the Jacobian. Small numbers mean that gradients are usable at this
+# point, huge ones that the description is close to its singularity. *At* the singular points the library always returns
+# a finite derivative (0 for the Gibbs vector of a rotation by 180°, which has none), never NaN, so that an optimiser
+# can pass through them.
 
 # %%
 DESCRIPTIONS = {
@@ -103,11 +103,11 @@ assert table["almost nose up"][3] > 1e5  # and so do Euler angles at the gimbal 
 assert np.stack(list(table.values()))[:, 4].max() < 10  # direction cosines and quaternions never do
 
 # %% [markdown]
-# - **Gibbs** $e\tan\Phi/2$: infinite at half turns. The paper calls it univalent; at Φ = 180° it is not.
-# - **MRP** $e\tan\Phi/4$ and **rotation vector** $\Phi e$: finite, but they jump from $e$ to $-e$ there, because the
-#   shorter turn changes sides. Each side has a good derivative; the jump has none.
-# - **Euler angles** ZYX: at pitch ±90° yaw and roll turn about the same line. The attitude comes back right, the two
-#   angles are arbitrary: the library puts one to zero.
+# - **Gibbs** $e\tan\Phi/2$: infinite at 180°. The paper calls it univalent; at Φ = 180° it is not.
+# - **MRP** $e\tan\Phi/4$ and **rotation vector** $\Phi e$: finite, but at 180° they jump from $e$ to $-e$, because the
+#   shorter rotation changes its sense. The derivative exists on each side, but not at the jump.
+# - **Euler angles** ZYX: at pitch ±90° yaw and roll rotate about the same line. The attitude is still recovered
+#   correctly, but the two angles are not unique: the library sets one to zero.
 
 # %%
 for attitude in SPECIAL.values():
@@ -121,12 +121,11 @@ assert close < 1e-5
 assert apart > 6
 
 # %% [markdown]
-# ## A climbing turn that passes half a turn
+# ## A climbing turn beyond 180°
 #
-# One and a half rounds up a spiral ramp. The natural trihedral turns with the road; when it has turned by 180° the
-# Gibbs vector leaves through infinity and comes back from the other side. The quaternion passes without notice, if
-# its sign is kept continuous; a single trihedral cannot know the sign of its neighbour, `continuous=True` (or a
-# `FrameProgram`) takes care of that.
+# The path is one and a half rounds up a spiral ramp. The natural trihedral rotates with the road; at 180° the Gibbs
+# vector goes to infinity and returns from the other side. The quaternion stays smooth if its sign is continuous. A
+# single trihedral cannot know the sign of its neighbour; `continuous=True` (or a `FrameProgram`) makes the signs agree.
 
 # %%
 ramp = qt.SpiralHelix([12.0, 0.3], [0.0, 0.6], [0.0, 0.8], 1.5 * 2 * np.pi / 0.6)
@@ -145,14 +144,15 @@ assert float(jnp.abs(loose.quaternion[:, 0]).min()) < 0.02  # a half turn is pas
 orientation_figure(times, kept.quaternion, kept.defined, "Up the ramp: only the Gibbs vector takes offence")
 
 # %% [markdown]
-# ## Where the trihedral itself fails
+# ## Where the trihedral does not exist
 #
-# Now the other kind. An S-bend, $y = \sin x$, driven at a steady pace: at each inflection the curvature vanishes, the
-# centre of curvature changes sides, and $\bar n$ and $\bar b$ flip by 180°. At the very point `defined` is false. The
-# cure is not another parametrisation of the attitude but another frame:
+# Now the second kind of singularity. The path is an S-bend, $y = \sin x$, with constant velocity in x. At each
+# inflection the curvature vanishes, the centre of curvature changes sides, and $\bar n$ and $\bar b$ flip by 180°. At
+# this point `defined` is false. Another description of the attitude does not help; another frame does:
 #
-# - `Upright()`: x forward, y level to the left, z up; the frame of a road vehicle. It fails only on vertical paths.
-# - `RotationMinimizing()`: never turns about its own tangent. It fails only where the path stops.
+# - `Upright()`: x forward, y horizontal to the left, z up; the frame of a road vehicle. It is singular only on vertical
+#   paths.
+# - `RotationMinimizing()`: no rotation about the tangent. It is singular only where the speed vanishes.
 
 # %%
 bend = qt.Curve(lambda t: jnp.stack([8 * t, 8 * jnp.sin(t), 0 * t]), 2 * np.pi)
@@ -173,10 +173,10 @@ orientation_figure(times, upright.quaternion, upright.defined, "The same S-bend:
 # %% [markdown]
 # ## Close to an inflection
 #
-# A real road never has exactly zero curvature, and that is worse: let the S-bend rise and fall by a height δ. The
-# natural trihedral is defined everywhere and flips all the same, in a time proportional to δ; its angular rate grows
-# as 1/δ. A limit on the angular rate of the natural frame therefore forbids near-inflections, and rightly. The
-# rotation-minimizing frame does not care.
+# The curvature of a real road never vanishes exactly, which makes things worse. Let the S-bend rise and fall by a
+# height δ. Then the natural trihedral is defined everywhere but still flips, in a time proportional to δ; its angular
+# rate grows as 1/δ. So a limit on the angular rate of the natural frame excludes near-inflections. The
+# rotation-minimizing frame is not affected.
 
 
 # %%
@@ -202,11 +202,10 @@ assert found[0.02][0] > 4.5 * found[0.1][0] > 15 * found[0.5][0]
 assert max(found[0.02][1:]) < 1.01 * max(found[0.5][1:])
 
 # %% [markdown]
-# ## A frame for every part
+# ## Choosing the frame
 #
-# Half a looping: the upright frame fails at its vertical points, where "left" has no meaning; the natural one is at
-# ease, since the curvature is large. Every frame is a `FrameProgram`, so whichever fits can be handed to the same
-# feedback.
+# On half a loop the upright frame is singular at the vertical points, where "left" is not defined; the natural frame is
+# regular, because the curvature is large. Any frame can be used in a `FrameProgram`, and so with the same feedback.
 
 # %%
 loop = qt.Curve(lambda t: jnp.stack([10 * jnp.sin(t), 0.5 * t, 10 * (1 - jnp.cos(t))]), np.pi)
@@ -235,13 +234,13 @@ print(f"λ⁰ and ω⁰ of the looping agree within {float(jnp.abs(left - right)
 assert np.allclose(left, right, atol=1e-12)
 
 # %% [markdown]
-# ## What to take along
+# ## Summary
 #
 # | question | answer |
 # |---|---|
-# | which numbers to compute with? | quaternions; keep the sign continuous |
-# | which to show people? | Euler angles away from pitch ±90°, rotation vectors, direction cosines |
-# | is the Gibbs vector of any use? | yes, for turns well below 180°: three numbers, the same in both axes |
+# | which description for computations? | quaternions; keep the sign continuous |
+# | which for people? | Euler angles away from pitch ±90°, rotation vectors, direction cosines |
+# | when is the Gibbs vector useful? | for rotations well below 180°: three numbers, the same in both axes |
 # | which frame for a road vehicle? | `Upright()` |
-# | which for an aircraft, a tool, a camera? | `RotationMinimizing()`, or natural if the curvature is never small |
-# | how do I know? | `trihedral(...).defined`, and `certify` with a limit on the angular rate proves the whole path |
+# | which frame for an aircraft, a tool, a camera? | `RotationMinimizing()`, or natural if the curvature is never small |
+# | how do I check that a frame is defined? | `trihedral(...).defined`, and `certify` with a limit on the angular rate proves the whole path |

@@ -8,11 +8,11 @@
 # ---
 
 # %% [markdown]
-# # Turns and feedback laws compared
+# # Slews and feedback laws compared
 #
-# Two questions of every slew, of a spacecraft, a gimbal or a manipulator's wrist: by which law shall the angle grow,
-# and what shall be commanded when the body is not where the program says? First the programs, then the feedbacks,
-# then both together with a disturbance and limits of the actuator.
+# Every slew of a spacecraft, a gimbal or a manipulator's wrist raises two questions: which profile should the angle
+# follow, and what should be commanded if the body deviates from the program? This notebook compares profiles, then
+# feedback laws, then both together with a disturbance and a limited actuator.
 
 # %%
 # %matplotlib inline
@@ -29,11 +29,11 @@ from qtraj.viz.figures import loops_figure, profiles_figure
 control, quaternion = qt.control, qt.quaternion
 
 # %% [markdown]
-# ## Laws of turning
+# ## Slew profiles
 #
-# All turn by 90° about one axis, from rest to rest, within 1 °/s and 0.05 °/s²; the S-curve and the septic also
-# within a jerk of 0.01 °/s³. Time-optimal is the fastest and has steps in the acceleration, which excite whatever can
-# swing; each smoother law costs time.
+# All profiles rotate by 90° about one axis, from rest to rest, within 1 °/s and 0.05 °/s²; the S-curve and the septic
+# also limit the jerk to 0.01 °/s³. The time-optimal profile is the fastest, but its acceleration has steps, which
+# excite flexible modes. Smoother profiles take longer.
 
 # %%
 RATE, ACCELERATION, JERK = np.radians([1.0, 0.05, 0.01])
@@ -66,10 +66,10 @@ assert abs(float(short.duration) - 2 * np.sqrt(10 / 0.05)) < 1e-9
 profiles_figure(profiles, RATE, ACCELERATION, "Five laws for 90° within 1 °/s and 0.05 °/s²")
 
 # %% [markdown]
-# **A limit of validity.** A turn about one fixed axis is the shortest in angle, and the fastest if the *length* of
-# the angular acceleration is bounded (a spherical body). With a bound on each component it is not: for unit inertia
-# and unit torques about three axes, 180° about a body axis take $2\sqrt\pi = 3.54491$ s by the Euler turn, but
-# 3.24308 s by the optimal motion of Bilimoria and Wie (1993), which lets the axis wander.
+# **Validity.** A slew about one fixed axis is the shortest in angle, and the fastest if the *norm* of the angular
+# acceleration is bounded (a spherical body). With a bound on each component it is not the fastest: for unit inertia and
+# unit torques about three axes, 180° about a body axis take $2\sqrt\pi = 3.54491$ s with the Euler turn, but 3.24308 s
+# with the optimal motion of Bilimoria and Wie (1993), whose axis varies.
 
 # %%
 half_turn = qt.TimeOptimal(None, 1.0).profile(np.pi)
@@ -79,8 +79,8 @@ assert abs(float(half_turn.duration) - 3.54491) < 5e-6
 # %% [markdown]
 # ## Feedback laws at rest
 #
-# The body is to come to rest at the program's attitude, from 90°, 150° and 179.99° away. Critically damped gains
-# $k_1=2k$, $k_2=k^2$ with $k=1$ 1/s, the same for all laws; they differ in what they call the error:
+# The body must come to rest at the attitude of the program, from errors of 90°, 150° and 179.99°. All laws have the
+# same critically damped gains $k_1=2k$, $k_2=k^2$ with $k=1$ 1/s; they differ in the definition of the error:
 #
 # | law | attitude error | length |
 # |---|---|---|
@@ -128,10 +128,10 @@ for name, row in expected.items():
     assert np.allclose(found[name], row, atol=0.06), (name, found[name])
 
 # %% [markdown]
-# The geometric law fades towards 180°, where it vanishes: it takes half a minute. The logarithmic one asks for the
-# largest command where the body is farthest away, and jumps at 180°. Paper C's law comes first every time. Its price:
-# μ is kept by the on-board computer with a length of its own, so there is one more state, and one more choice
-# (below).
+# The command of the geometric law decreases towards 180°, where it vanishes: this slew takes half a minute. The
+# logarithmic law has the largest command at the largest error, and jumps at 180°. The law of paper C is the fastest in
+# every case. In return, the on-board computer integrates the length of μ as one more state, and there is one more
+# choice (below).
 
 # %%
 early = times <= 14.0
@@ -141,11 +141,11 @@ assert float(jnp.abs(lane["acceleration law"].error - closed["acceleration law"]
 loops_figure(lane, closed, np.radians(1.0), "Four feedbacks, released at rest 150° away")
 
 # %% [markdown]
-# ## The error does not know the program
+# ## The error is independent of the program
 #
-# Paper C's error equation, $\ddot\mu+K_1\dot\mu+K_2(\mu-1)=0$, holds over any program. So the error over a swift slew
-# is, to round-off, the error over rest: gains are tuned once. (The baselines here are fed forward as well, so theirs
-# is too; what they lack is the closed form.)
+# The error equation of paper C, $\ddot\mu+K_1\dot\mu+K_2(\mu-1)=0$, is the same for any program. So the error during a
+# fast slew equals the error at rest, to round-off, and gains are chosen once. (The other laws include the same
+# feedforward, so this is true for them too; but they have no closed form.)
 
 # %%
 law = FEEDBACKS["acceleration law"]
@@ -165,9 +165,10 @@ assert abs(command["slew"] - command["rest"]) > 0.01
 # %% [markdown]
 # ## Two signs of one attitude
 #
-# λ and −λ are one attitude but two errors, μ and −μ, and only μ = 1 is the goal. From rest the nearer sheet, μ₀ ≥ 0,
-# is the right one; from the other the error must pass near μ = 0, where the gain $1/|\mu|^2$ has a pole. A fast
-# tumble can turn this round: `choose_sign` foretells the least |μ| of both in closed form, before anything has moved.
+# λ and −λ are the same attitude but give two errors, μ and −μ, and the target is μ = 1. From rest the nearer sign, μ₀ ≥
+# 0, is the right one; with the other sign the error passes near μ = 0, where the gain $1/|\mu|^2$ has a pole. With a
+# fast initial rate the other sign can be better: `choose_sign` computes the smallest |μ| for both signs in closed form,
+# before the motion starts.
 
 # %%
 spin = jnp.concatenate([jnp.zeros(1), jnp.asarray(6.0 * AXIS)])
@@ -181,10 +182,10 @@ for name, rate in {"at rest": jnp.zeros(4), "6 rad/s away": spin}.items():
     assert (least[0] >= least[1]) == bool(chosen[0] > 0)
 
 # %% [markdown]
-# ## What else there is in a real loop
+# ## Disturbance, saturation and sampling
 #
-# The same slew with a constant disturbing acceleration $d$, an actuator that saturates, and a command renewed ten
-# times a second. The law has no integral part, so an error remains: $\ddot\mu=0$ needs $k_2\mu_v=\frac12 d$, and with
+# The same slew with a constant disturbance acceleration $d$, an actuator that saturates, and a command updated ten
+# times a second. The law has no integral term, so an error remains: $\ddot\mu=0$ needs $k_2\mu_v=\frac12 d$, and with
 # $\mu_v\approx\frac12\Phi e$ for small angles it is $\Phi = d/k_2$.
 
 # %%

@@ -10,11 +10,11 @@
 # %% [markdown]
 # # Attitude from a known rate
 #
-# Where the rate ω(t) is known without the attitude, 2λ̇ = λ∘ω needs no ODE solver: the turns of all steps are
-# computed at once and multiplied in parallel. First coning, which has a closed form; then a recorded gyro.
+# If the rate ω(t) is known independently of the attitude, 2λ̇ = λ∘ω needs no ODE solver: the rotations of all steps are
+# computed at once and multiplied in parallel. The examples are coning, which has a closed form, and a recorded gyro.
 #
 # The recording is trial 02 of BROAD (Laidig, Caruso, Cereatti, Seel, "BROAD – A Benchmark for Robust Inertial
-# Orientation Estimation", Data 6(7):72, 2021), CC BY 4.0; tests/data/README.md says what was left out of it.
+# Orientation Estimation", Data 6(7):72, 2021), CC BY 4.0; tests/data/README.md says which part of it is used.
 
 # %%
 # %matplotlib inline
@@ -32,7 +32,7 @@ from qtraj.viz.figures import orientation_figure, precision_figure
 # %% [markdown]
 # ## Coning
 #
-# The body's axis runs around a cone of 10° half angle; the rate seems to oscillate only, and yet the body turns.
+# The body axis moves around a cone of 10° half angle. The rate only oscillates, but the body also has a net rotation.
 
 # %%
 BETA, SPEED = np.radians(10.0), 0.74 * np.pi
@@ -79,7 +79,7 @@ assert errors["Gauss–Legendre, 8 nodes"][0] < 1e-9  # 48 evaluations, about 13
 precision_figure({name: (WORK, e) for name, e in errors.items()}, round_off=1e-15, title="Coning, β = 10°, 10 s")
 
 # %% [markdown]
-# Usually one asks for a tolerance. The estimate is part of the answer.
+# Usually you specify a tolerance. The result includes an error estimate.
 
 # %%
 answer = qt.propagate_with_estimate(coning, attitude(0.0), [0.0, 3.0, 10.0], tolerance=1e-10)
@@ -88,8 +88,8 @@ print(f"error {angle(answer.quaternion[-1], attitude(10.0)):.1e} rad")
 assert float(angle(answer.quaternion[-1], attitude(10.0))) < 1e-10
 
 # %% [markdown]
-# The result can be differentiated with respect to the rate and the first attitude: here, how the last attitude
-# answers to a constant bias of the rate.
+# The result can be differentiated with respect to the rate and the initial attitude. This is the derivative of the
+# final attitude in a constant bias of the rate.
 
 # %%
 drift = jax.jacfwd(lambda bias: qt.propagate(lambda t: coning(t) + bias, attitude(0.0), [0.0, 10.0])[-1])(jnp.zeros(3))
@@ -99,8 +99,8 @@ assert np.isfinite(drift).all()
 # %% [markdown]
 # ## A recorded gyro
 #
-# The unit lies still for 14 s, which tells the bias of the gyro. From one optical attitude on, the gyro alone is
-# propagated; the optical reference then shows what the sensor leaves.
+# The unit is at rest for 14 s, from which we estimate the bias of the gyro. Then we propagate the gyro from one optical
+# attitude; the optical reference shows the remaining error of the sensor.
 
 # %%
 folder = next(path for path in (Path("tests/data"), Path("../tests/data")) if path.exists())
@@ -118,7 +118,7 @@ for name, rates in (("bias removed", gyro - bias), ("bias left in", gyro)):
 assert worst["bias removed"] < worst["bias left in"]
 
 # %% [markdown]
-# What remains is the sensor: halving the rate at which it is read changes the attitude by far less.
+# The remaining error is due to the sensor: halving the sampling rate changes the attitude by far less.
 
 # %%
 all_samples = qt.propagate_samples(times[rest:], gyro[rest:] - bias, optical[rest // every])
@@ -128,8 +128,8 @@ print(f"{gap:.3f}° between both at the end")
 assert gap < 0.1 * worst["bias removed"]
 
 # %% [markdown]
-# The attitude itself, as the gyro tells it. Where the body has turned by 180° from the reference axes the Gibbs
-# vector is infinite; the quaternion passes smoothly.
+# The attitude from the gyro. Where the body has rotated by 180° from the reference axes the Gibbs vector is infinite;
+# the quaternion stays smooth.
 
 # %%
 orientation_figure(times[rest::8], all_samples[::8], title="BROAD, trial 02: slow rotation")

@@ -8,11 +8,12 @@
 # ---
 
 # %% [markdown]
-# # Tuning in batches, and what a certificate is worth
+# # Tuning in batches, and proofs compared with samples
 #
-# A turn is given by the states at its ends, and it is too sharp. Tuning changes the velocities there as little as it
-# can, so that the limit holds on the *whole* path, and the outcome carries a proof of it. Here a family of such turns
-# in one call, what its proofs are worth beside samples, random turns, and the same search by optimisers of optax.
+# The states at both ends define a turn that is too sharp. Tuning changes the velocities at the ends as little as
+# possible, so that the *whole* path satisfies the limit, and the result contains a proof. This notebook tunes a family
+# of such turns in one call, compares proofs with samples, tunes random turns, and repeats the search with optax
+# optimisers.
 
 # %%
 # %matplotlib inline
@@ -33,11 +34,11 @@ jax.config.update("jax_enable_x64", True)
 
 import qtraj as qt
 from qtraj.design.tuning.box import box
-from qtraj.design.tuning.methods import method_of
-from qtraj.design.tuning.motions.registry import motion_of
-from qtraj.design.tuning.objectives.registry import objective_of
+from qtraj.design.tuning.methods import get_method
+from qtraj.design.tuning.motions.registry import get_motion
+from qtraj.design.tuning.objectives.registry import get_objective
 from qtraj.design.tuning.problem import pose
-from qtraj.design.tuning.task import Task, by_slots, names_of, present
+from qtraj.design.tuning.task import Task, slot_limits, limit_names, limit_slots
 from qtraj.io.dataset import path_dataset
 from qtraj.viz.figures import tuning_figure
 from qtraj.viz.style import frame, series
@@ -48,10 +49,10 @@ RANDOM = np.random.default_rng(50)
 # %% [markdown]
 # ## A family of problems in one call
 #
-# One turn, under 32 limits of its curvature. What differs from problem to problem has the lanes in front, as `jax.vmap`
-# makes them, and what is shared need not be repeated. One compiled search works on all of them; the second call shows
-# what the first one spent on compiling. Times differ from run to run, so they go to stderr, which the stored notebook
-# leaves out: run it to see them.
+# One turn, with 32 limits on its curvature. Inputs that differ between problems have a batch axis in front, as
+# `jax.vmap` makes it; shared inputs are not repeated. One compiled search solves all of them; the second call shows how
+# much time the first spent on compilation. Times differ between runs, so they go to stderr, which is not stored: run
+# the notebook to see them.
 
 # %%
 start = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, 7.0, 0.3])
@@ -71,7 +72,7 @@ assert np.all(family.certificate.holds)
 family
 
 # %% [markdown]
-# Every outcome is a labelled dataset, and one lane of it is an outcome of its own.
+# Every result converts to a labelled dataset, and each element of the batch is a result of its own.
 
 # %%
 family.to_xarray()
@@ -88,12 +89,12 @@ tuning_figure(path_dataset(paths, given, attributes={"title": f"Curvature within
 # %% [markdown]
 # ## What a limit costs
 #
-# The least change of the velocities, over the limit. Where the limit is loose the cost is that of making the rotation
-# uniform, and the limit does not bind. (The derivative of each cost in its limit is exact as well, see notebook 60 and
-# `docs/tuning.md`.)
+# The smallest change of the velocities, against the limit. If the limit is loose, it is inactive, and the cost is due
+# to making the rotation uniform. (The derivative of each cost in its limit is available too: see notebook 60 and
+# [Limits, proofs, tuning](../docs/tuning.md).)
 
 # %%
-cost, binds = family.objective, np.array(["curvature" in outcome.certificate.binding for outcome in family])
+cost, binds = family.objective, np.array(["curvature" in outcome.certificate.active for outcome in family])
 figure = Figure(figsize=(7.5, 3.4), layout="constrained")
 axes = figure.subplots()
 axes.plot(curvatures, cost, **series(0), marker="o", ms=3, label="nearest velocities")
@@ -111,9 +112,9 @@ figure
 # %% [markdown]
 # ## Proof and samples
 #
-# How much is it worth that 10 000 samples keep a limit? The peak lies between two of them. So there are limits which
-# the path breaks and no sample does. The certificate proves the polynomial inequality on the whole of [0, T] with its
-# rounding accounted for: below, the same path against limits within $10^{-8}$ of its peak, relatively.
+# Suppose that 10 000 samples satisfy a limit. The peak lies between two of them, so the path can violate a limit that
+# every sample satisfies. The certificate proves the polynomial inequality on the whole of [0, T], including rounding.
+# Below, the same path is compared with limits within $10^{-8}$ of its peak (relative).
 
 # %%
 peak_time, peak = qt.peak(best.path, "curvature")
@@ -134,16 +135,16 @@ assert set(status[np.abs(offsets) > 1e-10]) == {"proved", "broken"}
 assert np.any((status == "broken") & (offsets > -missed))  # every sample keeps this limit, and the path breaks it
 
 # %% [markdown]
-# Nothing wrong was proved, and what is undecided lies within rounding of the limit: `tune` therefore aims
-# at a value just below it. Here the samples are off by little, for the curve is smooth. They fail in earnest where it
-# has a needle narrower than their distance; a proof does not know of samples.
+# No wrong statement was proved, and the undecided cases agree with the limit up to rounding; `tune` therefore aims at a
+# value just below the limit. Here the error of the samples is small, because the curve is smooth. It is large if the
+# curve has a spike narrower than the sample spacing; a proof does not depend on samples.
 
 # %% [markdown]
-# ## Random turns, and those that ask for more
+# ## Random turns
 #
-# 32 turns between random states, each under a limit at 0.7 of the largest curvature of the nearest uniform rotation.
-# The problem is not convex, so from the given states alone some searches end without a solution. Those are repeated
-# from eight starts each, of which the best is kept.
+# 32 turns between random states, each with a limit of 0.7 times the largest curvature of the nearest uniform rotation.
+# The problem is not convex, so some searches that start only from the initial states end without a solution. We repeat
+# these with eight starts each and keep the best.
 
 # %%
 angles, radii = RANDOM.uniform(0.6, 2.5, LANES), RANDOM.uniform(15.0, 35.0, (2, LANES))
@@ -187,12 +188,12 @@ for k in left:
     assert again.converged or "curvature" in again.result
 
 # %% [markdown]
-# ## With any optimiser of optax
+# ## With any optax optimiser
 #
-# `tune` searches by sequential quadratic programming, "sqp", which is made for these problems. It takes any optimiser
-# of optax as well: around it is an augmented Lagrangian, whose rounds the optimiser minimises and which raises the
-# multipliers of the limits in between. Path and certificate are the same; what differs is what it costs: steps, and the
-# times of the first call, with compiling, and of the second (on stderr).
+# By default `tune` uses sequential quadratic programming, "sqp", written for these problems. It also accepts any optax
+# optimiser, which then minimises an augmented Lagrangian in rounds; the multipliers of the limits are updated between
+# the rounds. Path and certificate are the same; the costs differ: the number of steps, and the times of the first call,
+# with compilation, and of the second (on stderr).
 
 # %%
 limits = qt.Limits(curvature=0.048, lateral_acceleration=2.2)
@@ -220,34 +221,34 @@ assert compared["steps"].idxmin() == "sqp"
 compared
 
 # %% [markdown]
-# All three end at the same objective, and every limit is proved. "sqp" is the default for a reason: it needs a few
-# steps, with second derivatives; Adam, which knows neither curvature nor line search, needs hundreds of times as
+# All three reach the same objective, and every limit is proved. "sqp" is the default because it needs only a few steps,
+# with second derivatives; Adam, which uses neither second derivatives nor a line search, needs hundreds of times as
 # many.
 #
 # ### Step by step
 #
-# Every method is a search with a state, which proceeds by so many steps. The loop below stops each after a few, and
-# looks at the objective and at the worst violation, $\frac12((value/limit)^2 - 1)$.
+# Every method is a search with a state that can be advanced by a number of steps. The loop below stops each search
+# after a few steps, and records the objective and the largest violation, $\frac12((value/limit)^2 - 1)$.
 
 # %%
-posed = pose(start, end, objective_of("nearest"), motion_of("uniform"), None, 0, None)
+posed = pose(start, end, get_objective("nearest"), get_motion("uniform"), None, 0, None)
 low, high = box(posed, (), {})
-task = Task(posed, jnp.asarray(by_slots(limits, None, 1)[0]), low, high, jnp.ones(()))
+task = Task(posed, jnp.asarray(slot_limits(limits, None, 1)[0]), low, high, jnp.ones(()))
 tasks = jax.tree.map(lambda x: x[None], task)  # searches run side by side: here a batch of one
 
 
 @eqx.filter_jit
 def proceed(search, states, steps):
     """A search after further steps: its state, the number of steps, the objective and the worst violation."""
-    states = search.proceed(tasks, present(names_of(limits)), states, steps)
-    found, cost = search.ended(tasks, states, jnp)
-    return states, (found.steps[0], posed.scale * cost[0], found.violation[0])
+    states = search.run(tasks, limit_slots(limit_names(limits)), states, steps)
+    result, cost = search.result(tasks, states, jnp)
+    return states, (result.steps[0], posed.scale * cost[0], result.violation[0])
 
 
 history = {}
 for name, method in methods.items():
-    search = method_of(method, smooth=True, max_steps=300, inner_steps=200)
-    states = search.unstarted(tasks, jnp.zeros_like(tasks.low))
+    search = get_method(method, smooth=True, max_steps=300, inner_steps=200)
+    states = search.init(tasks, jnp.zeros_like(tasks.low))
     pace, seen = {"sqp": 1, "lbfgs": 2, "adam": 25}[name], []
     while not states.done[0]:
         states, looked = proceed(search, states, jnp.maximum(states.steps[0], 0) + pace)
@@ -271,9 +272,9 @@ assert all(seen[-1, 2] <= 2e-9 for seen in history.values())
 figure
 
 # %% [markdown]
-# The augmented Lagrangian comes from outside the limits: the objective is too good at first, and rises as the limits
-# are met, round by round. Derivatives of the solution need no derivative of a search, and so they are those of "sqp",
-# too.
+# The augmented Lagrangian approaches the solution from the infeasible side: the objective is too small at first, and
+# rises as the violation decreases, round by round. Derivatives of the solution do not involve the search, so they are
+# the same as with "sqp".
 
 
 # %%
@@ -288,10 +289,10 @@ print({name: f"{slope:.6f} s·m" for name, slope in slopes.items()})
 assert abs(slopes["lbfgs"] / slopes["sqp"] - 1) < 1e-4
 
 # %% [markdown]
-# ## Into a table
+# ## Saving as a table
 #
-# A result goes into netCDF, Zarr, Parquet or CSV by the name of the file, and comes back bit by bit. In Parquet and CSV
-# it is a row for each problem, for pandas or whatever else; `qt.load_dataset` has units and provenance as well.
+# The suffix of the file name selects netCDF, Zarr, Parquet or CSV, and loading restores every bit. In Parquet and CSV
+# each problem is a row, for pandas and other tools; `qt.load_dataset` also restores units and provenance.
 
 # %%
 with tempfile.TemporaryDirectory() as folder:

@@ -8,13 +8,12 @@
 # ---
 
 # %% [markdown]
-# # Gradients through everything
+# # Gradients through whole computations
 #
-# Every link of the chain, from boundary states to torques and from gains to the motion of a closed loop, is one
-# differentiable JAX function. So the question can be turned round: not "what follows from these numbers?" but "which
-# numbers explain what was seen?". Three times we fit a model to data with the same dozen lines of Levenberg and
-# Marquardt: the gains of a loop, the inertia of a tumbling body, the path of a recorded car. Before that, the proof
-# that the gradients are right.
+# Every computation, from boundary states to torques and from gains to the motion of a closed loop, is a differentiable
+# JAX function. So you can solve inverse problems: find the parameters that explain observed data. We check the
+# gradients first. Then we fit three models to data with the same short Levenberg–Marquardt method: the gains of a loop,
+# the inertia of a tumbling body, and the path of a recorded car.
 
 # %%
 # %matplotlib inline
@@ -35,10 +34,9 @@ RANDOM = np.random.default_rng(60)
 # %% [markdown]
 # ## From a boundary velocity to a torque
 #
-# A vehicle passes from A to B. How does the effort of turning it, $\int|M|^2dt$ with $M=J\varepsilon+\omega\times
-# J\omega$ along its upright frame, answer to the velocity at B? The chain is boundary states → path → frame →
-# attitude program → torque; `jax.grad` runs back through all of it, and central differences confirm every digit they
-# can.
+# A vehicle drives from A to B. How does the effort of rotating it, $\int|M|^2dt$ with $M=J\varepsilon+\omega\times
+# J\omega$ along its upright frame, depend on the velocity at B? The chain is boundary states → path → frame → attitude
+# program → torque. `jax.grad` differentiates all of it, and central differences agree within their accuracy.
 
 # %%
 A = qt.BoundaryState([20.0, 0.0, 0.0], [0.5, 8.0, 0.5])
@@ -67,11 +65,11 @@ print(f"0.2 m/s along −gradient: effort {value:.4g} → {better:.4g} N²m²s")
 assert better < value
 
 # %% [markdown]
-# ## A dozen lines of Levenberg and Marquardt
+# ## A short Levenberg–Marquardt method
 #
-# Minimise $|r(x)|^2$: linearise, solve, take the step if it helps, else damp it. The Jacobian comes from forward
-# differentiation, one column per unknown, in the same compiled function as the residual. With independent errors of
-# size σ in the data, $\sigma^2(J^TJ)^{-1}$ is the covariance of the answer: how well the data determine it.
+# It minimises $|r(x)|^2$: linearise, solve, accept the step if the sum decreases, otherwise increase the damping.
+# Forward differentiation computes the Jacobian, one column per unknown, in the same compiled function as the residual.
+# With independent errors of size σ in the data, $\sigma^2(J^TJ)^{-1}$ is the covariance of the solution.
 
 
 # %%
@@ -95,9 +93,9 @@ def least_squares(residual, x, iterations=16):
 # %% [markdown]
 # ## Gains from a recorded loop
 #
-# A slew was recorded: the error quaternion, twenty times a second with noise, of a loop whose gains $k_1,k_2$ are
-# unknown and on which an unknown constant acceleration $d$ acts. With the disturbance there is no closed form; we
-# differentiate through the adaptive solver itself.
+# The data are the error quaternion of a slew, recorded twenty times a second with noise. The gains $k_1,k_2$ of the
+# loop and a constant disturbance acceleration $d$ are unknown. With a disturbance there is no closed form, so we
+# differentiate through the adaptive solver.
 
 # %%
 start = qt.quaternion.exp(jnp.array([0.1, -0.4, 0.2]))
@@ -130,9 +128,9 @@ loops_figure(
 # %% [markdown]
 # ## Inertia from a tumble
 #
-# A body tumbles under known torques, two small thrusters at different frequencies; its gyro is read. The six numbers
-# of the inertia tensor follow from the rates alone: the torques give the scale, and the gyroscopic term $\omega\times
-# J\omega$ the products of inertia.
+# A body tumbles under known torques of two small thrusters at different frequencies, and we read its gyro. The rates
+# alone determine the six components of the inertia tensor: the torques determine the scale, and the gyroscopic term
+# $\omega\times J\omega$ the products of inertia.
 
 # %%
 instants = jnp.linspace(0.0, 12.0, 121)
@@ -169,10 +167,10 @@ assert np.all(np.abs(found - TRUE) < 4 * spread)
 # %% [markdown]
 # ## A path from a recorded turn
 #
-# A recorded car (Boreas, see notebook 10) drives a right angle. `SpiralHelix.between` makes a path from two boundary
-# states, twelve numbers; the recorded states at the ends are one guess, but they make nothing of the samples between.
-# We let all of these correct the two states. (`qt.fit` does this properly, searching the axis as well and with the
-# velocities weighed in.)
+# A recorded car (Boreas, see notebook 10) makes a right-angle turn. `SpiralHelix.between` makes a path from two
+# boundary states, twelve numbers. The recorded states at the ends are an initial guess, which ignores the samples in
+# between. We fit the two states to all samples. (`qt.fit` is the complete method: it also determines the axis, and
+# weighs the recorded velocities.)
 
 # %%
 track = qt.read_track(files("qtraj.io") / "data" / "boreas_right_angle.csv").window(1093.5, 1099.5)
@@ -200,8 +198,8 @@ local = qt.Track(elapsed, samples)
 path_figure(path_dataset(paths, track=local, attributes={"title": "A path through all samples"}), trihedra=4)
 
 # %% [markdown]
-# And the chain goes on: the largest curvature of the fitted path (at 201 instants), with its derivative in all twelve
-# numbers, and therefore its uncertainty from that of the fit.
+# We continue the chain: the largest curvature of the fitted path (at 201 instants), its derivative in all twelve
+# numbers, and from these its uncertainty.
 
 
 # %%

@@ -10,10 +10,9 @@
 # %% [markdown]
 # # Batches, graphics processors and several devices
 #
-# Core functions take one path and one instant. `jax.vmap` makes batches of them, and `qtraj.evaluate` is the batch that
-# everybody needs: many paths at many instants, block by block, over all devices there are. This notebook runs on
-# whatever JAX finds: a GPU where there is one, else the CPU, which is asked to be two devices, for the sake of the
-# example.
+# Core functions take one path and one instant. `jax.vmap` makes batches of them. `qtraj.evaluate` covers the most
+# common batch: many paths at many instants, in blocks, on all devices. This notebook runs on the devices that JAX
+# finds: a GPU if there is one, otherwise the CPU, which is configured as two devices for the sake of the example.
 
 # %%
 # %matplotlib inline
@@ -36,8 +35,8 @@ print(f"{len(DEVICES)} × {DEVICES[0].device_kind}, by the backend {jax.default_
 # %% [markdown]
 # ## A thousand paths
 #
-# A batch of paths is one path whose arrays have the lanes in front, which is what `vmap` makes of a constructor. All
-# of qtraj takes it: here helices that widen and climb, at 401 instants each.
+# A batch of paths is one path whose arrays have a batch axis in front; `vmap` of a constructor makes it. All functions
+# of qtraj accept it. Here it contains helices that widen and climb, evaluated at 401 instants each.
 
 # %%
 PATHS, INSTANTS = 1000, 401
@@ -58,8 +57,8 @@ print(repr(paths))
 table
 
 # %% [markdown]
-# Any function of one path and one instant may be vmapped as well, and must say the same: here the trihedral of the
-# last path at the last instant.
+# You can also apply `vmap` to any function of one path and one instant, with the same result. Here we compare the
+# trihedral of the last path at the last instant.
 
 # %%
 last = qt.trihedral(jax.tree.map(lambda x: x[-1], paths), DURATION)
@@ -70,8 +69,8 @@ last
 # %% [markdown]
 # ## Peaks without samples
 #
-# A million samples are soon more than what is wanted of them. With `reduce` each block is reduced while it is still in
-# the cache, and no sample is stored: peaks with the times at which they are attained, integrals, means.
+# Often only the peaks, integrals or means are needed, not the samples. With `reduce` each block is reduced while it is
+# still in the cache, and no samples are stored. Peaks come with the times at which they are attained.
 
 # %%
 peaks = qt.evaluate(paths, instants, ("speed", "curvature"), reduce="max")
@@ -87,9 +86,9 @@ peaks.to_xarray()
 # %% [markdown]
 # ## Throughput
 #
-# Time for each instant over their number, compiled, for the default seven outputs. Small calls pay for being called,
-# large ones for memory, unless only the peaks are wanted. Times differ from run to run, so they go to stderr, which the
-# stored notebook leaves out; docs/performance.md has measured ones.
+# Time per instant against the number of instants, compiled, for the default seven outputs. Small calls are dominated by
+# the dispatch, large ones by memory, unless only peaks are computed. Times differ between runs, so they go to stderr,
+# which is not stored; [Performance](../docs/performance.md) has measured times.
 
 # %%
 COUNTS = (1, 10, 100, 1000)
@@ -117,9 +116,9 @@ assert whole[-1] / samples[-1] < whole[0] / samples[0]  # an instant of many is 
 # %% [markdown]
 # ## Several devices
 #
-# Work that is large enough is divided over all local devices, the paths where their number can be divided evenly, else
-# the instants. `devices` chooses them. The result lies where it was computed, in parts, and is one array to whoever
-# uses it. (Two devices of one CPU share its cores, so they gain nothing; two GPUs do.)
+# Large jobs are divided over all local devices: the paths if their number is divisible by the number of devices,
+# otherwise the instants. `devices` selects the devices. The result is one array whose parts stay on the devices that
+# computed them. (Two devices of one CPU share its cores, so nothing is gained here; two GPUs are faster.)
 
 # %%
 spread = qt.evaluate(paths, instants, devices=DEVICES)
@@ -131,11 +130,11 @@ for shard in spread.position.addressable_shards:
 assert len(spread.position.sharding.device_set) == len(DEVICES)
 
 # %% [markdown]
-# ## Closed loops, many at once
+# ## A batch of closed loops
 #
-# Adaptive integration vmaps too: each lane has steps of its own. 64 bodies with the attitude error of one, and gains
-# from soft to stiff; what is returned has the lanes in front. Under the law of paper C the error is known in closed
-# form, whatever the program does.
+# `vmap` also applies to adaptive integration: each element of the batch has its own steps. The example has 64 bodies
+# with the same attitude error, and gains from soft to stiff; the results have a batch axis in front. With the law of
+# paper C the error is known in closed form, for any program.
 
 # %%
 slew = qt.EulerTurn([1.0, 0, 0, 0], qt.quaternion.exp(jnp.array([0.5, 0.3, -0.2])), qt.Quintic(duration=6.0))
