@@ -1,4 +1,4 @@
-"""A thousand random turns with end rates and a thousand S-curves, against integrations and searches in plain NumPy."""
+"""A thousand random slews with end rates and a thousand S-curves, compared with integrations and searches in NumPy."""
 
 import math
 
@@ -16,7 +16,7 @@ CELLS = 96
 
 
 def sampled(make, arguments, times):
-    """The profiles of `make`, and Φ … Φ⃛ at the middles of the cells between `times` and at their ends, (n, m, 4)."""
+    """The profiles of `make`, and Φ … Φ⃛ at the ends and midpoints of the cells between `times`, (n, m, 4)."""
     middles = (times[:, 1:] + times[:, :-1]) / 2
 
     @jax.jit
@@ -40,11 +40,11 @@ def integrated(times, jerk, acceleration, rate):
     rates = rate[:, None] + np.cumsum(acceleration * h, axis=1)
     before = np.concatenate([rate[:, None], rates[:, :-1]], axis=1)
     angles = np.cumsum((before + rates) / 2 * h - jerk * h**3 / 12, axis=1)
-    nothing = np.zeros_like(rate)[:, None]
-    return np.concatenate([nothing, angles], axis=1), np.concatenate([rate[:, None], rates], axis=1)
+    zero = np.zeros_like(rate)[:, None]
+    return np.concatenate([zero, angles], axis=1), np.concatenate([rate[:, None], rates], axis=1)
 
 
-def farthest(T, v0, v1, V, A):
+def largest_angle(T, v0, v1, V, A):
     """The largest angle in time T: ∫ min(V, v0 + At, v1 + A(T − t)) dt by trapezoids between all possible corners."""
     corners = np.stack([0 * T, (V - v0) / A, T - (V - v1) / A, T / 2 + (v1 - v0) / (2 * A), T])
     t = np.sort(np.clip(corners, 0, T), axis=0)
@@ -52,21 +52,21 @@ def farthest(T, v0, v1, V, A):
     return np.sum(np.diff(t, axis=0) * (rate[1:] + rate[:-1]) / 2, axis=0)
 
 
-def reach(T, v0, v1, V, A):
-    """The least and the largest angle that can be turned in time T between these end rates."""
-    return -farthest(T, -v0, -v1, V, A), farthest(T, v0, v1, V, A)
+def angle_range(T, v0, v1, V, A):
+    """The smallest and the largest angle of a slew of duration T with these end rates."""
+    return -largest_angle(T, -v0, -v1, V, A), largest_angle(T, v0, v1, V, A)
 
 
-def least_duration(angle, v0, v1, V, A):
-    """By bisection: from |v1 − v0|/A on, where one angle alone can be turned, one bound of the reach moves over Φ."""
+def minimum_duration(angle, v0, v1, V, A):
+    """Bisection on T from |v1 − v0|/A, where a single angle is possible: one end of the range moves across Φ."""
     low = np.abs(v1 - v0) / A
-    forward = angle >= reach(low, v0, v1, V, A)[1]
+    forward = angle >= angle_range(low, v0, v1, V, A)[1]
     high = low + np.abs(angle) / V + 10 * V / A + 1
     for _ in range(80):
         middle = (low + high) / 2
-        least, most = reach(middle, v0, v1, V, A)
-        reached = np.where(forward, most >= angle, least <= angle)
-        low, high = np.where(reached, low, middle), np.where(reached, middle, high)
+        smallest, largest = angle_range(middle, v0, v1, V, A)
+        possible = np.where(forward, largest >= angle, smallest <= angle)
+        low, high = np.where(possible, low, middle), np.where(possible, middle, high)
     return high
 
 
@@ -78,17 +78,17 @@ def end_rate_cases():
 
 
 def check_motion(profile, times, ends, middles, start_rate, end_rate):
-    """The angle and the rate are those that the acceleration makes, up to the end of the turn."""
+    """Angle and rate are the integrals of the acceleration, up to the end of the slew."""
     angles, rates = integrated(times, middles[:, :, 3], middles[:, :, 2], start_rate)
     np.testing.assert_allclose(angles, ends[:, :, 0], rtol=0, atol=BRUTE)
-    # Round-off may put the last instant after the duration, where the turn holds.
+    # Round-off may put the last instant after the duration, where the rate is zero.
     np.testing.assert_allclose(rates[:, :-1], ends[:, :-1, 1], rtol=0, atol=BRUTE)
     np.testing.assert_allclose(rates[:, -1], end_rate, rtol=0, atol=BRUTE)
     np.testing.assert_allclose(angles[:, -1], profile.total, rtol=0, atol=BRUTE)
 
 
-def test_turns_with_end_rates():
-    """The switches by the textbook, the motion by integration, the duration by a search over what can be reached."""
+def test_slews_with_end_rates():
+    """Switches from the textbook, the motion by integration, the duration by a search over the range of angles."""
     angle, v0, v1, V, A = end_rate_cases()
     sense = np.where(angle - (v0 + v1) * np.abs(v1 - v0) / (2 * A) < 0, -1.0, 1.0)
     free = np.sqrt(sense * A * angle + (v0**2 + v1**2) / 2)
@@ -101,23 +101,23 @@ def test_turns_with_end_rates():
         lambda angle, v0, v1, V, A: TimeOptimal(V, A, v0, v1).profile(angle), (angle, v0, v1, V, A), times
     )
     np.testing.assert_allclose(profile.duration, duration, rtol=BRUTE)
-    np.testing.assert_allclose(profile.duration, least_duration(angle, v0, v1, V, A), rtol=BRUTE)
-    assert 100 < np.sum(free > V) < 900  # both kinds of turn
+    np.testing.assert_allclose(profile.duration, minimum_duration(angle, v0, v1, V, A), rtol=BRUTE)
+    assert 100 < np.sum(free > V) < 900  # both kinds of slew
     check_motion(profile, times, ends, middles, v0, v1)
-    long = np.diff(times, axis=1) > 1e-9  # and a cell that is nothing but round-off on the other side of a switch
+    long = np.diff(times, axis=1) > 1e-9  # exclude cells of round-off at a switch
     bound = A[:, None] * (1 + BRUTE)
     assert np.all((np.abs(middles[:, :, 2]) <= bound) & (np.abs(middles[:, :, 1]) <= V[:, None] * (1 + BRUTE)))
     full = np.isclose(np.abs(middles[:, :, 2]), A[:, None]) | np.isclose(np.abs(middles[:, :, 1]), V[:, None])
-    assert np.all(full | ~long)  # nothing is left unused
+    assert np.all(full | ~long)  # rate or acceleration is at its limit everywhere
 
 
-def test_turns_with_end_rates_in_a_given_time():
-    """Feasible exactly where the angle can be reached in that time, and then it is, at the given rates."""
+def test_slews_with_end_rates_of_a_fixed_duration():
+    """Feasible exactly where the angle is possible in that time; then angle and end rates are met."""
     angle, v0, v1, V, A = end_rate_cases()
-    shortest = least_duration(angle, v0, v1, V, A)
+    shortest = minimum_duration(angle, v0, v1, V, A)
     duration = shortest * np.tile([0.9, 1.0 + 1e-9, 1.02, 1.1, 3.0], COUNT // 5)
-    least, most = reach(duration, v0, v1, V, A)
-    possible = (least <= angle) & (angle <= most) & (np.abs(v1 - v0) <= A * duration)
+    smallest, largest = angle_range(duration, v0, v1, V, A)
+    possible = (smallest <= angle) & (angle <= largest) & (np.abs(v1 - v0) <= A * duration)
     arguments = (angle, v0, v1, V, A, duration)
 
     def make(angle, v0, v1, V, A, T):
@@ -126,17 +126,19 @@ def test_turns_with_end_rates_in_a_given_time():
     profile = sampled(make, arguments, cells(duration, np.zeros((COUNT, 1))))[0]
     np.testing.assert_array_equal(profile.feasible, possible)
     assert np.sum(~possible[duration < shortest]) == COUNT // 5
-    assert np.sum(~possible[duration > shortest]) >= 4  # no time to wait
+    assert np.sum(~possible[duration > shortest]) >= 4  # longer durations that the end rates do not allow
     good = np.flatnonzero(possible)
     times = cells(duration[good], profile.starts[good])
     profile, ends, middles = sampled(make, tuple(x[good] for x in arguments), times)
     check_motion(profile, times, ends, middles, v0[good], v1[good])
-    limits = np.stack([V[good], A[good]], axis=1)[:, None] * (1 + 1e-7)  # of a root with half the digits at T minimal
+    limits = np.stack([V[good], A[good]], axis=1)[:, None] * (
+        1 + 1e-7
+    )  # a double root at the minimum T has half the digits
     assert np.all(np.abs(middles[:, :, 1:3]) <= limits)
 
 
 def test_s_curves():
-    """The switches by the textbook, the motion by integration; a limit is at work at every instant."""
+    """Switches from the textbook, the motion by integration; a limit is active at every instant."""
     rng = np.random.default_rng(12)
     angle = math.pi * rng.uniform(0.001, 1, COUNT)
     V, A, J = np.exp(rng.uniform(math.log(0.05), math.log(5.0), (3, COUNT)))
@@ -167,9 +169,11 @@ def test_s_curves():
     assert np.all((used.max(axis=2) >= 1 - BRUTE) | ~long)
 
 
-def test_the_oracle_knows_the_classical_turns():
+def test_the_search_reproduces_classical_slews():
     """Bang–bang from rest to rest, and out and back."""
     one = np.ones(1)
-    np.testing.assert_allclose(least_duration(3.0 * one, 0 * one, 0 * one, 9 * one, one), 2 * math.sqrt(3), rtol=1e-14)
-    np.testing.assert_allclose(least_duration(0 * one, -one, 0 * one, one, one), 1 + math.sqrt(2), rtol=1e-14)
-    assert jnp.asarray(farthest(4 * one, 0 * one, 0 * one, one, one))[0] == 3.0
+    np.testing.assert_allclose(
+        minimum_duration(3.0 * one, 0 * one, 0 * one, 9 * one, one), 2 * math.sqrt(3), rtol=1e-14
+    )
+    np.testing.assert_allclose(minimum_duration(0 * one, -one, 0 * one, one, one), 1 + math.sqrt(2), rtol=1e-14)
+    assert jnp.asarray(largest_angle(4 * one, 0 * one, 0 * one, one, one))[0] == 3.0

@@ -1,4 +1,4 @@
-"""The exact peaks of profiles, against dense sampling and closed forms."""
+"""Exact peaks of profiles, compared with dense sampling and closed forms."""
 
 import jax
 import numpy as np
@@ -11,11 +11,11 @@ from qtraj.motion.profiles.time_optimal import TimeOptimal
 
 DENSE = 20_001
 ROUND_OFF = 1e-12
-FLAT = 1e-10  # relative: what a smooth peak loses in two steps of sampling, at the least
+FLAT = 1e-10  # relative: a smooth peak decreases by more than this in two steps of sampling
 
 
 def two_bumps():
-    """A signed chain that no law makes: cubics with extremes within their pieces, of either sense."""
+    """Cubic pieces with interior extrema of both signs, which no motion profile makes."""
     return Profile(
         total=0.0,
         duration=3.0,
@@ -41,7 +41,7 @@ PROFILES = {
 def test_peaks_are_those_of_dense_sampling(name):
     profile = PROFILES[name]()
     times, step = np.linspace(0.0, float(profile.duration), DENSE, retstep=True)
-    times = times[:-1]  # at the end itself the turn holds
+    times = times[:-1]  # at the duration itself the slew has ended
     values = np.abs(jax.jit(jax.vmap(lambda t: profile.derivatives(t, 3)))(times))
     for order in range(4):
         when, largest = profile.peak(order)
@@ -49,8 +49,8 @@ def test_peaks_are_those_of_dense_sampling(name):
         assert np.all(values[:, order] <= largest * (1 + ROUND_OFF))
         near = np.abs(times - when) <= 2 * step
         assert values[near, order].max() >= largest * (1 - ROUND_OFF) - missed
-        if order > 0 and largest > 0:  # an angle comes to rest too flatly to tell
-            assert np.all(values[times < when - 2 * step, order] < largest * (1 - FLAT))  # the first of them
+        if order > 0 and largest > 0:  # the angle is too flat near its end
+            assert np.all(values[times < when - 2 * step, order] < largest * (1 - FLAT))  # the first maximum
 
 
 def test_peaks_of_a_septic_are_its_closed_form():
@@ -61,10 +61,10 @@ def test_peaks_of_a_septic_are_its_closed_form():
     assert profile.peak(2)[0] == pytest.approx(4.0 * (0.5 - np.sqrt(0.05)))  # the first of two
 
 
-def test_no_turn_has_no_peak():
+def test_a_zero_angle_has_no_peak():
     assert [TimeOptimal(1.0, 1.0).profile(0.0).peak(k) for k in range(3)] == [(0.0, 0.0)] * 3
 
 
-def test_within_a_trace_the_peak_is_refused():
+def test_the_peak_is_refused_inside_a_trace():
     with pytest.raises(ValueError, match=r"outside of jax\.jit"):
         jax.jit(lambda angle: Quintic(duration=1.0).profile(angle).peak(1)[1])(1.0)

@@ -1,4 +1,4 @@
-"""Turn profiles: limits, minimal times, derivatives, what holds outside, storing, refusals."""
+"""Motion profiles: limits, minimum times, derivatives, values outside the duration, storage, errors."""
 
 import math
 
@@ -12,9 +12,9 @@ from qtraj.motion.profiles.s_curve import SCurve
 from qtraj.motion.profiles.smooth_step import Cubic, Quintic, Septic
 from qtraj.motion.profiles.time_optimal import TimeOptimal
 
-from .laws import FROM_LIMITS, IN_TIME
+from .factories import FROM_LIMITS, IN_TIME
 
-ROUND_OFF = 1e-11  # relative, of a chain of pieces
+ROUND_OFF = 1e-11  # relative, of a sequence of pieces
 DEGREE = math.pi / 180
 
 
@@ -29,12 +29,12 @@ def sample(profile):
 
 
 def sampled(make, *arguments):
-    """`sample` of the profile that `make` gives for each row of the arguments, as NumPy arrays."""
+    """`sample` of the profile that `make` returns for each row of the arguments, as NumPy arrays."""
     return jax.tree.map(np.asarray, jax.jit(jax.vmap(lambda *x: sample(make(*x))))(*arguments))
 
 
 def check_consistency(profiles, values, slopes, acceleration):
-    """Each row is the derivative of the one before, and the angle is the integral of the rate, without a jump."""
+    """Each row is the derivative of the one before, and the angle is the integral of the rate, without jumps."""
     np.testing.assert_allclose(slopes[:, :-1, :3], values[:, :-1, 1:], rtol=ROUND_OFF, atol=1e-9)
     step = profiles.duration[:, None] / 400
     trapezoids = step * (values[:, 1:, 1] + values[:, :-1, 1]) / 2
@@ -43,14 +43,14 @@ def check_consistency(profiles, values, slopes, acceleration):
 
 
 def cases(count=60, seed=3):
-    """Random angles, rates, accelerations and jerks, in every regime."""
+    """Random angles, rates, accelerations and jerks that cover all regimes."""
     rng = np.random.default_rng(seed)
     angle = math.pi * rng.uniform(0.001, 1.0, count)
     return angle, *np.exp(rng.uniform(math.log(0.03), math.log(5.0), (3, count)))
 
 
 @pytest.mark.parametrize("name", FROM_LIMITS)
-def test_minimal_profiles_touch_their_limits_and_keep_them(name):
+def test_minimum_time_profiles_reach_and_satisfy_their_limits(name):
     angle, v, a, j = cases()
     profiles, values, slopes = sampled(lambda angle, *limits: FROM_LIMITS[name](*limits).profile(angle), angle, v, a, j)
     check_consistency(profiles, values, slopes, a)
@@ -59,13 +59,13 @@ def test_minimal_profiles_touch_their_limits_and_keep_them(name):
     np.testing.assert_array_equal(values[:, -1, 1:], 0)
     limits = np.stack([v, a, j], axis=1)
     used = np.abs(values[:, :, 1:]).max(axis=1) / limits
-    counted = {"time-optimal": [0, 1], "bang-bang": [1], "cubic": [0, 1]}.get(name, [0, 1, 2])
-    assert np.all(used[:, counted] <= 1 + ROUND_OFF)
-    assert np.all(used[:, counted].max(axis=1) >= 1 - 1e-4)  # the grid may miss the peak of a polynomial
+    active = {"time-optimal": [0, 1], "bang-bang": [1], "cubic": [0, 1]}.get(name, [0, 1, 2])
+    assert np.all(used[:, active] <= 1 + ROUND_OFF)
+    assert np.all(used[:, active].max(axis=1) >= 1 - 1e-4)  # the grid may miss the peak of a polynomial
 
 
 @pytest.mark.parametrize(
-    ("law", "angle", "duration"),
+    ("motion_profile", "angle", "duration"),
     [
         (TimeOptimal(DEGREE, 0.05 * DEGREE), 90 * DEGREE, 110.0),
         (TimeOptimal(DEGREE, 0.05 * DEGREE), 10 * DEGREE, math.sqrt(800)),  # 28.284 s
@@ -88,11 +88,11 @@ def test_minimal_profiles_touch_their_limits_and_keep_them(name):
     ],
     ids=lambda x: type(x).__name__ if not isinstance(x, float) else None,
 )
-def test_durations(law, angle, duration):
-    np.testing.assert_allclose(law.profile(angle).duration, duration, rtol=1e-14)
+def test_durations(motion_profile, angle, duration):
+    np.testing.assert_allclose(motion_profile.profile(angle).duration, duration, rtol=1e-14)
 
 
-def test_end_rates_are_met_in_the_least_time():
+def test_end_rates_are_met_in_minimum_time():
     rng = np.random.default_rng(5)
     angle, a = rng.uniform(-3, 3, 60), rng.uniform(0.2, 3, 60)
     v0, v1 = rng.uniform(-1, 1, (2, 60))
@@ -100,7 +100,7 @@ def test_end_rates_are_met_in_the_least_time():
     def fastest(v0, v1, v, a, angle):
         return TimeOptimal(v, a, v0, v1).profile(angle)
 
-    # A rate limit of 100 is out of reach.
+    # A rate limit of 100 is never reached.
     both = [np.concatenate([x, y]) for x, y in ((v0, v1), (v1, v0), (100 + 0 * a, 1 + 0 * a), (a, a), (angle, angle))]
     profiles, values, slopes = sampled(fastest, *both)
     check_consistency(profiles, values, slopes, both[3])
@@ -110,10 +110,10 @@ def test_end_rates_are_met_in_the_least_time():
     assert np.abs(values[60:, :, 1]).max() <= 1 + ROUND_OFF
 
     free, limited = profiles.duration[:60], profiles.duration[60:]
-    # In time T exactly the angles mT ± (AT²/4 − Δ²/4A) and between can be turned: the least T is at one end of it.
+    # In time T the angles in mT ± (AT²/4 − Δ²/4A) are possible; at the minimum T the angle is an end of that interval.
     spread = np.abs(angle - (v0 + v1) / 2 * free)
     np.testing.assert_allclose(spread, a * free**2 / 4 - (v1 - v0) ** 2 / (4 * a), rtol=1e-9, atol=1e-12)
-    # Backwards in time the turn is the same: the second half swaps the end rates, and has a limit.
+    # Reversed in time the slew takes as long: the second half swaps the end rates, and has a rate limit.
     unlimited = values[:60, :, 1].max(axis=1) < 1
     unlimited &= values[:60, :, 1].min(axis=1) > -1
     assert 10 < unlimited.sum() < 50
@@ -122,24 +122,24 @@ def test_end_rates_are_met_in_the_least_time():
 
 
 @pytest.mark.parametrize("name", IN_TIME)
-def test_fixed_durations_keep_the_limits(name):
+def test_fixed_durations_satisfy_the_limits(name):
     def make(angle, v, a, j, factor):
-        least = FROM_LIMITS[name](v, a, j).profile(angle).duration
-        return IN_TIME[name](v, a, j, factor * least).profile(angle)
+        minimum = FROM_LIMITS[name](v, a, j).profile(angle).duration
+        return IN_TIME[name](v, a, j, factor * minimum).profile(angle)
 
     angle, v, a, j = (np.tile(x, 4) for x in cases(seed=8))
     factor = np.repeat([1.0, 1.02, 1.7, 12.0], 60)
     profiles, values, slopes = sampled(make, angle, v, a, j, factor)
     assert np.all(profiles.feasible)
     check_consistency(profiles, values, slopes, a)
-    # The last piece arrives by its own polynomial.
+    # The polynomial of the last piece reaches the whole angle.
     np.testing.assert_allclose(profiles.pieces.sum(axis=2)[:, -1], 1, rtol=1e-12)
     used = np.abs(values[:, :, 1:]).max(axis=1) / np.stack([v, a, j], axis=1)
     assert np.all(used[:, : 2 if name == "time-optimal" else 3] <= 1 + ROUND_OFF)
-    least, fastest, _ = sampled(
+    shortest, fastest, _ = sampled(
         lambda angle, *x: FROM_LIMITS[name](*x).profile(angle), *(x[:60] for x in (angle, v, a, j))
     )
-    np.testing.assert_allclose(profiles.duration, factor * np.tile(least.duration, 4), rtol=1e-15)
+    np.testing.assert_allclose(profiles.duration, factor * np.tile(shortest.duration, 4), rtol=1e-15)
     np.testing.assert_allclose(values[:60, :, :2], fastest[:, :, :2], rtol=1e-6, atol=1e-6)
 
 
@@ -157,21 +157,23 @@ def test_a_fixed_duration_meets_end_rates():
 
 
 @pytest.mark.parametrize("name", IN_TIME)
-def test_a_duration_too_short_is_refused_with_the_least_one(name):
-    least = float(FROM_LIMITS[name](1.0, 0.7, 2.0).profile(2.0).duration)
-    with pytest.raises(ValueError, match=f"needs at least {least:.14g}"[:26] + r".*break a limit \(max_rate = 1 rad/s"):
-        IN_TIME[name](1.0, 0.7, 2.0, 0.999 * least).profile(2.0)
+def test_a_duration_too_short_is_refused_with_the_minimum(name):
+    minimum = float(FROM_LIMITS[name](1.0, 0.7, 2.0).profile(2.0).duration)
+    with pytest.raises(
+        ValueError, match=f"needs at least {minimum:.14g}"[:26] + r".*violates a limit \(max_rate = 1 rad/s"
+    ):
+        IN_TIME[name](1.0, 0.7, 2.0, 0.999 * minimum).profile(2.0)
     traced = jax.jit(lambda T: IN_TIME[name](1.0, 0.7, 2.0, T).profile(2.0))
-    assert not traced(0.5 * least).feasible
-    np.testing.assert_allclose(traced(0.5 * least).duration, least, rtol=1e-15)
+    assert not traced(0.5 * minimum).feasible
+    np.testing.assert_allclose(traced(0.5 * minimum).duration, minimum, rtol=1e-15)
 
 
-def test_rates_that_leave_no_time_to_wait_are_refused():
-    with pytest.raises(ValueError, match="no time to wait"):
+def test_a_longer_duration_that_the_end_rates_do_not_allow_is_refused():
+    with pytest.raises(ValueError, match="not every longer duration is possible"):
         TimeOptimal(2.0, 1.0, start_rate=1.0, end_rate=1.0, duration=1.0).profile(0.1)
 
 
-def test_outside_its_duration_a_turn_waits_and_holds():
+def test_the_angle_is_constant_outside_the_duration():
     profile = SCurve(1.0, 1.0, 1.0).profile(0.5)
     assert motion(profile, -1.0).tolist() == [0, 0, 0, 0]
     assert motion(profile, 1e6).tolist() == [0.5, 0, 0, 0]
@@ -185,8 +187,8 @@ def test_at_a_switch_the_later_side_counts():
 
 
 def test_single_precision():
-    for law in (TimeOptimal(1.0, 1.0), SCurve(1.0, 1.0, 1.0), Septic(max_acceleration=1.0)):
-        profile = law.profile(np.float32(1e-9))
+    for motion_profile in (TimeOptimal(1.0, 1.0), SCurve(1.0, 1.0, 1.0), Septic(max_acceleration=1.0)):
+        profile = motion_profile.profile(np.float32(1e-9))
         angle = profile.angle(0.5 * profile.duration)
         assert angle.dtype == np.float32
         np.testing.assert_allclose(angle, 0.5e-9, rtol=1e-5)
@@ -197,9 +199,9 @@ def test_single_precision():
     [lambda: TimeOptimal(0.3, 0.2, start_rate=0.1), *(lambda m=m: m(0.3, 0.2, 0.1, 99.0) for m in IN_TIME.values())],
 )
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
-def test_laws_and_profiles_are_stored_exactly(make, suffix, tmp_path):
-    law = make()
-    for thing in (law, law.profile(0.7)):
+def test_profiles_are_stored_exactly(make, suffix, tmp_path):
+    motion_profile = make()
+    for thing in (motion_profile, motion_profile.profile(0.7)):
         save(thing, tmp_path / f"x{suffix}")
         again = load(tmp_path / f"x{suffix}")
         assert jax.tree.structure(again) == jax.tree.structure(thing)
@@ -217,7 +219,7 @@ def test_laws_and_profiles_are_stored_exactly(make, suffix, tmp_path):
         (lambda: SCurve(1.0, 1.0, math.nan), "max_jerk must be positive"),
         (lambda: Quintic(), "needs a duration"),
         (lambda: Cubic(duration=0.0), "duration must be positive"),
-        (lambda: Cubic(duration=1.0).profile(math.nan), "angle of a turn must be finite"),
+        (lambda: Cubic(duration=1.0).profile(math.nan), "angle of a slew must be finite"),
         (lambda: Cubic(duration=1.0).profile([1.0, 2.0]), "one angle"),
     ],
 )

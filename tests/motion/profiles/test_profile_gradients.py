@@ -1,4 +1,4 @@
-"""Gradients of profiles in angle and limits, both ways against differences, at regime boundaries and at Φ = 0."""
+"""Forward and reverse gradients of profiles in angle and limits, also at regime boundaries and at Φ = 0."""
 
 import jax
 import jax.numpy as jnp
@@ -9,15 +9,15 @@ from qtraj.motion.profiles.s_curve import SCurve
 from qtraj.motion.profiles.smooth_step import Quintic
 from qtraj.motion.profiles.time_optimal import TimeOptimal
 
-from .laws import FROM_LIMITS, IN_TIME
+from .factories import FROM_LIMITS, IN_TIME
 
 FINITE_DIFFERENCE = 1e-6  # of central differences with a step of 1e-5
 
 
 def outputs(name, x, t=0.83):
     """Duration, angle, rate and acceleration at one instant from (Φ, V, A, J) or (Φ, V, A, J, T)."""
-    laws = FROM_LIMITS if x.shape == (4,) else IN_TIME
-    profile = laws[name](*x[1:]).profile(x[0])
+    factories = FROM_LIMITS if x.shape == (4,) else IN_TIME
+    profile = factories[name](*x[1:]).profile(x[0])
     return jnp.concatenate([profile.duration[None], profile.derivatives(t, 2)])
 
 
@@ -58,7 +58,7 @@ def test_gradients(name, points):
     ],
 )
 def test_gradients_agree_on_both_sides_of_a_regime_boundary(name, points):
-    """Of the duration, and of angle and rate at instants before and after the switches that meet there."""
+    """Gradients of the duration, and of angle and rate before and after the switches that coincide there."""
     points = np.array(points)[:, None]
     h = 1e-7
     around = points + h * np.concatenate([np.zeros((1, 4)), np.eye(4), -np.eye(4)])
@@ -84,23 +84,23 @@ AT_ZERO = {
     "time-optimal in time": TimeOptimal(1.0, 1.0, duration=2.0),
     "s-curve in time": SCurve(1.0, 1.0, 1.0, duration=2.0),
     "quintic in time": Quintic(duration=2.0),
-    "given end rates": TimeOptimal(1.0, 1.0, start_rate=0.0, end_rate=0.0),
+    "zero end rates": TimeOptimal(1.0, 1.0, start_rate=0.0, end_rate=0.0),
 }
 
 
 @pytest.mark.parametrize("name", AT_ZERO)
-def test_no_angle(name):
-    law = AT_ZERO[name]
+def test_a_zero_angle(name):
+    motion_profile = AT_ZERO[name]
 
     def f(x):
-        profile = law.profile(x)
+        profile = motion_profile.profile(x)
         return jnp.concatenate([profile.duration[None], profile.derivatives(0.7, 2)])
 
     h = 1e-10  # the profiles are smooth in Φ at a fixed instant, but their switches move as √Φ or ∛Φ
     values = jax.jit(jax.vmap(f))(np.array([0.0, h, -h]))
     forward, reverse = jax.jit(lambda x: (jax.jacfwd(f)(x), jax.jacrev(f)(x)))(0.0)
-    np.testing.assert_array_equal(values[0], [0.0 if law.duration is None else 2.0, 0, 0, 0])
+    np.testing.assert_array_equal(values[0], [0.0 if motion_profile.duration is None else 2.0, 0, 0, 0])
     np.testing.assert_array_equal(forward, reverse)
-    # Without a fixed duration the turn is over at once: Φ(t) = Φ.
-    difference = np.array([0.0, 1, 0, 0]) if law.duration is None else (values[1] - values[2]) / (2 * h)
+    # Without a fixed duration the slew ends at once: Φ(t) = Φ.
+    difference = np.array([0.0, 1, 0, 0]) if motion_profile.duration is None else (values[1] - values[2]) / (2 * h)
     np.testing.assert_allclose(forward, difference, atol=1e-4)

@@ -1,4 +1,4 @@
-"""Euler turns: SciPy as the oracle, kinematics as laws, equal attitudes and half turns as singular points."""
+"""Eigenaxis slews: SciPy as the oracle, kinematic identities, equal attitudes and half turns as singular points."""
 
 import math
 
@@ -30,20 +30,20 @@ def quaternions(*shape, seed=1):
     return q / np.linalg.norm(q, axis=-1, keepdims=True)
 
 
-def test_a_thousand_turns_agree_with_scipy():
+def test_a_thousand_slews_agree_with_scipy():
     starts, ends = quaternions(1000), quaternions(1000, seed=2)
     lengths = np.random.default_rng(3).uniform(0.1, 9, (2, 1000, 1))
 
     @jax.jit
     @jax.vmap
-    def turns(start, end):
+    def slews(start, end):
         program = EulerTurn(start, end, TimeOptimal(0.5, 0.3))
         times = program.duration * jnp.asarray([0.0, 0.21, 0.5, 0.83, 1.0, 1.5])
         angles = jax.vmap(lambda t: program.profile.derivatives(t, 2))(times)
         return jax.vmap(lambda t: kinematics(program, t))(times), angles, program.end, program.angle
 
-    (at, quaternion_gap, rate_gap), angles, end, angle = jax.tree.map(
-        np.asarray, turns(lengths[0] * starts, lengths[1] * ends)
+    (at, quaternion_residual, rate_residual), angles, end, angle = jax.tree.map(
+        np.asarray, slews(lengths[0] * starts, lengths[1] * ends)
     )
     first, last = (Rotation.from_quat(q, scalar_first=True) for q in (starts, ends))
     vectors = (first.inv() * last).as_rotvec()
@@ -55,9 +55,9 @@ def test_a_thousand_turns_agree_with_scipy():
         assert gap.max() < ROUND_OFF
         np.testing.assert_allclose(at.rate[:, k], angles[:, k, 1:2] * axes, atol=ROUND_OFF)
         np.testing.assert_allclose(at.acceleration[:, k], angles[:, k, 2:] * axes, atol=ROUND_OFF)
-    np.testing.assert_allclose(quaternion_gap, 0, atol=ROUND_OFF)
-    np.testing.assert_allclose(rate_gap, 0, atol=ROUND_OFF)
-    # It starts at the start, ends at the end or its negative, the nearer one, and stays there at rest.
+    np.testing.assert_allclose(quaternion_residual, 0, atol=ROUND_OFF)
+    np.testing.assert_allclose(rate_residual, 0, atol=ROUND_OFF)
+    # It starts at start_q, ends at ±end_q, whichever is nearer, and rests there.
     np.testing.assert_allclose(at.quaternion[:, 0], starts, atol=ROUND_OFF)
     sign = np.where(np.sum(starts * ends, axis=1) < 0, -1.0, 1.0)[:, None]
     np.testing.assert_allclose(end, sign * ends, atol=ROUND_OFF)
@@ -81,7 +81,7 @@ def test_the_axis_in_body_and_inertial_axes():
 
 
 BASE = np.array([0.5, -0.5, 0.1, 0.7])
-HALF = np.array([0.0, 0.6, 0.0, 0.8])  # a half turn about its vector part
+HALF = np.array([0.0, 0.6, 0.0, 0.8])  # a half slew about its vector part
 
 
 @pytest.mark.parametrize("law", [Quintic(duration=2.0), TimeOptimal(3.0, 3.0, duration=2.5), SCurve(2.0, 3.0, 9.0)])
@@ -97,7 +97,7 @@ def test_equal_attitudes(law):
     np.testing.assert_allclose(values, [resting, resting], atol=ROUND_OFF)
     np.testing.assert_allclose(forward, reverse, atol=1e-12)
     assert np.isfinite(forward).all()
-    if law.duration is None:  # the turn is over at once; a difference would see it begin
+    if law.duration is None:  # the slew ends at once; a finite difference would see its beginning
         return
     steps = h * np.concatenate([np.eye(4), -np.eye(4)])
     near = jax.jit(jax.vmap(jax.vmap(lambda e: f(e, t))))(ends[:, None] + steps)
@@ -120,13 +120,13 @@ def test_half_turns():
     np.testing.assert_allclose(values[4:7] / np.linalg.norm(values[4:7]), HALF[1:], atol=ROUND_OFF)
     np.testing.assert_allclose(gradient, reverse, atol=1e-12)
     assert np.isfinite(gradient).all()
-    # Towards the shorter side the derivative is one-sided; across the axis of the turn it is an ordinary one.
+    # Along the axis of rotation the derivative is one-sided; across it, it is two-sided.
     side, h = np.asarray(quaternion.product(jnp.asarray(start), jnp.asarray([0.0, 0.0, 1.0, 0.0]))), 1e-6
     f = jax.jit(f)
     np.testing.assert_allclose(gradient @ side, (f(end + h * side) - f(end - h * side)) / (2 * h), atol=1e-8)
 
 
-def test_gradients_of_a_turn():
+def test_gradients_of_a_slew():
     law = SCurve(0.9, 0.7, 2.0)
     x = np.concatenate([BASE, [0.1, 0.9, -0.3, 0.4]])
 
@@ -150,58 +150,60 @@ def test_end_rates_along_the_axis():
     np.testing.assert_allclose(program(program.duration).quaternion, program.end, atol=ROUND_OFF)
 
 
-def test_a_chain_passes_its_attitudes_at_rest():
+def test_a_slew_sequence_rests_at_its_attitudes():
     attitudes = quaternions(6, seed=4) * np.array([1.0, -2.0, 1.0, 0.5, -1.0, 1.0])[:, None]
-    attitudes[3] = -attitudes[2]  # no turn at all in between
-    chain = SlewSequence(attitudes, SCurve(1.0, 0.8, 2.0))
-    times = np.asarray(chain.times)
-    singles = jax.vmap(lambda a, b: EulerTurn(a, b, chain.law)(0.3).quaternion)
-    durations = jax.vmap(lambda a, b: EulerTurn(a, b, chain.law).duration)
+    attitudes[3] = -attitudes[2]  # the same attitude: no slew in between
+    sequence = SlewSequence(attitudes, SCurve(1.0, 0.8, 2.0))
+    times = np.asarray(sequence.times)
+    singles = jax.vmap(lambda a, b: EulerTurn(a, b, sequence.law)(0.3).quaternion)
+    durations = jax.vmap(lambda a, b: EulerTurn(a, b, sequence.law).duration)
     np.testing.assert_allclose(np.diff(times), jax.jit(durations)(attitudes[:-1], attitudes[1:]), rtol=1e-13)
     assert times[2] == times[3]
 
-    def at_times(chain, times):
-        return jax.vmap(lambda t: kinematics(chain, t))(times)
+    def at_times(sequence, times):
+        return jax.vmap(lambda t: kinematics(sequence, t))(times)
 
     grid = np.linspace(0, times[-1], 2001)
-    at, quaternion_gap, rate_gap = jax.jit(at_times)(chain, np.concatenate([times, grid]))
+    at, quaternion_residual, rate_residual = jax.jit(at_times)(sequence, np.concatenate([times, grid]))
     np.testing.assert_allclose(np.abs(np.sum(at.quaternion[:6] * attitudes, axis=1)), np.linalg.norm(attitudes, axis=1))
     np.testing.assert_allclose(at.rate[:6], 0, atol=ROUND_OFF)
-    np.testing.assert_allclose(quaternion_gap, 0, atol=ROUND_OFF)
-    np.testing.assert_allclose(rate_gap, 0, atol=ROUND_OFF)
+    np.testing.assert_allclose(quaternion_residual, 0, atol=ROUND_OFF)
+    np.testing.assert_allclose(rate_residual, 0, atol=ROUND_OFF)
     steps = np.linalg.norm(np.diff(at.quaternion[6:], axis=0), axis=1)
     assert steps.max() <= 0.5 * np.linalg.norm(at.rate, axis=1).max() * grid[1] * 1.001  # the sign is continuous
-    alone, within = jax.jit(singles)(attitudes[:-1], attitudes[1:])[4], chain(times[4] + 0.3).quaternion
+    alone, within = jax.jit(singles)(attitudes[:-1], attitudes[1:])[4], sequence(times[4] + 0.3).quaternion
     np.testing.assert_allclose(alone * np.sign(alone @ within), within, atol=ROUND_OFF)
 
 
-def test_the_switches_of_a_chain_are_those_of_its_turns():
+def test_the_switches_of_a_slew_sequence_are_those_of_its_slews():
     attitudes = quaternions(4, seed=6)
-    attitudes[2] = -attitudes[1]  # no turn at all in between: its switches are one instant
+    attitudes[2] = -attitudes[1]  # the same attitude: its switches coincide
     law = SCurve(1.0, 0.8, 2.0)
-    chain, singles = SlewSequence(attitudes, law), [EulerTurn(attitudes[k], attitudes[k + 1], law) for k in range(3)]
-    shifted = [float(t) + single.switches for t, single in zip(chain.times, singles, strict=False)]
-    np.testing.assert_allclose(chain.switches, np.concatenate(shifted), rtol=1e-14)
-    np.testing.assert_allclose(chain.switches[7:14], chain.times[1], atol=1e-9)
-    assert chain.switches[-1] == chain.duration
-    # Between two of them the jerk is constant: the acceleration jumps or bends nowhere else.
-    edges = np.concatenate([[0.0], chain.switches])
+    sequence, singles = SlewSequence(attitudes, law), [EulerTurn(attitudes[k], attitudes[k + 1], law) for k in range(3)]
+    shifted = [float(t) + single.switches for t, single in zip(sequence.times, singles, strict=False)]
+    np.testing.assert_allclose(sequence.switches, np.concatenate(shifted), rtol=1e-14)
+    np.testing.assert_allclose(sequence.switches[7:14], sequence.times[1], atol=1e-9)
+    assert sequence.switches[-1] == sequence.duration
+    # The jerk is constant between two switches.
+    edges = np.concatenate([[0.0], sequence.switches])
     long = np.diff(edges) > 1e-6
     inner = edges[:-1, None] + np.diff(edges)[:, None] * np.linspace(0.01, 0.99, 5)
-    acceleration = np.asarray(jax.jit(jax.vmap(lambda t: chain(t).acceleration))(inner[long].ravel())).reshape(-1, 5, 3)
+    acceleration = np.asarray(jax.jit(jax.vmap(lambda t: sequence(t).acceleration))(inner[long].ravel())).reshape(
+        -1, 5, 3
+    )
     np.testing.assert_allclose(np.diff(acceleration, n=2, axis=1), 0, atol=1e-12)
 
 
 @pytest.mark.parametrize("whole_turns", [1, 2])
-def test_round_off_is_no_turn(whole_turns):
-    """A whole turn on the same attitude is met again but for round-off; it takes no time, and counts for gradients."""
+def test_round_off_is_not_a_slew(whole_turns):
+    """After whole turns the attitude differs by round-off: the slew takes no time, but its gradient is kept."""
     start, half = jnp.asarray(BASE / np.linalg.norm(BASE)), whole_turns * math.pi
     spun = quaternion.product(start, jnp.asarray([math.cos(half), 0.0, 0.0, math.sin(half)]))
-    turn = EulerTurn(start, spun, TimeOptimal(1.0, 1.0))
-    assert (turn.angle, turn.duration) == (0.0, 0.0)
-    gradient = jax.jacfwd(lambda q: EulerTurn(start, q, turn.law).rotation_vector)(spun)
-    np.testing.assert_allclose(np.linalg.svd(gradient)[1], 2.0, rtol=1e-12)  # as of any small turn
-    assert EulerTurn([1.0, 0, 0, 0], [1.0, 1e-12, 0, 0], turn.law).angle == pytest.approx(2e-12)
+    slew = EulerTurn(start, spun, TimeOptimal(1.0, 1.0))
+    assert (slew.angle, slew.duration) == (0.0, 0.0)
+    gradient = jax.jacfwd(lambda q: EulerTurn(start, q, slew.law).rotation_vector)(spun)
+    np.testing.assert_allclose(np.linalg.svd(gradient)[1], 2.0, rtol=1e-12)  # as for any small rotation
+    assert EulerTurn([1.0, 0, 0, 0], [1.0, 1e-12, 0, 0], slew.law).angle == pytest.approx(2e-12)
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])

@@ -1,4 +1,4 @@
-"""Frame programs: kinematic laws for every frame, one continuous quaternion, and the rotation-minimizing frame."""
+"""Frame programs: kinematic identities of every frame, continuity of sign, and the rotation-minimizing frame."""
 
 import math
 
@@ -25,20 +25,20 @@ FRAMES = {"natural": Natural(), "upright": Upright(), "minimizing": RotationMini
 
 
 def polynomial_path(radius, angle, height, orientation=(1.0, 0.0, 0.0, 0.0)):
-    """A path of one structure for all, so that each program is compiled once."""
+    """Paths of one structure, so that each function is compiled once."""
     pad = [jnp.pad(jnp.asarray(c), (0, n - len(c))) for c, n in ((radius, 3), (angle, 3), (height, 4))]
     return SpiralHelix(*pad, 8.0, Placement(orientation=orientation))
 
 
 def spiral(pitch=1.0):
-    """Four whole turns with all polynomials at work."""
+    """Four whole turns with varying radius, rate and height."""
     height = jnp.asarray([0.0, 0.0, 0.3, -0.05]).at[1].set(pitch)
     return polynomial_path([20.0, 0.5, -0.1], [0.3, 3.1, 0.05], height, (1.0, 0.2, -0.1, 0.3))
 
 
 @jax.jit
 def evaluated(program, times):
-    """Attitudes, and how far 2λ̇ = λ∘ω and ω̇ = ε are from true."""
+    """Attitudes, and the residuals of 2λ̇ = λ∘ω and ω̇ = ε."""
 
     def one(t):
         at, along = jax.jvp(program, (t,), (jnp.ones_like(t),))
@@ -49,12 +49,12 @@ def evaluated(program, times):
 
 def check_program(program, count=1001):
     times = np.linspace(0, float(program.duration), count)
-    at, quaternion_gap, rate_gap = jax.tree.map(np.asarray, evaluated(program, times))
+    at, quaternion_residual, rate_residual = jax.tree.map(np.asarray, evaluated(program, times))
     np.testing.assert_allclose(np.linalg.norm(at.quaternion, axis=1), 1, atol=ROUND_OFF)
-    np.testing.assert_allclose(quaternion_gap, 0, atol=ROUND_OFF)
-    np.testing.assert_allclose(rate_gap, 0, atol=ROUND_OFF)
+    np.testing.assert_allclose(quaternion_residual, 0, atol=ROUND_OFF)
+    np.testing.assert_allclose(rate_residual, 0, atol=ROUND_OFF)
     assert at.quaternion[0, 0] >= 0
-    # Continuous: no step is longer than the rate allows, and so none changes the sign.
+    # Continuous: no step is longer than the rate allows, so none changes the sign.
     longest = np.linalg.norm(at.rate, axis=1).max() * times[1] / 2
     assert np.linalg.norm(np.diff(at.quaternion, axis=0), axis=1).max() <= 1.01 * longest + 1e-15 < 0.2
     return times, at
@@ -62,7 +62,7 @@ def check_program(program, count=1001):
 
 @jax.jit
 def frames(path, frame, times):
-    """The trihedra of a path, as direction cosines and as quaternions of either sign."""
+    """The trihedra of a path, as direction cosines and as quaternions of arbitrary sign."""
     tri = jax.vmap(lambda t: trihedral(path, t, frame))(times)
     return jax.vmap(lambda tri: (tri.dcm(), tri.quaternion()))(tri)
 
@@ -80,14 +80,14 @@ def test_a_program_is_its_trihedral_with_one_continuous_sign(name):
     expected, raw = frames(path, frame, times)
     np.testing.assert_allclose(matrices(at.quaternion), expected, atol=ROUND_OFF)
     assert np.sum(np.abs(np.diff(np.sum(raw * at.quaternion, axis=1))) > 1) >= 3  # the raw sign does change
-    # One instant, without its neighbours, gives the same.
+    # A single instant gives the same.
     one = jax.jit(lambda t: program(t).quaternion)
     for k in (130, 701, 1000):
         np.testing.assert_allclose(one(times[k]), at.quaternion[k], atol=ROUND_OFF)
 
 
-def test_the_natural_frame_turns_about_the_minimizing_one_by_the_torsion():
-    """About a circular helix at v·χ exactly: 2λ = λ_RMF∘exp(e_x vχt/2), from a common start."""
+def test_the_natural_frame_rotates_relative_to_the_minimizing_one_by_the_torsion():
+    """On a circular helix at the rate v·χ: λ = λ_RMF∘exp(e_x vχt/2) from a common start."""
     radius, rate, climb = 5.0, 2.0, 3.0
     path = polynomial_path([radius], [0.4, rate], [0.0, climb])
     times, minimizing = check_program(FrameProgram(path, RotationMinimizing()))
@@ -95,15 +95,15 @@ def test_the_natural_frame_turns_about_the_minimizing_one_by_the_torsion():
     np.testing.assert_array_equal(minimizing.rate[:, 0], 0)
     np.testing.assert_array_equal(minimizing.acceleration[:, 0], 0)
     speed = math.hypot(radius * rate, climb)
-    turn = rate * climb / speed * times  # vχ = φ̇ h'/v
+    angle = rate * climb / speed * times  # vχ = φ̇ h'/v
     np.testing.assert_allclose(natural.rate[:, 0], rate * climb / speed, rtol=1e-12)
-    about = np.stack([np.cos(turn / 2), np.sin(turn / 2), 0 * turn, 0 * turn], axis=1)
+    about = np.stack([np.cos(angle / 2), np.sin(angle / 2), 0 * angle, 0 * angle], axis=1)
     expected = jax.vmap(quaternion.product)(jnp.asarray(minimizing.quaternion), jnp.asarray(about))
     np.testing.assert_allclose(natural.quaternion, expected, atol=1e-12)
 
 
 def winding(t):
-    """Straight at its middle (κ = 0, an inflection in space), vertical once, and of changing speed."""
+    """A curve that is straight at its middle (κ = 0), vertical once, and of varying speed."""
     return jnp.stack([t + 0.1 * t**3, 2 * t**3, 1.5 * jnp.sin(2 * t) * t**3])
 
 
@@ -129,7 +129,7 @@ def test_the_minimizing_frame_against_an_integration():
     )
 
 
-def test_a_straight_path_does_not_turn():
+def test_a_straight_path_does_not_rotate():
     path = polynomial_path([20.0], [0.3], [0.0, 1.0, 0.3], [0.3, 0.8, 0.1, -0.4])
     _, at = check_program(FrameProgram(path, RotationMinimizing()))
     np.testing.assert_allclose(at.quaternion, np.tile(at.quaternion[0], (1001, 1)), atol=1e-15)
@@ -137,26 +137,26 @@ def test_a_straight_path_does_not_turn():
 
 
 def test_a_loop_has_a_constant_binormal():
-    """A planar path that is vertical twice, where the upright frame does not exist."""
+    """A planar path that is vertical twice, where the upright frame is not defined."""
     tilted = polynomial_path([4.0, 0.3], [0.0, 1.0], [0.0], [1.0, 1.0, 0.0, 0.0])
     _, at = check_program(FrameProgram(tilted, RotationMinimizing()))
     binormals = matrices(at.quaternion)[:, 2]
     np.testing.assert_allclose(binormals, np.tile([0.0, -1.0, 0.0], (1001, 1)), atol=1e-13)
 
 
-def test_the_first_attitude_may_be_chosen():
+def test_the_initial_attitude_can_be_chosen():
     path = spiral()
     natural = jax.jit(lambda: trihedral(path, 0.0).quaternion())()
     about = jnp.asarray([math.cos(0.35), math.sin(0.35), 0.0, 0.0])
-    chosen = quaternion.product(natural, about)
-    by_attitude = FrameProgram(path, RotationMinimizing(-3 * chosen))
-    normal = rotation.to_dcm(chosen)[1]
+    initial = quaternion.product(natural, about)
+    by_attitude = FrameProgram(path, RotationMinimizing(-3 * initial))
+    normal = rotation.to_dcm(initial)[1]
     by_normal = FrameProgram(path, RotationMinimizing(normal + 5 * path.velocity(0.0)))
     for program in (by_attitude, by_normal):
         at = program.anchors[0]
-        np.testing.assert_allclose(at * np.sign(at @ chosen), chosen, atol=1e-13)
+        np.testing.assert_allclose(at * np.sign(at @ initial), initial, atol=1e-13)
         assert at[0] >= 0
-    # Any two differ by a constant turn about τ.
+    # Any two differ by a constant rotation about τ.
     first, last = (p.anchors[-1] for p in (FrameProgram(path, RotationMinimizing()), by_attitude))
     np.testing.assert_allclose(np.abs(quaternion.product(quaternion.conjugate(first), last)), np.abs(about), atol=1e-12)
 
@@ -175,11 +175,11 @@ def test_gradients_with_respect_to_the_path(name, mode):
     np.testing.assert_allclose(gradient, (above - below) / (2 * h), atol=GRADIENT)
 
 
-def test_outside_the_path_the_program_goes_on():
+def test_the_program_is_extrapolated_outside_the_path():
     program = FrameProgram(spiral(), RotationMinimizing())
-    at, quaternion_gap, rate_gap = evaluated(program, np.linspace(-0.05, 8.05, 1001))
-    np.testing.assert_allclose(quaternion_gap, 0, atol=ROUND_OFF)
-    np.testing.assert_allclose(rate_gap, 0, atol=ROUND_OFF)
+    at, quaternion_residual, rate_residual = evaluated(program, np.linspace(-0.05, 8.05, 1001))
+    np.testing.assert_allclose(quaternion_residual, 0, atol=ROUND_OFF)
+    np.testing.assert_allclose(rate_residual, 0, atol=ROUND_OFF)
     assert np.linalg.norm(np.diff(at.quaternion, axis=0), axis=1).max() < 0.05
 
 
@@ -195,7 +195,7 @@ def test_programs_are_stored_exactly(frame, suffix, tmp_path):
     assert jax.tree.all(jax.tree.map(np.array_equal, again, program))
 
 
-def test_a_curve_of_the_users_own_cannot_be_stored(tmp_path):
+def test_a_program_with_a_users_function_cannot_be_stored(tmp_path):
     with pytest.raises(ValueError, match="cannot be stored"):
         FrameProgram(Curve(winding, 1.0), Upright()).save(tmp_path / "program.toml")
 

@@ -1,4 +1,4 @@
-"""Torques of turns: Euler's equations, integrated independently, give back the turn; limits hold on all of it."""
+"""Torques of slews: Euler's equations, integrated independently, reproduce the slew; limits are satisfied."""
 
 import jax
 import numpy as np
@@ -46,27 +46,27 @@ def dense(program):
 @pytest.mark.parametrize("name", LAWS)
 @pytest.mark.parametrize("inertia", INERTIAS)
 @pytest.mark.parametrize("limit", LIMITS)
-def test_the_limit_holds_on_the_whole_turn_and_binds(name, inertia, limit):
+def test_the_limit_is_satisfied_on_the_whole_slew_and_active(name, inertia, limit):
     plain = qt.EulerTurn(START, END, LAWS[name])
-    turn = qt.within_torque(plain, INERTIAS[inertia], LIMITS[limit])
-    found, bound = torques(turn, INERTIAS[inertia], dense(turn)), np.asarray(LIMITS[limit])
-    used = np.linalg.norm(found, axis=1) / bound if bound.ndim == 0 else np.abs(found) / bound
+    slew = qt.within_torque(plain, INERTIAS[inertia], LIMITS[limit])
+    torque, bound = torques(slew, INERTIAS[inertia], dense(slew)), np.asarray(LIMITS[limit])
+    used = np.linalg.norm(torque, axis=1) / bound if bound.ndim == 0 else np.abs(torque) / bound
     assert used.max() <= 1 + 1e-11
     assert used.max() > 1 - 1e-5
-    assert float(turn.duration) > float(plain.duration)
-    peak = qt.peak_torque(turn, INERTIAS[inertia])
-    assert peak.norm == pytest.approx(np.linalg.norm(found, axis=1).max(), rel=1e-5)
-    np.testing.assert_allclose(peak.axes, np.abs(found).max(axis=0), rtol=1e-4, atol=1e-6)
+    assert float(slew.duration) > float(plain.duration)
+    peak = qt.peak_torque(slew, INERTIAS[inertia])
+    assert peak.norm == pytest.approx(np.linalg.norm(torque, axis=1).max(), rel=1e-5)
+    np.testing.assert_allclose(peak.axes, np.abs(torque).max(axis=0), rtol=1e-4, atol=1e-6)
     for k, t in enumerate(peak.axes_times):
-        sides = np.abs(torques(turn, INERTIAS[inertia], np.array([t, max(t - 1e-9, 0.0)]))[:, k])
+        sides = np.abs(torques(slew, INERTIAS[inertia], np.array([t, max(t - 1e-9, 0.0)]))[:, k])
         assert sides.max() == pytest.approx(peak.axes[k], rel=1e-6, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", ["time-optimal", "s-curve", "quintic"])
-def test_a_body_under_these_torques_makes_the_turn(name):
-    """SciPy integrates J ω' = M(t) − ω × Jω and the attitude: it ends where the turn does, at rest."""
-    turn = qt.within_torque(qt.EulerTurn(START, END, LAWS[name]), TENSOR, LIMITS["axes"])
-    program, J = jax.jit(lambda t: turn(t)), TENSOR
+def test_a_body_under_these_torques_performs_the_slew(name):
+    """SciPy integrates J ω' = M(t) − ω × Jω and the attitude: both end at the end of the slew, at rest."""
+    slew = qt.within_torque(qt.EulerTurn(START, END, LAWS[name]), TENSOR, LIMITS["axes"])
+    program, J = jax.jit(lambda t: slew(t)), TENSOR
     e = VECTOR / np.linalg.norm(VECTOR)
 
     def moment(t):
@@ -76,83 +76,83 @@ def test_a_body_under_these_torques_makes_the_turn(name):
 
     def motion(t, state):
         q, w = state[:4], state[4:]
-        turning = 0.5 * np.asarray(
+        derivative = 0.5 * np.asarray(
             [
                 -q[1:] @ w,
                 *(q[0] * w + np.cross(q[1:], w)),
             ]
         )
-        return np.concatenate([turning, np.linalg.solve(J, moment(t) - np.cross(w, J @ w))])
+        return np.concatenate([derivative, np.linalg.solve(J, moment(t) - np.cross(w, J @ w))])
 
     state, before = np.concatenate([np.array(START) / np.linalg.norm(START), np.zeros(3)]), 0.0
-    for switch in np.unique(np.asarray(turn.switches)):  # torques jump there
-        # Just before its end a piece counts itself, not the next one.
+    for switch in np.unique(np.asarray(slew.switches)):  # torques jump there
+        # At its end the next piece would count.
         span = (before, switch * (1 - 1e-12))
         state = solve_ivp(motion, span, state, rtol=1e-11, atol=1e-12, method="DOP853").y[:, -1]
         before = switch
-    wanted = Rotation.from_quat(np.asarray(END), scalar_first=True)
-    reached = Rotation.from_quat(state[:4], scalar_first=True)
-    assert (wanted.inv() * reached).magnitude() < 1e-8
+    expected = Rotation.from_quat(np.asarray(END), scalar_first=True)
+    result = Rotation.from_quat(state[:4], scalar_first=True)
+    assert (expected.inv() * result).magnitude() < 1e-8
     np.testing.assert_allclose(state[4:], 0.0, atol=1e-8)
 
 
 @pytest.mark.parametrize("limit", LIMITS)
 @pytest.mark.parametrize("rate", [0.3, 1.0, None])
 def test_no_trapezoid_within_the_limits_is_shorter(limit, rate):
-    """Against all coasting rates and accelerations of a fine grid, by the torque's own formula."""
+    """Compared with a fine grid of coasting rates and accelerations."""
     law = qt.TimeOptimal(rate, 0.3)
-    turn = qt.within_torque(qt.EulerTurn(START, END, law), TENSOR, LIMITS[limit])
+    slew = qt.within_torque(qt.EulerTurn(START, END, law), TENSOR, LIMITS[limit])
     angle = np.linalg.norm(VECTOR)
     e, bound = VECTOR / angle, np.asarray(LIMITS[limit])
     p, q = TENSOR @ e, np.cross(e, TENSOR @ e)
     V, A = np.meshgrid(np.linspace(0.005, min(rate or 2.0, 2.0), 1500), np.linspace(0.0005, 0.3, 1500))
     if bound.ndim == 0:
-        kept = np.sqrt(A**2 * (p @ p) + V**4 * (q @ q)) <= bound
+        satisfied = np.sqrt(A**2 * (p @ p) + V**4 * (q @ q)) <= bound
     else:
-        kept = (A[..., None] * np.abs(p) + V[..., None] ** 2 * np.abs(q) <= bound).all(axis=-1)
-    possible = kept & (A * angle >= V**2)
+        satisfied = (A[..., None] * np.abs(p) + V[..., None] ** 2 * np.abs(q) <= bound).all(axis=-1)
+    possible = satisfied & (A * angle >= V**2)
     best = (angle / V + V / A)[possible].min()
-    assert best * (1 - 2e-3) < float(turn.duration) < best * (1 + 1e-9)
+    assert best * (1 - 2e-3) < float(slew.duration) < best * (1 + 1e-9)
 
 
-def test_a_chain_keeps_the_limit_in_every_turn():
+def test_a_slew_sequence_satisfies_the_limit_in_every_slew():
     attitudes = [START, END, [0.2, 0.9, 0.1, -0.3]]
-    chain = qt.within_torque(qt.SlewSequence(attitudes, LAWS["quintic"]), TENSOR, LIMITS["axes"])
-    used = np.abs(torques(chain, TENSOR, np.linspace(0, float(chain.duration), 5001)[:-1])) / LIMITS["axes"]
+    sequence = qt.within_torque(qt.SlewSequence(attitudes, LAWS["quintic"]), TENSOR, LIMITS["axes"])
+    used = np.abs(torques(sequence, TENSOR, np.linspace(0, float(sequence.duration), 5001)[:-1])) / LIMITS["axes"]
     assert 0.999 < used.max() <= 1 + 1e-11
-    peak = qt.peak_torque(chain, TENSOR)
+    peak = qt.peak_torque(sequence, TENSOR)
     assert (np.array(peak.axes) / LIMITS["axes"]).max() == pytest.approx(1.0, rel=1e-9)
 
 
-def test_a_turn_that_keeps_the_limit_stays_as_it_is():
-    turn = qt.EulerTurn(START, END, LAWS["quintic"])
-    assert qt.within_torque(turn, TENSOR, 100.0) is turn
+def test_a_slew_that_satisfies_the_limit_is_unchanged():
+    slew = qt.EulerTurn(START, END, LAWS["quintic"])
+    assert qt.within_torque(slew, TENSOR, 100.0) is slew
     still = qt.EulerTurn(START, START, LAWS["time-optimal"])
     assert qt.peak_torque(still, TENSOR).norm == 0.0
     assert qt.within_torque(still, TENSOR, 1e-3) is still
 
 
 def test_about_a_principal_axis_the_torque_is_along_it():
-    turn = qt.EulerTurn([1, 0, 0, 0], qt.rotation.from_rotation_vector(np.array([0, 0, 1.0])), LAWS["time-optimal"])
-    limited = qt.within_torque(turn, [10.0, 14.0, 20.0], [1e-9, 1e-9, 2.0])
+    slew = qt.EulerTurn([1, 0, 0, 0], qt.rotation.from_rotation_vector(np.array([0, 0, 1.0])), LAWS["time-optimal"])
+    limited = qt.within_torque(slew, [10.0, 14.0, 20.0], [1e-9, 1e-9, 2.0])
     assert float(limited.law.max_acceleration) == pytest.approx(0.1)
     assert float(limited.duration) == pytest.approx(2 * (1.0 / 0.1) ** 0.5)
 
 
 @pytest.mark.parametrize(
-    ("law", "inertia", "limit", "words"),
+    ("law", "inertia", "limit", "message"),
     [
-        (qt.Quintic(duration=1.0), TENSOR, 2.0, "times the torque that max_torque .* no freedom to slow it down"),
-        (qt.TimeOptimal(1.0, 0.5, end_rate=0.1), TENSOR, 2.0, "end rates leave no freedom"),
-        (LAWS["quintic"], TENSOR, [1.0, 0.0, 1.0], "must be a positive number or three of them"),
+        (qt.Quintic(duration=1.0), TENSOR, 2.0, "times the torque that max_torque .* cannot be slowed down"),
+        (qt.TimeOptimal(1.0, 0.5, end_rate=0.1), TENSOR, 2.0, "a fixed duration or end rates"),
+        (LAWS["quintic"], TENSOR, [1.0, 0.0, 1.0], "must be a positive number, or three of them"),
         (LAWS["quintic"], -1.0, 2.0, "positive principal moments"),
     ],
 )
-def test_what_cannot_be_kept_is_explained(law, inertia, limit, words):
-    with pytest.raises(ValueError, match=words):
+def test_impossible_limits_are_refused(law, inertia, limit, message):
+    with pytest.raises(ValueError, match=message):
         qt.within_torque(qt.EulerTurn(START, END, law), inertia, limit)
 
 
-def test_other_programs_have_no_such_torque():
+def test_other_programs_are_refused():
     with pytest.raises(ValueError, match="an EulerTurn or a SlewSequence was expected"):
         qt.peak_torque(qt.FrameProgram(qt.SpiralHelix([10.0], [0.0, 0.4], [0.0], 5.0)), 1.0)

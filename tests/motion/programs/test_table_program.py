@@ -1,4 +1,4 @@
-"""The rotation spline: SciPy's RotationSpline, run to convergence, is the oracle."""
+"""The rotation spline, compared with SciPy's RotationSpline run to convergence."""
 
 import math
 
@@ -18,7 +18,7 @@ SPLINE = 1e-11  # agreement of values, rates and accelerations of size 1 to 10 o
 
 @pytest.fixture
 def converged(monkeypatch):
-    """SciPy stops at 1e-9 or after ten iterations: let it go on."""
+    """SciPy stops at 1e-9 or after ten iterations: let it converge."""
     monkeypatch.setattr(RotationSpline, "TOL", 1e-15)
     monkeypatch.setattr(RotationSpline, "MAX_ITER", 300)
 
@@ -35,7 +35,7 @@ def table(count, step, seed=6):
     return times, rotations, sizes[:, None] * rotations.as_quat(scalar_first=True)
 
 
-def test_a_missing_sample_is_named_and_the_table_is_not_printed():
+def test_a_missing_sample_is_named_without_printing_the_table():
     times, _, quaternions = table(500, 0.1)
     quaternions[[17, 40], 2] = math.nan
     with pytest.raises(ValueError, match=r"sample 17 \(of 0 to 499\) is \[.*nan.*\], the first of 2 that") as error:
@@ -47,7 +47,7 @@ def test_a_missing_sample_is_named_and_the_table_is_not_printed():
 
 @jax.jit
 def evaluated(program, times):
-    """Attitudes, and how far 2λ̇ = λ∘ω and ω̇ = ε are from true."""
+    """Attitudes, and the residuals of 2λ̇ = λ∘ω and ω̇ = ε."""
 
     def one(t):
         at, along = jax.jvp(program, (t,), (jnp.ones_like(t),))
@@ -62,21 +62,21 @@ def test_agrees_with_scipy(count, step, converged):
     program = TableProgram(times + 7.5, quaternions)  # time is counted from the first
     np.testing.assert_allclose(program.duration, times[-1], rtol=1e-15)
     t = np.concatenate([times, np.linspace(0, times[-1], 313 - count)])
-    at, quaternion_gap, rate_gap = evaluated(program, t)
+    at, quaternion_residual, rate_residual = evaluated(program, t)
     expected = RotationSpline(times, rotations)
     gap = Rotation.from_quat(at.quaternion, scalar_first=True).inv() * expected(t)
     assert gap.magnitude().max() < SPLINE
     np.testing.assert_allclose(at.rate, expected(t, 1), atol=SPLINE)
     np.testing.assert_allclose(at.acceleration[:-1], expected(t, 2)[:-1], atol=10 * SPLINE)
-    np.testing.assert_allclose(quaternion_gap, 0, atol=1e-14)
-    np.testing.assert_allclose(rate_gap, 0, atol=1e-13)
+    np.testing.assert_allclose(quaternion_residual, 0, atol=1e-14)
+    np.testing.assert_allclose(rate_residual, 0, atol=1e-13)
     np.testing.assert_allclose(np.linalg.norm(at.quaternion, axis=1), 1, atol=1e-14)
     assert np.sum(at.quaternion[count:-1] * at.quaternion[count + 1 :], axis=1).min() > 0.99
     first = quaternions[0] / np.linalg.norm(quaternions[0])
     np.testing.assert_allclose(at.quaternion[0], first, atol=1e-15)
 
 
-def test_acceleration_is_continuous_far_beyond_small_steps():
+def test_the_acceleration_is_continuous_for_large_steps():
     times, _, quaternions = table(12, 1.3, seed=2)
     program = TableProgram(times, quaternions)
     before, after = (evaluated(program, times[1:-1] + side)[0] for side in (-1e-9, 1e-9))
@@ -85,11 +85,11 @@ def test_acceleration_is_continuous_far_beyond_small_steps():
     assert np.abs(after.acceleration).max() > 1
 
 
-def test_a_steady_turn_is_reproduced():
+def test_a_constant_rate_is_reproduced():
     times = np.linspace(0.0, 2.0, 12) ** 2
     rate = np.array([0.3, -1.0, 0.4])
     program = TableProgram(times, Rotation.from_rotvec(times[:, None] * rate).as_quat(scalar_first=True))
-    at, _, _ = evaluated(program, np.linspace(-1, 5, 313))  # the end pieces go on
+    at, _, _ = evaluated(program, np.linspace(-1, 5, 313))  # the end pieces are extrapolated
     np.testing.assert_allclose(at.rate, np.tile(rate, (313, 1)), atol=1e-13)
     np.testing.assert_allclose(at.acceleration, 0, atol=1e-11)  # the first intervals are short
     still = TableProgram([0, 1, 2], [[2, 0, 0, 0]] * 3)(0.4)
@@ -115,20 +115,20 @@ def test_gradients_with_respect_to_the_table():
 
 
 def test_first_and_second_derivatives_of_the_rates_are_exact():
-    turns, change = np.random.default_rng(4).normal(size=(2, 2, 3)) * 0.6
+    rotations, change = np.random.default_rng(4).normal(size=(2, 2, 3)) * 0.6
     widths = np.array([0.5, 0.8])
 
     def f(s):
-        return rotation_spline.knot_rates(turns + s * change, widths * (1 + 0.2 * s))[0]
+        return rotation_spline.knot_rates(rotations + s * change, widths * (1 + 0.2 * s))[0]
 
     def first(s):
         return jax.jvp(f, (s,), (1.0,))[1]
 
     h = 1e-4
     below, value, above = jax.jit(jax.vmap(f))(np.array([-h, 0.0, h]))
-    slope, bend = jax.jit(lambda s: jax.jvp(first, (s,), (1.0,)))(0.0)
+    slope, second = jax.jit(lambda s: jax.jvp(first, (s,), (1.0,)))(0.0)
     np.testing.assert_allclose(slope, (above - below) / (2 * h), rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(bend, (above - 2 * value + below) / h**2, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(second, (above - 2 * value + below) / h**2, rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
@@ -149,7 +149,7 @@ def test_single_precision():
     np.testing.assert_allclose(at.acceleration, same.acceleration, rtol=1e-4, atol=1e-3)
 
 
-def test_precisions_mix():
+def test_precisions_can_be_mixed():
     times, _, quaternions = table(5, 0.6)
     single = TableProgram(times, quaternions.astype(np.float32))
     again = TableProgram(times.astype(np.float32), quaternions.astype(np.float32), np.asarray(single.rates))
@@ -175,6 +175,6 @@ def test_bad_input_is_refused(times, quaternions, message):
         TableProgram(times, quaternions)
 
 
-def test_given_rates_must_fit():
+def test_user_rates_must_fit():
     with pytest.raises(ValueError, match="one row for each attitude"):
         TableProgram([0.0, 1.0], [[1.0, 0, 0, 0]] * 2, rates=[[0.0, 0, 0]])

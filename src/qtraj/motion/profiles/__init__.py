@@ -1,1 +1,1 @@
-"""Laws of turning about a fixed axis: Φ(t) from limits or from a duration."""
+"""Motion profiles Φ(t) of slews about a fixed axis, from limits or from a duration."""

@@ -1,7 +1,8 @@
-"""Turn profiles: the angle Φ(t) of a turn about a fixed axis, and the laws that make one from limits or a duration.
+"""Motion profiles: the angle Φ(t) of a slew about a fixed axis, from limits or from a duration.
 
-A profile is a chain of polynomial pieces, each in its own u = (t − start)/width ∈ [0, 1], so that no power of a time
-can overflow or vanish. At a switch the later piece counts. Before its start a turn waits, after its duration it holds.
+An `AbstractProfile`, such as `TimeOptimal`, makes the `Profile` of any angle. A `Profile` is a sequence of polynomial
+pieces, each in its own u = (t − start)/width ∈ [0, 1], so that no power of a time overflows or underflows. At a switch
+the later piece counts. The angle is constant before the start and after the duration.
 """
 
 import abc
@@ -20,19 +21,19 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Flag, Scalar, ScalarLike
 
 TOLERANCE = 16
-"""A fixed duration may be this many machine epsilons (relatively) under the minimal one: that is round-off."""
-EQUAL = 1e-9
-"""Relative: peaks nearer to each other than this are one, and the first of them counts."""
+"""Relative round-off, in machine epsilons, by which a fixed duration may be below the minimum."""
+PEAK_TOLERANCE = 1e-9
+"""Relative difference below which two peaks count as equal; the first of them is reported."""
 
 
 @storable
 class Profile(eqx.Module):
-    """The angle of a turn and its derivatives on [0, duration].
+    """The angle of a slew and its derivatives on [0, duration].
 
-    `total` [rad] is reached at `duration` [s]. Piece k runs from `starts[k]` for `widths[k]` seconds and has ascending
-    coefficients `pieces[k]` in its own u: of angle/total where the profile is `proportional` (it rests at both ends),
-    of the angle otherwise. `end_rate` [rad/s] is the rate at `duration` itself. `feasible` is false only inside a
-    trace, where nothing can be raised: the asked duration was impossible, and the nearest possible one was taken.
+    `total` [rad] is reached at `duration` [s]. Piece k starts at `starts[k]`, lasts `widths[k]` seconds and has the
+    ascending coefficients `pieces[k]` in its own u: of angle/total where the profile is `proportional` (at rest at both
+    ends), of the angle otherwise. `end_rate` [rad/s] is the rate at `duration` itself. `feasible` is false only inside
+    a trace, where no error can be raised: the fixed duration is not possible, and the minimum replaces it.
     """
 
     total: Scalar = eqx.field(converter=as_float)
@@ -46,7 +47,7 @@ class Profile(eqx.Module):
 
     @property
     def switches(self) -> Float[Array, " n"]:
-        """The instants at which a piece ends [s], the last at the duration: `jumps` for an integration."""
+        """The instants at which a piece ends [s], the last at the duration; pass them as `jumps` to an integration."""
         return jnp.concatenate([self.starts[1:], self.duration[None]])
 
     def angle(self, t: ScalarLike) -> Scalar:
@@ -62,7 +63,7 @@ class Profile(eqx.Module):
         return self.derivatives(t, 2)[2]
 
     def jerk(self, t: ScalarLike) -> Scalar:
-        """The third derivative of Φ [rad/s³] between the switches; impulses at a jump of Φ̈ do not show."""
+        """The third derivative of Φ [rad/s³] between the switches, without the impulses at a jump of Φ̈."""
         return self.derivatives(t, 3)[3]
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, " {order}+1"]:
@@ -70,32 +71,36 @@ class Profile(eqx.Module):
         return (self.total if self.proportional else 1.0) * self.shape(t, order)
 
     def shape(self, t: ScalarLike, order: int) -> Float[Array, " {order}+1"]:
-        """`derivatives` over `total` where `proportional`, without a division; the same otherwise.
+        """`derivatives` divided by `total` where `proportional`, otherwise `derivatives`.
 
-        It is regular at total = 0, so a vector of length `total` times this is smooth in that vector.
+        No division is made, so the shape is regular at total = 0: a vector of length `total` times the shape is smooth
+        in that vector.
         """
         return _shape(self, one_instant(t).astype(self.duration.dtype), order)
 
     def peak(self, order: int) -> tuple[float, float]:
-        """The first instant [s] at which the magnitude of derivative `order` of Φ is largest, and that magnitude.
+        """The first instant [s] of the maximum of |d^order Φ/dt^order|, and that maximum.
 
-        Exactly, from the roots of the pieces' derivatives: each piece counts with its own ends, so at a switch both
-        sides do. (0, 0) for a turn that takes no time.
+        Exact, from the roots of the pieces' derivatives. Each piece includes its own ends, so both sides of a switch
+        count. (0, 0) for a slew without duration.
 
-        **Raises:** ValueError within a trace, where the profile is not known.
+        **Raises:** ValueError inside a trace, where the profile is not known.
         """
         fields = (self.starts, self.widths, self.pieces)
         if any(concrete(x) is None for x in (*fields, self.total)):
-            raise ValueError("the peak of a profile asks for its numbers: call it outside of jax.jit, grad and vmap")
+            raise ValueError("Profile.peak needs known values. Call it outside of jax.jit, grad and vmap.")
         total = float(self.total) if self.proportional else 1.0
-        when, best = 0.0, 0.0
+        time, peak = 0.0, 0.0
         for start, width, coefficients in zip(*map(np.asarray, fields), strict=True):
-            for u, slope in _extremes(coefficients, order) if width > 0 else ():
-                with np.errstate(all="ignore"):  # of a width near 0 the derivatives are infinite
-                    value = abs(float(total * slope / width**order))
-                if value > best * (1 + EQUAL):
-                    when, best = float(start + u * width), value
-        return when, best
+            if not width > 0:
+                continue
+            curve = Polynomial(coefficients.astype(float)).deriv(order)
+            for u in stationary_points(curve):
+                with np.errstate(all="ignore"):  # the derivatives overflow for a width near 0
+                    value = abs(float(total * np.float64(curve(u)) / width**order))
+                if value > peak * (1 + PEAK_TOLERANCE):
+                    time, peak = float(start + u * width), value
+        return time, peak
 
 
 @eqx.filter_jit
@@ -103,40 +108,38 @@ def _shape(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"
     after = t >= profile.duration
     outside = after | (t < 0)
     time = jnp.where(outside, 0.0, t)
-    # A piece without width ends where it starts, whatever the round-off of the next start says.
+    # A piece of zero width ends where it starts, also where round-off moves the next start.
     ends = jnp.where(profile.widths[:-1] > 0, profile.starts[1:], profile.starts[:-1])
     piece = jnp.sum(time >= ends)
     start, width, coefficients = profile.starts[piece], profile.widths[piece], profile.pieces[piece]
     width = jnp.where(width > 0, width, 1.0)
     scales = [math.factorial(k) / width**k for k in range(order + 1)]
     inside = polynomial.taylor(coefficients, (time - start) / width, order) * jnp.stack(scales)
-    return jnp.where(outside, jnp.where(after, _held(profile, t, order), 0.0), inside)
+    return jnp.where(outside, jnp.where(after, _final(profile, t, order), 0.0), inside)
 
 
-def _held(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"]:
+def _final(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"]:
     """The shape from the duration on."""
     zero = jnp.zeros_like(t)
-    held = [jnp.ones_like(t) if profile.proportional else profile.total]
+    final = [jnp.ones_like(t) if profile.proportional else profile.total]
     if order > 0:
-        held.append(jnp.where(t == profile.duration, zero if profile.proportional else profile.end_rate, 0.0))
-    return jnp.stack(held + [zero] * (order - 1))
+        final.append(jnp.where(t == profile.duration, zero if profile.proportional else profile.end_rate, 0.0))
+    return jnp.stack(final + [zero] * (order - 1))
 
 
-def _extremes(coefficients: np.ndarray, order: int) -> list[tuple[float, np.float64]]:
-    """The k-th u-derivative of one piece at u = 0 and 1 and wherever it is stationary in between, with that u."""
-    curve = Polynomial(coefficients.astype(float)).deriv(order)
+def stationary_points(curve: Polynomial) -> list[float]:
+    """0, 1 and the stationary points of a polynomial in between, ascending."""
     slope = curve.deriv()
-    # Coefficients that no value on [0, 1] shows would make the other roots inexact.
+    # Leading coefficients below round-off would make the other roots inexact.
     slope = slope.trim(float(np.finfo(float).eps * np.abs(slope.coef).max()))
-    # Of a complex pair the real part is taken as well: one point more does no harm, a double root that is lost may.
-    inner = [float(u) for u in np.sort(slope.roots().real) if 0 < u < 1]
-    return [(u, np.float64(curve(u))) for u in (0.0, *inner, 1.0)]
+    # Round-off may split a double root into a complex pair: the real part of complex roots counts too.
+    return [0.0, *(float(u) for u in np.sort(slope.roots().real) if 0 < u < 1), 1.0]
 
 
 class AbstractProfile(eqx.Module):
-    """How a turn proceeds in time: what makes the profile for any angle, the shortest or one of a fixed `duration` [s].
+    """A motion profile: it makes the `Profile` of any angle, the shortest one or one of a fixed `duration` [s].
 
-    `name` is what messages call it.
+    `name` is used in messages.
     """
 
     duration: eqx.AbstractVar[Scalar | None]
@@ -144,49 +147,49 @@ class AbstractProfile(eqx.Module):
 
     @abc.abstractmethod
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
-        """The profile of a turn by `total` [rad], of either sign, and the least duration [s] within the limits."""
+        """The profile of a slew by `total` [rad], of either sign, and the minimum duration [s] within the limits."""
 
     def profile(self, angle: ArrayInput) -> Profile:
-        """The profile of a turn by `angle` [rad], of either sign.
+        """The profile of a slew by `angle` [rad], of either sign.
 
-        **Raises:** ValueError for an angle that is not finite, and for a fixed duration in which the angle cannot be
-        turned within the limits; inside a trace the profile's `feasible` tells.
+        **Raises:** ValueError for an angle that is not finite, and for a fixed duration that is too short for the angle
+        within the limits. Inside a trace, `feasible` of the profile is false instead.
         """
-        profile, minimal = _timed(self, known_angle(angle))
-        require_feasible(self, profile, minimal)
+        profile, minimum = _timed(self, _scalar_angle(angle))
+        _require_feasible(self, profile, minimum)
         return profile
 
 
 @eqx.filter_jit
-def _timed(law: AbstractProfile, total: Scalar) -> tuple[Profile, Scalar]:
-    return law.timed(total)
+def _timed(motion_profile: AbstractProfile, total: Scalar) -> tuple[Profile, Scalar]:
+    return motion_profile.timed(total)
 
 
-def size_of(total: Scalar) -> Scalar:
-    """|total|, but never so small that a quotient of limits by it overflows; at and near 0 its gradient is 0."""
-    return jnp.where(is_turn(total), jnp.abs(total), _smallest(total))
+def nonzero_size(total: Scalar) -> Scalar:
+    """|total|, bounded from below so that limits divided by it do not overflow; its gradient is 0 at the bound."""
+    return jnp.where(is_nonzero(total), jnp.abs(total), _min_angle(total))
 
 
-def is_turn(total: Scalar) -> Flag:
-    """Whether the angle is large enough to need any time."""
-    return jnp.abs(total) > _smallest(total)
+def is_nonzero(total: Scalar) -> Flag:
+    """Whether the angle is large enough that the slew takes time."""
+    return jnp.abs(total) > _min_angle(total)
 
 
-def _smallest(total: Scalar) -> float:
+def _min_angle(total: Scalar) -> float:
     return float(jnp.finfo(total.dtype).eps) ** 2
 
 
-def known_angle(angle: ArrayInput) -> Scalar:
-    """The angle of a turn as a finite scalar [rad] (ValueError otherwise)."""
+def _scalar_angle(angle: ArrayInput) -> Scalar:
+    """The angle of a slew as a finite scalar [rad] (ValueError otherwise)."""
     total = as_float(angle)
     if total.shape != ():
         raise ValueError(f"one angle [rad] was expected, but shape {total.shape} was given. Use jax.vmap for many.")
-    require_finite(total, "the angle of a turn")
+    require_finite(total, "the angle of a slew")
     return total
 
 
 def limit(value: ArrayInput | None) -> Scalar | None:
-    """A limit or duration as a floating scalar; None and infinity are no limit."""
+    """A limit or duration as a floating scalar; None and infinity mean no limit."""
     if value is None:
         return None
     number = real_scalar(value, "a limit or duration")
@@ -197,39 +200,40 @@ def limit(value: ArrayInput | None) -> Scalar | None:
 UNITS = {"max_rate": "rad/s", "max_acceleration": "rad/s²", "max_jerk": "rad/s³", "duration": "s"}
 
 
-def given_limits(law: AbstractProfile) -> dict[str, Scalar]:
-    """The limits and the duration that a law has, by the names of its fields."""
-    found = {name: getattr(law, name, None) for name in UNITS}
-    return {name: value for name, value in found.items() if value is not None}
+def user_limits(motion_profile: AbstractProfile) -> dict[str, Scalar]:
+    """The limits and the duration of a motion profile that are not None, by field name."""
+    values = {name: getattr(motion_profile, name, None) for name in UNITS}
+    return {name: value for name, value in values.items() if value is not None}
 
 
-def require_limits(law: AbstractProfile) -> None:
-    """Raise a ValueError unless every limit of the law, and its duration, is a positive finite number."""
-    for name, value in given_limits(law).items():
+def require_limits(motion_profile: AbstractProfile) -> None:
+    """Raise a ValueError unless every limit, and the duration, is a positive finite number."""
+    for name, value in user_limits(motion_profile).items():
         require_positive(value, name, UNITS[name])
 
 
-def fixed_duration(asked: Scalar, minimal: Scalar) -> tuple[Scalar, Flag]:
-    """The duration to use, and whether it is the one asked for: within the limits it is no less than `minimal`."""
-    feasible = asked >= minimal * (1 - TOLERANCE * float(jnp.finfo(minimal.dtype).eps))
-    return jnp.where(feasible, asked, minimal), feasible
+def fixed_duration(duration: Scalar, minimum: Scalar) -> tuple[Scalar, Flag]:
+    """max(duration, minimum), and whether `duration` is feasible, which is so from `minimum` on."""
+    feasible = duration >= minimum * (1 - TOLERANCE * float(jnp.finfo(minimum.dtype).eps))
+    return jnp.where(feasible, duration, minimum), feasible
 
 
-def require_feasible(law: AbstractProfile, profile: Profile, minimal: Scalar) -> None:
-    """Raise a ValueError that names the minimal duration where a known profile is not the one that was asked for."""
-    known = concrete(profile.feasible)
-    if known is None or known or law.duration is None:
+def _require_feasible(motion_profile: AbstractProfile, profile: Profile, minimum: Scalar) -> None:
+    """Raise a ValueError that names the minimum duration where a fixed duration is known to be infeasible."""
+    feasible = concrete(profile.feasible)
+    if feasible is None or feasible or motion_profile.duration is None:
         return
-    limits = given_limits(law)
-    asked = float(limits.pop("duration"))
-    turn, given, least = f"{float(profile.total):.9g} rad", f"{asked:.9g} s", f"{float(minimal):.17g} s"
-    if asked < float(minimal):
+    limits = user_limits(motion_profile)
+    fixed = float(limits.pop("duration"))
+    angle, minimum_text = f"{float(profile.total):.9g} rad", f"{float(minimum):.17g} s"
+    if fixed < float(minimum):
         bounds = " and ".join(f"{name} = {float(value):.6g} {UNITS[name]}" for name, value in limits.items())
         raise ValueError(
-            f"a turn by {turn} under this {law.name} law needs at least {least}: in {given} it would break a limit "
-            f"({bounds}). Allow more time, or raise the limits."
+            f"a slew by {angle} with this {motion_profile.name} profile needs at least {minimum_text}, but the "
+            f"duration {fixed:.9g} s violates a limit ({bounds}). Allow more time, or raise the limits."
         )
     raise ValueError(
-        f"no turn by {turn} between these end rates takes just {given} within the limits: there is no time to wait "
-        f"(the least duration is {least}). Change the duration or the end rates."
+        f"no slew by {angle} between these end rates takes exactly {fixed:.9g} s within the limits, although the "
+        f"minimum is {minimum_text}: with end rates, not every longer duration is possible. Change the duration or the "
+        "end rates."
     )

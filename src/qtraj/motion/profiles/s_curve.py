@@ -1,4 +1,4 @@
-"""S-curve turns: the fastest from rest to rest under limits of rate, acceleration and jerk."""
+"""S-curve profiles: the fastest slews from rest to rest under limits on rate, acceleration and jerk."""
 
 import math
 from typing import ClassVar
@@ -13,24 +13,24 @@ from qtraj.motion.profiles.profile import (
     AbstractProfile,
     Profile,
     fixed_duration,
-    is_turn,
+    is_nonzero,
     limit,
+    nonzero_size,
     require_limits,
-    size_of,
 )
 
 JERKS = (1, 0, -1, 0, -1, 0, 1)
-"""The jerk of the seven pieces, over its limit."""
+"""The jerk of the seven pieces, divided by its limit."""
 
 
 @storable
 class SCurve(AbstractProfile):
-    """Seven pieces of constant jerk: the acceleration is a trapezoid, or a triangle where its limit is not reached.
+    """S-curve profile: seven pieces of constant jerk, with a trapezoidal or triangular acceleration.
 
-    `max_rate` [rad/s] may be None; `max_acceleration` [rad/s²]; `max_jerk` [rad/s³]. With a `duration` [s] the coast
-    is slower instead: jerk, and acceleration where the rate needs it, stay full.
+    `max_rate` [rad/s] or None; `max_acceleration` [rad/s²]; `max_jerk` [rad/s³]. A fixed `duration` [s] lowers the
+    coasting rate; the jerk, and the acceleration where it is reached, remain at their limits.
 
-    **Raises:** ValueError for values that are not positive; in `profile` for a duration that is too short.
+    **Raises:** ValueError for values that are not positive, and in `profile` for a duration that is too short.
     """
 
     max_rate: Scalar | None
@@ -53,48 +53,49 @@ class SCurve(AbstractProfile):
         require_limits(self)
 
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
+        """The profile of a slew by `total` [rad], and the minimum duration [s] within the limits."""
         return _timed(self, total)
 
 
-def _timed(law: SCurve, total: Scalar) -> tuple[Profile, Scalar]:
-    a, j = law.max_acceleration.astype(total.dtype), law.max_jerk.astype(total.dtype)
-    size = size_of(total)
+def _timed(motion_profile: SCurve, total: Scalar) -> tuple[Profile, Scalar]:
+    a, j = motion_profile.max_acceleration.astype(total.dtype), motion_profile.max_jerk.astype(total.dtype)
+    size = nonzero_size(total)
     rate, coasting = _peak_rate(size, a, j), jnp.asarray(False)
-    if law.max_rate is not None:
-        top = law.max_rate.astype(total.dtype)
-        coasting = rate > top
-        rate = jnp.where(coasting, top, rate)
+    if motion_profile.max_rate is not None:
+        max_rate = motion_profile.max_rate.astype(total.dtype)
+        coasting = rate > max_rate
+        rate = jnp.where(coasting, max_rate, rate)
     ramp, full = _ramp(rate, a, j)
     coast = jnp.where(coasting, size / rate - full, 0.0)
-    minimal = duration = jnp.where(is_turn(total), 2 * full + coast, 0.0)
+    minimum = duration = jnp.where(is_nonzero(total), 2 * full + coast, 0.0)
     feasible = jnp.asarray(True)
-    if law.duration is not None:
-        duration, feasible = fixed_duration(law.duration.astype(total.dtype), minimal)
+    if motion_profile.duration is not None:
+        duration, feasible = fixed_duration(motion_profile.duration.astype(total.dtype), minimum)
         ramp, full = _ramp(_rate_in_time(size, duration, a, j), a, j)
         coast = jnp.maximum(duration - 2 * full, 0.0)
     first_half = jnp.stack([ramp, full - 2 * ramp, ramp, coast])
-    return _chain(total, duration, first_half, j / size, feasible), minimal
+    return _chain(total, duration, first_half, j / size, feasible), minimum
 
 
 def _peak_rate(angle: Scalar, a: Scalar, j: Scalar) -> Scalar:
-    """The rate reached without a coast: v·Ta(v) = Φ."""
+    """The peak rate v without a coast, where v·Ta(v) = Φ."""
     long = angle >= 2 * a * (a / j) ** 2
     flat = 2 * angle / (a / j + jnp.sqrt((a / j) ** 2 + 4 * angle / a))
     return jnp.where(long, flat, (angle * (angle * (j / 4))) ** (1 / 3))
 
 
 def _ramp(rate: Scalar, a: Scalar, j: Scalar) -> tuple[Scalar, Scalar]:
-    """The times Tj of growing acceleration and Ta to the given rate."""
+    """Tj, the time of increasing acceleration, and Ta, the whole time to reach `rate` from rest."""
     pointed = rate < a * (a / j)
     corner = jnp.sqrt(jnp.where(pointed, rate / j, 1.0))
     return jnp.where(pointed, corner, a / j), jnp.where(pointed, 2 * corner, a / j + rate / a)
 
 
 def _rate_in_time(angle: Scalar, duration: Scalar, a: Scalar, j: Scalar) -> Scalar:
-    """The coast rate v with Φ/v + Ta(v) = T, the smaller of two.
+    """The coasting rate v with Φ/v + Ta(v) = T, the smaller of the two solutions.
 
-    Where the acceleration limit counts, a quadratic. Otherwise 2x³/√J − Tx² + Φ = 0 in x = √v, whose root is
-    (T√J/6)(1 − cos δ + √3 sin δ) with sin(3δ/2) = √(27Φ/(JT³)) (Viète).
+    Where the acceleration limit is reached, v solves a quadratic. Otherwise 2x³/√J − Tx² + Φ = 0 in x = √v, with the
+    root (T√J/6)(1 − cos δ + √3 sin δ) with sin(3δ/2) = √(27Φ/(JT³)) (Viète).
     """
     pointed = (angle <= 2 * a * (a / j) ** 2) | (duration >= angle * (j / a) / a + 2 * a / j)
     left = jnp.where(pointed, duration, duration - a / j)
@@ -108,17 +109,17 @@ def _rate_in_time(angle: Scalar, duration: Scalar, a: Scalar, j: Scalar) -> Scal
 
 
 def _chain(total: Scalar, duration: Scalar, ramp: Float[Array, "4"], jerk: Scalar, feasible: Flag) -> Profile:
-    """The seven pieces of a unit turn from their widths up to the middle and the jerk over the angle [1/s³]."""
+    """The seven pieces of a slew by a unit angle, from the widths of the first four and jerk/angle [1/s³]."""
     widths = jnp.concatenate([ramp, ramp[2::-1]])
     before = jnp.cumsum(ramp) - ramp
-    # Acceleration, rate and angle gained in each piece, and what has been gained before it.
-    bends = jerk * jnp.asarray(JERKS, jerk.dtype) * widths
-    accelerations = jnp.cumsum(bends) - bends
-    quickenings = (accelerations + bends / 2) * widths
-    rates = jnp.cumsum(quickenings) - quickenings
-    powers = jnp.stack([rates * widths, accelerations * widths**2 / 2, bends * widths**2 / 6], axis=1)
-    turned = jnp.sum(powers, axis=1)
-    angles = jnp.cumsum(turned) - turned
+    # Increments of acceleration, rate and angle in each piece, and their values at its start.
+    acceleration_steps = jerk * jnp.asarray(JERKS, jerk.dtype) * widths
+    accelerations = jnp.cumsum(acceleration_steps) - acceleration_steps
+    rate_steps = (accelerations + acceleration_steps / 2) * widths
+    rates = jnp.cumsum(rate_steps) - rate_steps
+    powers = jnp.stack([rates * widths, accelerations * widths**2 / 2, acceleration_steps * widths**2 / 6], axis=1)
+    angle_steps = jnp.sum(powers, axis=1)
+    angles = jnp.cumsum(angle_steps) - angle_steps
     return Profile(
         total=total,
         duration=duration,

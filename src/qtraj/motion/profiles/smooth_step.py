@@ -1,4 +1,4 @@
-"""Polynomial turns: one cubic, quintic or septic from rest to rest."""
+"""Polynomial profiles: one cubic, quintic or septic from rest to rest."""
 
 from typing import ClassVar
 
@@ -11,18 +11,18 @@ from qtraj.motion.profiles.profile import (
     AbstractProfile,
     Profile,
     fixed_duration,
-    given_limits,
-    is_turn,
+    is_nonzero,
     limit,
+    nonzero_size,
     require_limits,
-    size_of,
+    user_limits,
 )
 
 
 class AbstractSmoothStep(AbstractProfile):
-    """Φ(t) = Φ s(u), u = t/T, with one polynomial s from 0 to 1 on [0, 1], at rest at both ends.
+    """Φ(t) = Φ s(u), u = t/T, with one polynomial s that rises from 0 to 1 on [0, 1] and rests at both ends.
 
-    `coefficients` of s, ascending; `peaks`, the largest |ds/du|, |d²s/du²| and |d³s/du³|.
+    `coefficients`: of s, ascending. `peaks`: the maxima of |ds/du|, |d²s/du²| and |d³s/du³|.
     """
 
     max_rate: eqx.AbstractVar[Scalar | None]
@@ -32,17 +32,18 @@ class AbstractSmoothStep(AbstractProfile):
     peaks: ClassVar[tuple[float, float, float]]
 
     def __check_init__(self):
-        if not given_limits(self):
+        if not user_limits(self):
             raise ValueError(
-                f"a {self.name} turn needs a duration [s] or a limit: max_rate, max_acceleration or max_jerk"
+                f"a {self.name} profile needs a duration [s] or a limit: max_rate, max_acceleration or max_jerk"
             )
         require_limits(self)
 
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
-        minimal = duration = self._shortest(total)
+        """The profile of a slew by `total` [rad], and the minimum duration [s] within the limits."""
+        minimum = duration = self._shortest(total)
         feasible = jnp.asarray(True)
         if self.duration is not None:
-            duration, feasible = fixed_duration(self.duration.astype(total.dtype), minimal)
+            duration, feasible = fixed_duration(self.duration.astype(total.dtype), minimum)
         profile = Profile(
             total=total,
             duration=duration,
@@ -52,11 +53,11 @@ class AbstractSmoothStep(AbstractProfile):
             end_rate=jnp.zeros_like(total),
             feasible=feasible,
         )
-        return profile, minimal
+        return profile, minimum
 
     def _shortest(self, total: Scalar) -> Scalar:
-        """T = max(c1 Φ/V, √(c2 Φ/A), (c3 Φ/J)^⅓) over the limits that are given; 0 without any."""
-        size = size_of(total)
+        """T = max(c1 Φ/V, √(c2 Φ/A), (c3 Φ/J)^⅓) over the limits that are not None; 0 without limits."""
+        size = nonzero_size(total)
         limits = (self.max_rate, self.max_acceleration, self.max_jerk)
         times = [
             (peak * size / bound.astype(total.dtype)) ** (1 / order)
@@ -64,18 +65,18 @@ class AbstractSmoothStep(AbstractProfile):
             if bound is not None
         ]
         longest = jnp.max(jnp.stack(times)) if times else jnp.zeros_like(total)
-        return jnp.where(is_turn(total), longest, 0.0)
+        return jnp.where(is_nonzero(total), longest, 0.0)
 
 
 @storable
 class Cubic(AbstractSmoothStep):
-    """Φ(t) = Φ(3u² − 2u³), u = t/T: at rest at both ends, where its acceleration jumps.
+    """Φ(t) = Φ(3u² − 2u³), u = t/T: at rest at both ends, where the acceleration jumps.
 
-    In the given `duration` [s], or the shortest that keeps `max_rate` [rad/s], `max_acceleration` [rad/s²] and
-    `max_jerk` [rad/s³]; with both, the limits are checked. The jerk limit holds between the two jumps.
+    `duration` [s] fixes T. Without it, T is the shortest that satisfies `max_rate` [rad/s], `max_acceleration` [rad/s²]
+    and `max_jerk` [rad/s³]. With both, the limits are checked. The jerk limit applies between the two jumps.
 
-    **Raises:** ValueError for values that are not positive, or where nothing is given; in `profile` for a duration
-    in which a limit would break.
+    **Raises:** ValueError for values that are not positive, or without a duration and limits; in `profile` for a
+    duration that violates a limit.
     """
 
     duration: Scalar | None = eqx.field(converter=limit, default=None)

@@ -1,4 +1,4 @@
-"""Time-optimal turns: as fast as a rate and an acceleration limit allow (bang–bang, bang–coast–bang)."""
+"""Time-optimal profiles: the fastest slews under limits on rate and acceleration (bang–bang, bang–coast–bang)."""
 
 from typing import ClassVar
 
@@ -13,25 +13,25 @@ from qtraj.motion.profiles.profile import (
     AbstractProfile,
     Profile,
     fixed_duration,
-    is_turn,
+    is_nonzero,
     limit,
+    nonzero_size,
     require_limits,
-    size_of,
 )
 
 
 @storable
 class TimeOptimal(AbstractProfile):
-    """Full acceleration, a coast at `max_rate` where it is reached, full braking.
+    """Time-optimal profile: full acceleration, a coast at `max_rate` where it is reached, full deceleration.
 
-    `max_rate` [rad/s] may be None; `max_acceleration` [rad/s²]. From rest to rest unless `start_rate` and `end_rate`
-    [rad/s] along the turn's axis are given. With a `duration` [s] the coast is slower instead, and the acceleration
-    stays full. Optimal among turns about a fixed axis, and among all turns of a spherical body whose |ε| is limited;
-    limits on each axis alone can allow faster turns about a moving axis (Bilimoria and Wie 1993: 180° about a body
-    axis, unit inertia and torques, in 3.24308 s instead of 3.54491 s).
+    `max_rate` [rad/s] or None; `max_acceleration` [rad/s²]. `start_rate` and `end_rate` [rad/s], along the slew's axis,
+    are zero for None. A fixed `duration` [s] lowers the coasting rate; the acceleration remains at its limit. The
+    profile is optimal among slews about a fixed axis, and among all slews of a spherical body with a limit on |ε|. With
+    a limit on each body axis, slews about a moving axis can be faster (Bilimoria and Wie 1993: 180° about a body axis,
+    unit inertia and torques, in 3.24308 s instead of 3.54491 s).
 
     **Raises:** ValueError for limits or a duration that are not positive, or end rates beyond `max_rate`; in `profile`
-    for a duration that is too short, or in which the end rates cannot be met.
+    for a duration that is too short, or in which the end rates are not possible.
     """
 
     max_rate: Scalar | None
@@ -61,32 +61,33 @@ class TimeOptimal(AbstractProfile):
                 _require_within(rate, self.max_rate, name)
 
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
+        """The profile of a slew by `total` [rad], and the minimum duration [s] within the limits."""
         return _timed(self, total)
 
 
-def _timed(law: TimeOptimal, total: Scalar) -> tuple[Profile, Scalar]:
-    resting = law.start_rate is None and law.end_rate is None
+def _timed(motion_profile: TimeOptimal, total: Scalar) -> tuple[Profile, Scalar]:
+    resting = motion_profile.start_rate is None and motion_profile.end_rate is None
     task = _Task(
-        angle=size_of(total) if resting else total,
-        start=_value(law.start_rate, total),
-        end=_value(law.end_rate, total),
-        rate=None if law.max_rate is None else law.max_rate.astype(total.dtype),
-        acceleration=law.max_acceleration.astype(total.dtype),
+        angle=nonzero_size(total) if resting else total,
+        start=_value(motion_profile.start_rate, total),
+        end=_value(motion_profile.end_rate, total),
+        rate=None if motion_profile.max_rate is None else motion_profile.max_rate.astype(total.dtype),
+        acceleration=motion_profile.max_acceleration.astype(total.dtype),
     )
     coast = _fastest(task)
     if resting:
-        needed = is_turn(total)
-        coast = _Coast(coast.rate, jnp.where(needed, coast.width, 0.0), jnp.where(needed, coast.duration, 0.0))
-    minimal, feasible = coast.duration, jnp.asarray(True)
-    if law.duration is not None:
-        duration, possible = fixed_duration(law.duration.astype(total.dtype), minimal)
-        coast, reached = _in_time(task, duration)
-        feasible = possible & reached
-    return _chain(task, coast, total, feasible, resting), minimal
+        nonzero = is_nonzero(total)
+        coast = _Coast(coast.rate, jnp.where(nonzero, coast.width, 0.0), jnp.where(nonzero, coast.duration, 0.0))
+    minimum, feasible = coast.duration, jnp.asarray(True)
+    if motion_profile.duration is not None:
+        duration, long_enough = fixed_duration(motion_profile.duration.astype(total.dtype), minimum)
+        coast, exists = _in_time(task, duration)
+        feasible = long_enough & exists
+    return _chain(task, coast, total, feasible, resting), minimum
 
 
 class _Task(eqx.Module):
-    """What a turn must do: angle [rad], end rates [rad/s], limits."""
+    """The requirements of a slew: angle [rad], end rates [rad/s], limits."""
 
     angle: Scalar
     start: Scalar
@@ -96,7 +97,7 @@ class _Task(eqx.Module):
 
 
 class _Coast(eqx.Module):
-    """The rate [rad/s] and width [s] of the middle piece, and the whole duration [s]."""
+    """Rate [rad/s] and width [s] of the middle piece, and the duration of the slew [s]."""
 
     rate: Scalar
     width: Scalar
@@ -104,48 +105,51 @@ class _Coast(eqx.Module):
 
 
 def _fastest(task: _Task) -> _Coast:
-    """The least time: v_p = s√(sAΦ + (v0² + v1²)/2), or a coast at sV where |v_p| would exceed V."""
+    """The minimum time: peak rate v_p = s√(sAΦ + (v0² + v1²)/2), or a coast at sV where |v_p| would exceed V."""
     angle, v0, v1, acceleration = task.angle, task.start, task.end, task.acceleration
     sense = jnp.where(angle < (v0 + v1) * jnp.abs(v1 - v0) / (2 * acceleration), -1.0, 1.0).astype(angle.dtype)
     peak = sense * _root(sense * acceleration * angle + (v0**2 + v1**2) / 2)
     width = jnp.zeros_like(angle)
     if task.rate is not None:
         clipped = jnp.abs(peak) > task.rate
-        top = jnp.where(clipped, task.rate, 1.0)
-        left = angle - sense * (2 * top**2 - v0**2 - v1**2) / (2 * acceleration)
-        width = jnp.where(clipped, left / (sense * top), width)
-        peak = jnp.where(clipped, sense * top, peak)
+        max_rate = jnp.where(clipped, task.rate, 1.0)
+        coasted = angle - sense * (2 * max_rate**2 - v0**2 - v1**2) / (2 * acceleration)
+        width = jnp.where(clipped, coasted / (sense * max_rate), width)
+        peak = jnp.where(clipped, sense * max_rate, peak)
     ramps = sense * (2 * peak - v0 - v1) / acceleration
     return _Coast(peak, width, ramps + width)
 
 
 def _in_time(task: _Task, duration: Scalar) -> tuple[_Coast, Flag]:
-    """The coast that fills a given duration T, and whether there is one within the limits.
+    """The coast of a slew of the duration T, and whether it exists within the limits.
 
-    With m the mean and Δ the difference of the end rates, and v = m + y: for |y| ≤ |Δ|/2 the angle is linear in y,
-    beyond it y² − AT|y| + Δ²/4 + A|Φ − mT| = 0. At rest this is v = ½(AT − √(A²T² − 4AΦ)), without its cancellation.
+    Let m be the mean and Δ the difference of the end rates, and v = m + y. For |y| ≤ |Δ|/2 the angle is linear in y,
+    otherwise y² − AT|y| + Δ²/4 + A|Φ − mT| = 0. From rest to rest this is v = ½(AT − √(A²T² − 4AΦ)), evaluated without
+    cancellation.
     """
     v0, v1, a = task.start, task.end, task.acceleration
     mean, change = (v0 + v1) / 2, jnp.abs(v1 - v0)
-    excess = task.angle - mean * duration
-    room = duration - change / a
-    between = (jnp.abs(excess) <= change / 2 * room) & (room > 0)
-    linear = excess / jnp.where(between, room, 1.0)
-    square = (a * duration) ** 2 - change**2 - 4 * a * jnp.abs(excess)
-    outer = 2 * (a * jnp.abs(excess) + change**2 / 4) / (a * duration + _root(square))
-    rate = mean + jnp.where(between, linear, jnp.where(excess < 0, -outer, outer))
+    offset = task.angle - mean * duration
+    spare_time = duration - change / a
+    between = (jnp.abs(offset) <= change / 2 * spare_time) & (spare_time > 0)
+    linear = offset / jnp.where(between, spare_time, 1.0)
+    square = (a * duration) ** 2 - change**2 - 4 * a * jnp.abs(offset)
+    outer = 2 * (a * jnp.abs(offset) + change**2 / 4) / (a * duration + _root(square))
+    rate = mean + jnp.where(between, linear, jnp.where(offset < 0, -outer, outer))
     width = jnp.maximum(duration - (jnp.abs(rate - v0) + jnp.abs(rate - v1)) / a, 0.0)
     slack = 4 * TOLERANCE * float(jnp.finfo(duration.dtype).eps)
-    reached = (square >= -slack * (a * duration) ** 2) & (room >= -slack * duration)
+    exists = (square >= -slack * (a * duration) ** 2) & (spare_time >= -slack * duration)
     if task.rate is not None:
-        reached &= jnp.abs(rate) <= task.rate * (1 + slack**0.5)  # v is a root: half the digits at T minimal
-        # The minimal time ends on the limit itself: its round-off must not pass it.
+        exists &= jnp.abs(rate) <= task.rate * (
+            1 + slack**0.5
+        )  # at the minimum T, v is a double root with half the digits
+        # At the minimum T, v is the limit itself; round-off must not exceed it.
         rate = jnp.clip(rate, -task.rate, task.rate)
-    return _Coast(rate, width, duration), reached
+    return _Coast(rate, width, duration), exists
 
 
 def _chain(task: _Task, coast: _Coast, total: Scalar, feasible: Flag, resting: bool) -> Profile:
-    """The three pieces v0 → v, v, v → v1; scaled to a unit angle where the turn rests at both ends."""
+    """The three pieces v0 → v, v, v → v1, divided by the angle where the slew rests at both ends."""
     v0, v, v1 = task.start, coast.rate, task.end
     first, last = jnp.abs(v - v0) / task.acceleration, jnp.abs(v1 - v) / task.acceleration
     widths = jnp.stack([first, coast.width, last])
@@ -176,6 +180,6 @@ def _value(rate: Scalar | None, like: Scalar) -> Scalar:
 
 
 def _require_within(rate: Scalar, bound: Scalar | None, name: str) -> None:
-    value, top = concrete(rate), None if bound is None else concrete(bound)
-    if value is not None and top is not None and abs(value) > top:
-        raise ValueError(f"{name} is {float(value):.9g} rad/s, which is already beyond max_rate = {float(top):.9g}")
+    value, max_rate = concrete(rate), None if bound is None else concrete(bound)
+    if value is not None and max_rate is not None and abs(value) > max_rate:
+        raise ValueError(f"{name} is {float(value):.9g} rad/s, which exceeds max_rate = {float(max_rate):.9g} rad/s")

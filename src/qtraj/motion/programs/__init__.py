@@ -1,1 +1,1 @@
-"""Attitude programs: what the attitude shall be at each instant."""
+"""Attitude programs: the reference attitude as a function of time."""

@@ -1,4 +1,4 @@
-"""Turns about a fixed axis from one attitude to another (Euler's theorem; paper C, (3.1)–(3.15))."""
+"""Eigenaxis slews: rotations about a fixed axis between attitudes (Euler's theorem; paper C, (3.1)–(3.15))."""
 
 import equinox as eqx
 import jax
@@ -15,22 +15,24 @@ from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.checks import common_dtype, require_axes
 from qtraj.motion.profiles.profile import AbstractProfile, Profile
 
-UNRESOLVED = 8
-"""In machine epsilons [rad]: the quaternions of one attitude, normalised and multiplied, may differ by so much."""
+ROUND_OFF = 8
+"""Angle in machine epsilons [rad] below which two quaternions, normalised and multiplied, are the same attitude."""
 
 
 @storable
 class EulerTurn(AbstractProgram):
-    """The shorter turn from `start_q` to `end_q` (4,), λ⁰ = λ_0∘(cos Φ(t)/2 + e sin Φ(t)/2), under a law for Φ(t).
+    """Eigenaxis slew: the shorter rotation from `start_q` to `end_q` (4,), λ⁰ = λ_0∘(cos Φ(t)/2 + e sin Φ(t)/2).
 
-    Both quaternions may have any non-zero length; the program starts at λ_0 = start_q/|start_q|. With a = λ̄_0∘λ_*, it
-    ends at λ_* = end_q/|end_q| where a0 ≥ 0 and at −λ_* otherwise (`end` is the one); the same attitude. Value and
-    gradient are finite for equal attitudes (a constant program) and for half turns, where either sense is as short:
-    e is then along a_v. Rate and acceleration are Φ̇e and Φ̈e; `axis` gives e. Before its start and after its duration
-    the program is at rest.
+    `law` is the motion profile that determines Φ(t), such as `TimeOptimal` or `Quintic`. Both quaternions may have any
+    non-zero length. The program starts at λ_0 = start_q/|start_q|. With λ_* = end_q/|end_q| and a = λ̄_0∘λ_*, it ends at
+    λ_* where a0 ≥ 0 and otherwise at −λ_*, which is the same attitude; `end` is that quaternion. Rate and acceleration
+    are Φ̇e and Φ̈e; `axis` returns e. Before its start and after its duration the program is at rest.
 
-    **Raises:** ValueError for quaternions that are zero, not finite or of another shape, or a law that is none; and as
-    the law for the angle.
+    Value and gradient are finite for equal attitudes, which give a constant program. They are also finite for half
+    turns, where both senses of rotation are equally short and e is along a_v.
+
+    **Raises:** ValueError for quaternions that are zero, not finite or of another shape, for a `law` that is not a
+    motion profile, and where the profile of the angle is not possible.
     """
 
     start_q: Quat
@@ -41,18 +43,19 @@ class EulerTurn(AbstractProgram):
         start, end = (real_vector(q, name, 4) for q, name in ((start_q, "start_q"), (end_q, "end_q")))
         dtype = common_dtype(start, end)
         self.start_q, self.end_q, self.law = start.astype(dtype), end.astype(dtype), law
-        _require_law(law)
+        _require_profile(law)
         _require_attitudes(start[None], "start_q")
         _require_attitudes(end[None], "end_q")
         law.profile(self.angle)
 
     def __call__(self, t: ScalarLike) -> Attitude:
+        """The attitude at the time `t` [s]."""
         vector = self.rotation_vector
-        return _turned(quaternion.unit(self.start_q), vector, self.law.profile(norm(vector)), t)
+        return _slewed(quaternion.unit(self.start_q), vector, self.law.profile(norm(vector)), t)
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The duration of the turn [s]."""
+        """The duration of the slew [s]."""
         return self.profile.duration
 
     @property
@@ -62,26 +65,26 @@ class EulerTurn(AbstractProgram):
 
     @property
     def switches(self) -> Float[Array, " _"]:
-        """The instants at which a piece of the law ends [s], the last at the duration: `jumps` for an integration."""
+        """The ends of the pieces of the profile [s], the last at the duration; `jumps` for an integration."""
         return self.profile.switches
 
     @property
     def angle(self) -> Scalar:
-        """The whole angle Φ [rad], from 0 to π."""
+        """The angle of the slew [rad], from 0 to π."""
         return _length(self.start_q, self.end_q)
 
     @property
     def rotation_vector(self) -> Vec3:
-        """Φe [rad], body axes."""
-        return _shorter_turn(self.start_q, self.end_q)
+        """The rotation vector of the slew, angle times axis [rad], body axes."""
+        return _shorter_rotation(self.start_q, self.end_q)
 
     @property
     def end(self) -> Quat:
-        """The unit quaternion at which the program ends, ±end_q/|end_q|."""
+        """The unit quaternion at the end of the program, ±end_q/|end_q|."""
         return quaternion.product(quaternion.unit(self.start_q), rotation.from_rotation_vector(self.rotation_vector))
 
     def axis(self, axes: str = "body") -> Vec3:
-        """The unit vector e of the turn in body axes, or in inertial axes; body x for equal attitudes.
+        """The unit vector e of the slew, in body or inertial `axes`; body x for equal attitudes.
 
         **Raises:** ValueError for other axes.
         """
@@ -93,59 +96,62 @@ class EulerTurn(AbstractProgram):
 @formerly("TurnChain")
 @storable
 class SlewSequence(AbstractProgram):
-    """Euler turns through several attitudes (n, 4), n ≥ 2, at rest at each.
+    """Eigenaxis slews through several attitudes (n, 4), n ≥ 2, with a rest at each.
 
-    Each turn is the shorter one and follows `law`. The program starts at the first quaternion (normalised) and passes
-    the others with the sign nearest to the one before; `attitudes` is kept so. At an attitude the turn that leaves it
-    counts.
+    Each slew takes the shorter rotation and follows the motion profile `law`. The program starts at the first
+    quaternion, normalised. `attitudes` stores each of the others with the sign that is nearer to its predecessor. At
+    an attitude the slew that starts there counts.
 
-    **Raises:** ValueError for fewer than two attitudes, quaternions that are zero or not finite, a law that does not
-    rest at both ends, or a duration in which the law cannot turn the largest of the angles.
+    **Raises:** ValueError for fewer than two attitudes, for quaternions that are zero or not finite, for a profile that
+    does not rest at both ends, or for a fixed duration that is too short for the largest angle.
     """
 
     attitudes: Float[Array, "n 4"]
     law: AbstractProfile
 
     def __init__(self, attitudes: ArrayInput, law: AbstractProfile):
-        self.attitudes = rotation.continuous(attitude_table(attitudes, "a chain of turns"))
+        self.attitudes = rotation.continuous(attitude_table(attitudes, "a slew sequence"))
         self.law = law
-        _require_law(law)
+        _require_profile(law)
         if not law.profile(jnp.max(self.angles)).proportional:
-            raise ValueError("a chain of turns rests at each attitude: leave out start_rate and end_rate of the law")
+            raise ValueError(
+                "a slew sequence rests at each attitude. Leave out start_rate and end_rate of the profile."
+            )
 
     def __call__(self, t: ScalarLike) -> Attitude:
+        """The attitude at the time `t` [s]."""
         times = self.times
         t = one_instant(t).astype(times.dtype)
-        turn = jnp.sum(t >= times[1:-1])
-        start, vector = self.attitudes[turn], _shorter_turn(self.attitudes[turn], self.attitudes[turn + 1])
-        return _turned(quaternion.unit(start), vector, self.law.profile(norm(vector)), t - times[turn])
+        slew = jnp.sum(t >= times[1:-1])
+        start, vector = self.attitudes[slew], _shorter_rotation(self.attitudes[slew], self.attitudes[slew + 1])
+        return _slewed(quaternion.unit(start), vector, self.law.profile(norm(vector)), t - times[slew])
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The sum of the turns' durations [s]."""
+        """The sum of the slews' durations [s]."""
         return self.times[-1]
 
     @property
     def times(self) -> Float[Array, " n"]:
-        """The instants at which the program is at each of its attitudes [s]."""
+        """The instants at which the program reaches its attitudes [s], 0 first."""
         return _arrivals(self.law, self.angles)
 
     @property
     def switches(self) -> Float[Array, " _"]:
-        """The instants at which a piece of a turn ends [s], in order: `jumps` for an integration.
+        """The ends of the pieces of all profiles [s], ascending; `jumps` for an integration.
 
-        Some may be the same: where a piece, or a whole turn, takes no time.
+        Instants are repeated where a piece, or a whole slew, has no duration.
         """
         return _switches(self.law, self.angles)
 
     @property
     def angles(self) -> Float[Array, " _"]:
-        """The angle of each turn [rad], from 0 to π."""
+        """The angle of each slew [rad], from 0 to π."""
         return jax.vmap(_length)(self.attitudes[:-1], self.attitudes[1:])
 
 
 def attitude_table(values: ArrayInput, name: str) -> Float[Array, "n 4"]:
-    """Two or more quaternions (n, 4), none of them zero (ValueError otherwise)."""
+    """Two or more finite, non-zero quaternions (n, 4); ValueError otherwise."""
     table = as_float(values)
     if table.ndim != 2 or table.shape[0] < 2 or table.shape[1] != 4:
         raise ValueError(f"{name} needs at least two quaternions, shape (n, 4), but shape {table.shape} was given")
@@ -154,43 +160,45 @@ def attitude_table(values: ArrayInput, name: str) -> Float[Array, "n 4"]:
     return table
 
 
-def _require_law(law: AbstractProfile) -> None:
+def _require_profile(law: AbstractProfile) -> None:
     if not isinstance(law, AbstractProfile):
-        raise ValueError(f"a law such as TimeOptimal(max_rate, max_acceleration) was expected, but {law!r} was given")
+        raise ValueError(
+            f"a motion profile such as TimeOptimal(max_rate, max_acceleration) was expected, but {law!r} was given"
+        )
 
 
 def _require_attitudes(quaternions: Float[Array, "n 4"], name: str) -> None:
     known = concrete(quaternions)
     if known is not None and not known.any(axis=1).all():
         zero = int((~known.any(axis=1)).argmax())
-        raise ValueError(f"{name}: quaternion {zero} is zero, which is no attitude")
+        raise ValueError(f"{name}: quaternion {zero} is zero, which does not represent an attitude")
 
 
 @jax.jit
-def _shorter_turn(start: Quat, end: Quat) -> Vec3:
-    """Φe in body axes: smooth at Φ = 0; where a0 = 0, e is along a_v."""
+def _shorter_rotation(start: Quat, end: Quat) -> Vec3:
+    """The rotation vector in body axes: smooth for equal attitudes, and along a_v where a0 = 0."""
     a = quaternion.product(quaternion.conjugate(quaternion.unit(start)), quaternion.unit(end))
     vector = 2 * quaternion.log(jnp.where(a[0] < 0, -a, a))
-    # Equal attitudes: round-off is no turn, which would take time. The derivative stays that of a turn.
-    round_off = norm(vector) <= UNRESOLVED * float(jnp.finfo(vector.dtype).eps)
+    # Round-off between equal attitudes must not become a slew, which would take time. The derivative is kept.
+    round_off = norm(vector) <= ROUND_OFF * float(jnp.finfo(vector.dtype).eps)
     return vector - stop_gradient(jnp.where(round_off, vector, 0.0))
 
 
 @jax.jit
 def _length(start: Quat, end: Quat) -> Scalar:
-    return norm(_shorter_turn(start, end))
+    return norm(_shorter_rotation(start, end))
 
 
 @eqx.filter_jit
 def _arrivals(law: AbstractProfile, angles: Float[Array, " m"]) -> Float[Array, " m+1"]:
-    """When turns by these angles, one after the other, are over [s]; 0 first."""
+    """The end times of slews by these angles, one after the other [s]; 0 first."""
     durations = jax.vmap(lambda angle: law.profile(angle).duration)(angles)
     return jnp.concatenate([jnp.zeros_like(durations, shape=1), jnp.cumsum(durations)])
 
 
 @eqx.filter_jit
 def _switches(law: AbstractProfile, angles: Float[Array, " m"]) -> Float[Array, " _"]:
-    """When pieces of turns by these angles, one after the other, end [s]."""
+    """The end times of all pieces of slews by these angles, one after the other [s]."""
     within = jax.vmap(lambda angle: law.profile(angle).switches)(angles)
     return (_arrivals(law, angles)[:-1, None] + within).ravel()
 
@@ -200,8 +208,8 @@ def _direction(vector: Vec3) -> Vec3:
 
 
 @eqx.filter_jit
-def _turned(start: Quat, vector: Vec3, profile: Profile, t: ScalarLike) -> Attitude:
-    # A resting profile is a fraction of the whole turn, so that everything stays smooth in a vanishing vector.
+def _slewed(start: Quat, vector: Vec3, profile: Profile, t: ScalarLike) -> Attitude:
+    # A proportional shape is a fraction of the whole rotation: the attitude is smooth where the vector vanishes.
     along = vector if profile.proportional else _direction(vector)
     angle, rate, acceleration = profile.shape(t, 2)
     return Attitude(

@@ -1,4 +1,4 @@
-"""The attitude program of a path's frame: natural, upright, thrust-aligned, rotation-minimizing (paper S's λ⁰)."""
+"""Attitude programs of a path's frame: natural, upright, thrust-aligned or rotation-minimizing (paper S's λ⁰)."""
 
 import equinox as eqx
 import jax
@@ -17,28 +17,29 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, Natural, trihedral
 
 NODES = 513
-"""Instants, equally spaced, between which the sign of the quaternion is followed (and a rotation-minimizing frame)."""
+"""Number of equally spaced anchors, which fix the sign of the quaternion or the rotation-minimizing frame."""
 
 ROUNDING = 16
-"""Anchors that only tell a sign are rounded to this part of one, which makes stored programs short."""
+"""Anchors that only fix a sign are rounded to multiples of 1/16, which keeps stored programs small."""
 
 
 @storable
 class FrameProgram(AbstractProgram):
     """The frame of a path as a program: λ⁰ world-from-frame, ω⁰ and ε⁰ in closed form, in the frame's own axes.
 
-    The quaternion has scalar part ≥ 0 at t = 0 and is continuous in t, also as a function of one instant: its sign is
-    that of the nearest of the `anchors` (n, 4), quaternions at n equal steps from 0 to the duration, which are followed
-    once, when the program is made (and stored with it). A frame may turn by π between two anchors: 512π rad in all.
-    Where the frame itself is undefined (the natural one where the path is straight, the upright one along its up
-    direction, the thrust-aligned one in free fall, most where the path stops) there is no attitude: the natural frame
-    flips by π across an inflection.
+    The quaternion has scalar part ≥ 0 at t = 0 and is continuous in t, also when evaluated at a single instant. The
+    `anchors` (n, 4), quaternions at n equally spaced times on [0, duration], fix its sign; they are computed once, when
+    the program is made, and stored with it. A frame may rotate by less than π between two anchors, or 512π in total.
 
-    Make the program inside the function that is differentiated or vmapped over paths. Outside [0, duration] the path
-    goes on by its own rule, and so does the program.
+    The program has no attitude where the frame is not defined: the natural frame on a straight path, the upright frame
+    along its up direction, the thrust-aligned frame in free fall, and most frames where the path stops. The natural
+    frame flips by π at an inflection.
 
-    **Raises:** ValueError for a frame that is none, a rotation-minimizing frame whose `initial` does not fit the path,
-    or anchors of another shape.
+    Create the program inside the function that is differentiated or vmapped over paths. Outside [0, duration] path and
+    program are extrapolated.
+
+    **Raises:** ValueError for an object that is not a frame, for a rotation-minimizing frame whose `initial` does not
+    fit the path, or for anchors of another shape.
     """
 
     path: AbstractHodograph
@@ -59,7 +60,7 @@ class FrameProgram(AbstractProgram):
             rotation_minimizing.require_initial(path, self.frame.initial)
         self.anchors = _anchors(path, self.frame) if anchors is None else as_float(anchors)
         if self.anchors.ndim != 2 or self.anchors.shape[0] < 2 or self.anchors.shape[1] != 4:
-            raise ValueError(f"anchors must have shape (n, 4) with n ≥ 2, but {self.anchors.shape} was given")
+            raise ValueError(f"anchors must have shape (n, 4) with n ≥ 2, but shape {self.anchors.shape} was given")
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -67,16 +68,17 @@ class FrameProgram(AbstractProgram):
         return self.path.duration
 
     def __call__(self, t: ScalarLike) -> Attitude:
+        """The attitude at the time `t` [s]."""
         return _attitude(self, one_instant(t).astype(self.path.duration.dtype))
 
 
 @eqx.filter_jit
 def _attitude(program: FrameProgram, t: Scalar) -> Attitude:
     last = program.anchors.shape[0] - 1
-    place = stop_gradient(jnp.round(jnp.clip(t / program.duration, 0.0, 1.0) * last))
-    anchor = program.anchors[place.astype(int)]
+    index = stop_gradient(jnp.round(jnp.clip(t / program.duration, 0.0, 1.0) * last))
+    anchor = program.anchors[index.astype(int)]
     if isinstance(program.frame, RotationMinimizing):
-        return rotation_minimizing.attitude(program.path, t, program.duration * (place / last), anchor)
+        return rotation_minimizing.attitude(program.path, t, program.duration * (index / last), anchor)
     frame = trihedral(program.path, t, program.frame)
     q = frame.quaternion()
     return Attitude(jnp.where(q @ anchor < 0, -q, q), frame.rate, frame.acceleration)

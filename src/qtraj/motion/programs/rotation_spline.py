@@ -1,12 +1,12 @@
-"""The C² rotation spline: rotation vectors that are cubics between attitudes, with continuous angular acceleration.
+"""The C² rotation spline: cubic rotation vectors between attitudes, with continuous angular acceleration.
 
 Between two attitudes λ(t) = λ_i∘exp(θ(t)/2), θ a cubic with θ(0) = 0. Its rate is ω = M(θ)θ̇ in body axes with
 
     M = E − c₂[θ×] + c₃[θ×]²,   M⁻¹ = E + ½[θ×] + (c₃ − 2c₄)/(2c₂) [θ×]²,   c_m = Σ_k (−x)^k/(2k+m)!,  x = |θ|².
 
-The rates at the inner attitudes follow from equal accelerations on both sides, by Newton's method with a block
-tridiagonal matrix. The rates at the two ends are the mean rates of the first and last interval (as in SciPy's
-RotationSpline, whose spline this is).
+The rates at the inner attitudes make the accelerations equal on both sides; Newton's method with a block tridiagonal
+matrix solves for them. The rates at both ends are the mean rates of the first and last interval. The result is the
+spline of SciPy's RotationSpline.
 """
 
 import math
@@ -21,13 +21,13 @@ from jaxtyping import Array, Float
 from qtraj.foundation.types import Mat3, Scalar, Vec3
 
 TERMS = 16
-"""Of the series c_m, a power of two: exact to round-off up to |θ| = 2π, and there is no branch."""
+"""Terms of the series c_m, a power of two: exact to round-off up to |θ| = 2π, without a branch."""
 
-ITERATIONS = 50
-"""At most; a handful is usual."""
+MAX_ITERATIONS = 50
+"""Newton's method usually takes about five."""
 
 EXACT_ORDERS = 2
-"""The rates' derivatives are exact up to this order."""
+"""The derivatives of the rates are exact up to this order."""
 
 Vectors = Float[Array, "_ 3"]
 Blocks = Float[Array, "_ 3 3"]
@@ -38,51 +38,52 @@ _State = tuple[Array, Array, Array, Any]
 def rate(theta: Vec3, slope: Vec3) -> Vec3:
     """ω = M(θ)θ̇ [rad/s], body axes, of λ∘exp(θ/2) with constant λ."""
     two, three, _ = _stumpff(theta @ theta)
-    turned = jnp.cross(theta, slope)
-    return slope - two * turned + three * jnp.cross(theta, turned)
+    cross = jnp.cross(theta, slope)
+    return slope - two * cross + three * jnp.cross(theta, cross)
 
 
 def slope(theta: Vec3, omega: Vec3) -> Vec3:
     """θ̇ = M(θ)⁻¹ω; singular only at |θ| = 2π."""
     two, three, four = _stumpff(theta @ theta)
-    turned = jnp.cross(theta, omega)
-    return omega + turned / 2 + (three - 2 * four) / (2 * two) * jnp.cross(theta, turned)
+    cross = jnp.cross(theta, omega)
+    return omega + cross / 2 + (three - 2 * four) / (2 * two) * jnp.cross(theta, cross)
 
 
-def cubic(turn: Vec3, width: Scalar, first: Vec3, last: Vec3) -> Float[Array, "4 3"]:
-    """Ascending coefficients in t of θ over an interval with the given whole turn and end rates."""
-    end = slope(turn, last)
-    mean = turn / width
+def cubic(rotation: Vec3, width: Scalar, first: Vec3, last: Vec3) -> Float[Array, "4 3"]:
+    """Ascending coefficients in t of θ over an interval, from its rotation vector and the rates at its ends."""
+    end = slope(rotation, last)
+    mean = rotation / width
     return jnp.stack(
-        [jnp.zeros_like(turn), first, (3 * mean - 2 * first - end) / width, (first + end - 2 * mean) / width**2]
+        [jnp.zeros_like(rotation), first, (3 * mean - 2 * first - end) / width, (first + end - 2 * mean) / width**2]
     )
 
 
-def knot_rates(turns: Vectors, widths: Widths) -> tuple[Vectors, Scalar]:
-    """The rates at all attitudes (n+1, 3) [rad/s], and the largest jump of acceleration that was left [rad/s²].
+def knot_rates(rotations: Vectors, widths: Widths) -> tuple[Vectors, Scalar]:
+    """The rates at all attitudes (n+1, 3) [rad/s], and the largest remaining jump of acceleration [rad/s²].
 
-    `turns` (n, 3) are the rotation vectors from each attitude to the next, `widths` (n,) the times between them [s].
+    `rotations` (n, 3): rotation vectors between neighbouring attitudes; `widths` (n,): the times between them [s].
     """
-    means = turns / widths[:, None]
-    if turns.shape[0] == 1:
+    means = rotations / widths[:, None]
+    if rotations.shape[0] == 1:
         return jnp.concatenate([means, means]), jnp.zeros_like(widths[0])
-    conditions = jax.vmap(_Condition.between)(turns[:-1], turns[1:], widths[:-1], widths[1:])
+    conditions = jax.vmap(_Condition.between)(rotations[:-1], rotations[1:], widths[:-1], widths[1:])
     fixed = stop_gradient(conditions)
-    found, middle = _converged(fixed, stop_gradient(means))
+    solution, middle = _solve_rates(fixed, stop_gradient(means))
 
-    # Nothing above is differentiated: each step with the constant matrix then makes one order of derivatives exact.
+    # The solution is a constant to differentiation; each step with the constant matrix makes one order exact.
     def correct(rates: Vectors, _: None) -> tuple[Vectors, Scalar]:
         jumps = _jumps(conditions, rates)
         inner = rates[1:-1] - _solve(fixed.before, middle, fixed.after, jumps)
         return jnp.concatenate([means[:1], inner, means[-1:]]), jnp.max(jnp.abs(jumps))
 
-    rates, left = jax.lax.scan(correct, jnp.concatenate([means[:1], found, means[-1:]]), length=EXACT_ORDERS)
-    return rates, left[-1]
+    rates, jumps = jax.lax.scan(correct, jnp.concatenate([means[:1], solution, means[-1:]]), length=EXACT_ORDERS)
+    return rates, jumps[-1]
 
 
 class _Condition(eqx.Module):
-    """ε before less ε after an inner attitude, for the rates a, b, c at it and its neighbours:
+    """The jump of ε at an inner attitude, before minus after.
 
+    With b the rate at the attitude, and a and c those at its neighbours, it is
     (2/h₀) M₀ a + (4/h₀ + 4/h₁) b + (2/h₁) M₁⁻¹ c + (∂M₀/∂θ·e) e − 6 (Θ₀/h₀² + Θ₁/h₁²),  e = M₀⁻¹ b.
     """
 
@@ -90,7 +91,7 @@ class _Condition(eqx.Module):
     at: Scalar
     after: Mat3
     constant: Vec3
-    turn: Vec3
+    rotation: Vec3
 
     @classmethod
     def between(cls, first: Vec3, second: Vec3, width: Scalar, next_width: Scalar) -> "_Condition":
@@ -100,39 +101,39 @@ class _Condition(eqx.Module):
             at=4 / width + 4 / next_width,
             after=2 / next_width * jax.vmap(lambda e: slope(second, e), out_axes=1)(basis),
             constant=-6 * (first / width**2 + second / next_width**2),
-            turn=first,
+            rotation=first,
         )
 
     def jump(self, a: Vec3, b: Vec3, c: Vec3) -> Vec3:
-        return self.before @ a + self.at * b + self.after @ c + self.bend(b) + self.constant
+        return self.before @ a + self.at * b + self.after @ c + self.nonlinear(b) + self.constant
 
-    def bend(self, b: Vec3) -> Vec3:
+    def nonlinear(self, b: Vec3) -> Vec3:
         """The part of ε before the attitude that is not linear in the rates: (∂M/∂θ·e) e."""
-        e = slope(self.turn, b)
-        return jax.jvp(lambda theta: rate(theta, e), (self.turn,), (e,))[1]
+        e = slope(self.rotation, b)
+        return jax.jvp(lambda theta: rate(theta, e), (self.rotation,), (e,))[1]
 
     def middle(self, b: Vec3) -> Mat3:
-        return self.at * jnp.eye(3, dtype=b.dtype) + jax.jacfwd(self.bend)(b)
+        return self.at * jnp.eye(3, dtype=b.dtype) + jax.jacfwd(self.nonlinear)(b)
 
 
 def _jumps(conditions: _Condition, rates: Vectors) -> Vectors:
     return jax.vmap(_Condition.jump)(conditions, rates[:-2], rates[1:-1], rates[2:])
 
 
-def _converged(conditions: _Condition, means: Vectors) -> tuple[Vectors, Blocks]:
-    """The inner rates by Newton's method, as long as it gains, and the last blocks of its matrix's diagonal."""
+def _solve_rates(conditions: _Condition, means: Vectors) -> tuple[Vectors, Blocks]:
+    """The inner rates by Newton's method, and the last diagonal blocks of its matrix."""
 
     def improve(state: _State) -> _State:
         rates, _, _, count = state
         middle = jax.vmap(_Condition.middle)(conditions, rates[1:-1])
         change = _solve(conditions.before, middle, conditions.after, _jumps(conditions, rates))
-        better = jnp.concatenate([rates[:1], rates[1:-1] - change, rates[-1:]])
-        return better, middle, jnp.max(jnp.abs(change)), count + 1
+        rates = jnp.concatenate([rates[:1], rates[1:-1] - change, rates[-1:]])
+        return rates, middle, jnp.max(jnp.abs(change)), count + 1
 
     def unfinished(state: _State) -> Array:
         rates, _, change, count = state
         tolerance = 64 * float(jnp.finfo(rates.dtype).eps)
-        return (count < ITERATIONS) & (change > tolerance * jnp.max(jnp.abs(rates)))
+        return (count < MAX_ITERATIONS) & (change > tolerance * jnp.max(jnp.abs(rates)))
 
     guess = jnp.concatenate([means[:1], (means[1:] + means[:-1]) / 2, means[-1:]])
     start = (guess, jnp.zeros_like(conditions.before), jnp.full_like(means[0, 0], jnp.inf), 0)
@@ -141,19 +142,19 @@ def _converged(conditions: _Condition, means: Vectors) -> tuple[Vectors, Blocks]
 
 
 def _solve(lower: Blocks, middle: Blocks, upper: Blocks, right: Vectors) -> Vectors:
-    """Gauss's elimination for 3×3 blocks on three diagonals; the outer blocks of the first and last row are unused."""
+    """Gaussian elimination, 3×3 blocks on three diagonals; the outer blocks of the first and last row are unused."""
 
     def down(state: tuple[Mat3, Vec3], row: tuple[Mat3, Mat3, Mat3, Vec3]) -> tuple[tuple[Mat3, Vec3], tuple]:
-        left, known = state
+        factor, previous = state
         below, diagonal, above, value = row
-        inverse = _inverse(diagonal - below @ left)
-        state = (inverse @ above, inverse @ (value - below @ known))
+        inverse = _inverse(diagonal - below @ factor)
+        state = (inverse @ above, inverse @ (value - below @ previous))
         return state, state
 
     def up(after: Vec3, row: tuple[Mat3, Vec3]) -> tuple[Vec3, Vec3]:
-        left, known = row
-        here = known - left @ after
-        return here, here
+        factor, value = row
+        solution = value - factor @ after
+        return solution, solution
 
     zero = jnp.zeros_like(right[0])
     lower = lower.at[0].set(0.0)
@@ -163,7 +164,7 @@ def _solve(lower: Blocks, middle: Blocks, upper: Blocks, right: Vectors) -> Vect
 
 
 def _inverse(m: Mat3) -> Mat3:
-    """By cross products: enough for these well-conditioned blocks, and cheap to compile."""
+    """The inverse by cross products: accurate enough for these well-conditioned blocks, and cheap to compile."""
     cofactors = jnp.stack([jnp.cross(m[1], m[2]), jnp.cross(m[2], m[0]), jnp.cross(m[0], m[1])])
     return cofactors.T / (m[0] @ cofactors[0])
 

@@ -1,4 +1,4 @@
-"""A program through given attitudes: the C² spline of rotations."""
+"""A program through a table of attitudes: the C² rotation spline."""
 
 from typing import Any
 
@@ -20,20 +20,20 @@ from qtraj.motion.programs.euler_turn import attitude_table
 
 @storable
 class TableProgram(AbstractProgram):
-    """The rotation spline through `quaternions` (n, 4) at `times` (n,) [s], n ≥ 2: rates and accelerations continuous.
+    """The rotation spline through `quaternions` (n, 4) at `times` (n,) [s], n ≥ 2, with continuous acceleration.
 
-    The attitudes may have any non-zero length and either sign, and are kept with continuous signs; the program is of
-    unit length, starts with the sign of the first and is continuous. From each attitude to the next it takes the
-    shorter way, so neighbours must be less than a half turn apart. The rates at both ends are the mean rates of the
-    first and last interval. It agrees with SciPy's RotationSpline, whose own iteration stops at about 1e-9. Time is
-    counted from the first of `times`; outside [0, duration] the first and last pieces go on.
+    The quaternions may have any non-zero length and either sign; they are stored with continuous signs. The program has
+    unit length, is continuous and starts with the sign of the first quaternion. It takes the shorter rotation between
+    neighbours, which must be less than a half turn apart. The rates at both ends are the mean rates of the first and
+    last interval. The spline is that of SciPy's RotationSpline, whose iteration stops at about 1e-9. Program time
+    starts at the first of `times`; outside [0, duration] the first and last pieces are extrapolated.
 
-    `rates` (n, 3) [rad/s], body axes, at the attitudes are found when the program is made and stored with it; given
-    ones are taken as they are (then the acceleration may jump). Derivatives with respect to the table are exact
-    through the second order.
+    `rates` (n, 3) [rad/s], body axes, at the attitudes: computed and stored when the program is made. Rates that are
+    passed are used without change, and the acceleration may then jump. Derivatives with respect to the table are exact
+    to second order.
 
     **Raises:** ValueError for fewer than two attitudes, times that do not increase, wrong shapes, values that are not
-    finite, a zero quaternion, or attitudes too wild for a spline to be found.
+    finite, a zero quaternion, or attitudes too far apart for the spline to converge.
     """
 
     times: Float[Array, " n"]
@@ -46,7 +46,7 @@ class TableProgram(AbstractProgram):
         dtype = common_dtype(instants, table)
         self.times, self.quaternions = instants.astype(dtype), rotation.continuous(table.astype(dtype))
         _require_increasing(self.times, table.shape[0])
-        self.rates = _found(self.times, self.quaternions) if rates is None else as_float(rates).astype(dtype)
+        self.rates = _spline_rates(self.times, self.quaternions) if rates is None else as_float(rates).astype(dtype)
         if self.rates.shape != (table.shape[0], 3):
             raise ValueError(
                 f"rates must have shape ({table.shape[0]}, 3), one row for each attitude, "
@@ -55,11 +55,12 @@ class TableProgram(AbstractProgram):
         require_finite(self.rates, "the rates of a table program")
 
     def __call__(self, t: ScalarLike) -> Attitude:
+        """The attitude at the time `t` [s]."""
         return _attitude(self, one_instant(t).astype(self.times.dtype))
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """From the first to the last of the times [s]."""
+        """The time from the first to the last attitude [s]."""
         return self.times[-1] - self.times[0]
 
 
@@ -67,48 +68,48 @@ class TableProgram(AbstractProgram):
 def _attitude(program: TableProgram, t: Scalar) -> Attitude:
     starts, rates = program.times - program.times[0], program.rates
     piece = jnp.sum(t >= starts[1:-1])
-    start, turn = _turn(program.quaternions[piece], program.quaternions[piece + 1])
-    theta = spline.cubic(turn, starts[piece + 1] - starts[piece], rates[piece], rates[piece + 1])
-    return _along(start, theta, t - starts[piece])
+    start, vector = _rotation(program.quaternions[piece], program.quaternions[piece + 1])
+    theta = spline.cubic(vector, starts[piece + 1] - starts[piece], rates[piece], rates[piece + 1])
+    return _evaluate(start, theta, t - starts[piece])
 
 
-def _turn(start: Quat, end: Quat) -> tuple[Quat, Vec3]:
-    """The unit quaternion of the start, and the rotation vector from there to the end, in body axes [rad]."""
+def _rotation(start: Quat, end: Quat) -> tuple[Quat, Vec3]:
+    """The start as a unit quaternion, and the rotation vector from start to end in body axes [rad]."""
     start = quaternion.unit(start)
     return start, 2 * quaternion.log(quaternion.product(quaternion.conjugate(start), end))
 
 
-def _along(start: Quat, theta: Float[Array, "4 3"], t: Scalar) -> Attitude:
-    """The attitude on one piece, with the cubic θ evaluated `t` seconds after its start."""
+def _evaluate(start: Quat, theta: Float[Array, "4 3"], t: Scalar) -> Attitude:
+    """The attitude on one piece, `t` seconds after its start, from the coefficients of the cubic θ."""
     value = theta[0] + t * (theta[1] + t * (theta[2] + t * theta[3]))
     slope = theta[1] + t * (2 * theta[2] + t * 3 * theta[3])
-    bend = 2 * theta[2] + t * 6 * theta[3]
-    rate, acceleration = jax.jvp(spline.rate, (value, slope), (slope, bend))
+    second = 2 * theta[2] + t * 6 * theta[3]
+    rate, acceleration = jax.jvp(spline.rate, (value, slope), (slope, second))
     return Attitude(quaternion.product(start, rotation.from_rotation_vector(value)), rate, acceleration)
 
 
-def _found(times: Float[Array, " n"], quaternions: Float[Array, "n 4"]) -> Float[Array, "n 3"]:
-    rates, smooth = _knot_rates(times, quaternions)
-    known = concrete(smooth)
-    if known is not None and not known:
+def _spline_rates(times: Float[Array, " n"], quaternions: Float[Array, "n 4"]) -> Float[Array, "n 3"]:
+    rates, converged = _knot_rates(times, quaternions)
+    value = concrete(converged)
+    if value is not None and not value:
         raise ValueError(
-            "no spline with continuous acceleration was found: neighbouring attitudes are too far apart. "
-            "Give more attitudes between them, or give their rates."
+            "the iteration for a spline with continuous acceleration did not converge: neighbouring attitudes are too "
+            "far apart. Add attitudes between them, or pass their rates."
         )
     return rates
 
 
 @eqx.filter_jit
 def _knot_rates(times: Float[Array, " n"], quaternions: Float[Array, "n 4"]) -> tuple[Float[Array, "n 3"], Flag]:
-    """The rates at the attitudes, and whether the acceleration is continuous with them."""
+    """The rates at the attitudes, and whether they make the acceleration continuous."""
     widths = jnp.diff(times)
-    _, turns = jax.vmap(_turn)(quaternions[:-1], quaternions[1:])
-    rates, jump = spline.knot_rates(turns, widths)
-    return rates, jump <= _tolerance(turns.dtype) * jnp.max(jnp.abs(turns / widths[:, None] ** 2))
+    _, rotations = jax.vmap(_rotation)(quaternions[:-1], quaternions[1:])
+    rates, jump = spline.knot_rates(rotations, widths)
+    return rates, jump <= _tolerance(rotations.dtype) * jnp.max(jnp.abs(rotations / widths[:, None] ** 2))
 
 
 def _tolerance(dtype: Any) -> float:
-    """The largest jump of acceleration, relative to turn/interval², of a spline that counts as found."""
+    """The largest jump of acceleration of a converged spline, relative to angle/interval²."""
     return float(jnp.finfo(dtype).eps) ** 0.5
 
 
@@ -118,10 +119,10 @@ def _require_increasing(times: Array, count: int) -> None:
             f"a table program needs one time for each attitude, shape ({count},), but shape {times.shape} was given"
         )
     require_finite(times, "the times of a table program")
-    known = concrete(times)
-    if known is not None and not (np.diff(known) > 0).all():
-        late = int((np.diff(known) <= 0).argmax()) + 1
+    values = concrete(times)
+    if values is not None and not (np.diff(values) > 0).all():
+        k = int((np.diff(values) <= 0).argmax()) + 1
         raise ValueError(
-            f"the times of a table program must increase, but time {late} is {known[late]:.17g} s "
-            f"after {known[late - 1]:.17g} s"
+            f"the times of a table program must increase, but time {k} is {values[k]:.17g} s "
+            f"after {values[k - 1]:.17g} s"
         )

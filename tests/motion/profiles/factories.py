@@ -1,4 +1,4 @@
-"""Laws of turning from (V, A, J) and from (V, A, J, T), that the tests of profiles share."""
+"""Motion profiles from (V, A, J) and from (V, A, J, T), shared by the tests of profiles."""
 
 from qtraj.motion.profiles.s_curve import SCurve
 from qtraj.motion.profiles.smooth_step import Cubic, Quintic, Septic
