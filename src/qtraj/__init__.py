@@ -1,6 +1,6 @@
 """qtraj: where a vehicle must be, and how it must turn. Differentiable trajectories and orientation in JAX.
 
-Each public name is imported when it is first used, so that `import qtraj` costs next to nothing.
+Each public name is imported at its first use, so `import qtraj` itself is fast.
 """
 
 import importlib
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from qtraj._version import __version__ as __version__
 from qtraj.foundation import drawing as _drawing
 
-if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to them
+if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
     from qtraj.algebra import quaternion as quaternion, rotation as rotation
     from qtraj.batch.evaluate import evaluate as evaluate
     from qtraj.batch.table import Table as Table
@@ -143,11 +143,11 @@ _HOMES = {
     "qtraj.path.track": ("Track",),
     "qtraj.path.trihedral": ("Natural", "Trihedral", "Upright", "trihedral"),
 }
-"""Where each public name lives: the same as the imports above, for the running program."""
+"""The module of each public name; the same as in the imports above, for use at run time."""
 
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
-_ROOMS = ("algebra", "batch", "cli", "design", "foundation", "io", "motion", "path", "viz")
+_PACKAGES = ("algebra", "batch", "cli", "design", "foundation", "io", "motion", "path", "viz")
 
 _MODULES = {
     "control": "qtraj.motion.control",
@@ -155,16 +155,16 @@ _MODULES = {
     "exchange": "qtraj.io.exchange",
     "quaternion": "qtraj.algebra.quaternion",
     "rotation": "qtraj.algebra.rotation",
-    **{room: f"qtraj.{room}" for room in _ROOMS},
+    **{name: f"qtraj.{name}" for name in _PACKAGES},
 }
-"""Names that are modules themselves; the rooms are reached by attribute too: `qtraj.path.invariants`."""
+"""Public names that are modules; the packages are available as attributes too: `qtraj.path.hodograph`."""
 
-if not TYPE_CHECKING:  # which takes the names from the imports
-    __all__ = sorted(["__version__", *_HOME_OF, *_MODULES.keys() - {*_ROOMS}])
+if not TYPE_CHECKING:  # type checkers take the names from the imports above
+    __all__ = sorted(["__version__", *_HOME_OF, *_MODULES.keys() - {*_PACKAGES}])
 
 
 _RENAMED = {"TurnChain": "SlewSequence"}
-"""Former public names, which warn until 1.0, and the present ones."""
+"""Former public names and the present ones; the former warn until 1.0."""
 
 
 def __getattr__(name: str) -> Any:
@@ -178,12 +178,12 @@ def __getattr__(name: str) -> Any:
         value = importlib.import_module(_MODULES[name])
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()[name] = value  # asked for once
+    globals()[name] = value  # so that the next access is direct
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted({"__version__", *_HOME_OF, *_MODULES.keys() - {*_ROOMS}})
+    return sorted({"__version__", *_HOME_OF, *_MODULES.keys() - {*_PACKAGES}})
 
 
-_drawing.set_plot_module("qtraj.viz.plots")  # the lower floors, whose results have `plot()`, do not know it
+_drawing.set_plot_module("qtraj.viz.plots")  # results in lower layers, which must not import it, have `plot()`

@@ -1,4 +1,4 @@
-"""Blocks, traces, reductions, reused tables and devices give what one instant after the other gives."""
+"""Blocks, traces, reductions, reused tables and several devices agree with evaluation at single instants."""
 
 import os
 import subprocess
@@ -29,14 +29,14 @@ def stack():
 
 @pytest.fixture
 def small_blocks(monkeypatch):
-    """Blocks of 8 instants, so that a few instants make several, the last of them incomplete."""
+    """Blocks of 8 instants, so that few instants make several blocks and the last is incomplete."""
     for name in ("_writing", "_reduction"):
         monkeypatch.setattr(executables, name, getattr(executables, name).__wrapped__)
     monkeypatch.setattr(executables, "_samples", lambda: 8)
 
 
 def expected(path, times, name):
-    """One instant after the other, by the trihedral of one instant."""
+    """The output at each instant, from the functions of one instant."""
     return _expected(path, jnp.asarray(times))[name]
 
 
@@ -44,9 +44,9 @@ def expected(path, times, name):
 def _expected(path, times):
     def one(t):
         at = qt.trihedral(path, t)
-        known = {name: getattr(at, name) for name in ("curvature", "torsion", "rate")}
-        moved = {"position": path.position(t), "angular_acceleration": at.acceleration}
-        return known | moved | {"quaternion": at.quaternion(), "dcm": at.dcm()}
+        fields = {name: getattr(at, name) for name in ("curvature", "torsion", "rate")}
+        others = {"position": path.position(t), "angular_acceleration": at.acceleration}
+        return fields | others | {"quaternion": at.quaternion(), "dcm": at.dcm()}
 
     return jax.vmap(one)(times)
 
@@ -57,7 +57,7 @@ def close(actual, desired):
 
 
 @pytest.mark.parametrize("count", [21, 3])  # several blocks of a row; several rows in a block
-def test_blocks_leave_no_trace(stack, small_blocks, count):
+def test_the_results_do_not_depend_on_the_blocks(stack, small_blocks, count):
     times = np.linspace(0.0, 4.0, count)
     own = np.stack([times, 0.5 * times, 0.25 * times])
     shared, each = (qt.evaluate(stack, t, ("position", "quaternion", "rate")) for t in (times, own))
@@ -82,11 +82,11 @@ def test_one_path_in_blocks_and_under_vmap(small_blocks):
         close(getattr(table, name), expected(helix(), times, name))
 
 
-def test_fillers_where_there_is_no_trihedral():
-    """Straight, upward and motionless paths: finite, flagged, and what the trihedral of one instant says."""
+def test_fallback_values_where_there_is_no_trihedral():
+    """Straight, vertical and motionless paths: finite, not defined, and equal to the trihedral of one instant."""
     times = np.linspace(0.0, 1.0, 3)
     gradient = eqx.filter_jit(jax.grad(lambda p: sum(jnp.sum(x) for x in jax.tree.leaves(_floats(p, times)))))
-    for path in (  # of one structure, so that all is compiled once
+    for path in (  # all have one structure, so that one executable serves them
         qt.SpiralHelix([5.0, 2.0], [0.3], [0.0, 1.0], 1.0, qt.Placement()),
         qt.SpiralHelix([5.0, 0.0], [0.3], [0.0, 2.0], 1.0, qt.Placement()),
         qt.SpiralHelix([5.0, 0.0], [0.3], [1.0, 0.0], 1.0, TILTED),
@@ -113,8 +113,8 @@ def test_gradients_through_blocks_agree_with_differences(small_blocks):
             return qt.evaluate(path, times, ["rate"], reduce=reduce)["rate"][2]
         table = qt.evaluate(path, times, ["quaternion", "curvature", "angular_acceleration"], continuous=True)
         weights = jnp.cos(jnp.arange(4.0))
-        turned = jnp.sum(table.quaternion @ weights)
-        return turned + 10 * jnp.sum(table.curvature) + jnp.sum(table.angular_acceleration)
+        total = jnp.sum(table.quaternion @ weights)
+        return total + 10 * jnp.sum(table.curvature) + jnp.sum(table.angular_acceleration)
 
     radius, step = jnp.asarray([20.0, 1.0]), 1e-4
     for reduce in (None, "max", "integral"):
@@ -126,7 +126,7 @@ def test_gradients_through_blocks_agree_with_differences(small_blocks):
             np.testing.assert_allclose(gradient[k], difference, rtol=1e-6, atol=1e-8)
 
 
-def test_reductions_are_those_of_the_samples(stack, small_blocks):
+def test_reductions_agree_with_the_samples(stack, small_blocks):
     times = np.linspace(0.0, 4.0, 21) ** 1.1
     table = qt.evaluate(stack, times, ["speed", "rate"])
     for reduce, over in (("max", np.max), ("min", np.min)):
@@ -148,36 +148,36 @@ def test_reductions_are_those_of_the_samples(stack, small_blocks):
 
 
 @pytest.fixture
-def short_lanes(monkeypatch):
-    """Four lanes, fetched three samples at a time, so that a few instants make a long row with something left over."""
+def few_segments(monkeypatch):
+    """Four segments, in windows of three samples, so that few instants make a long row with a remainder."""
     monkeypatch.setattr(executables, "_reduction", executables._reduction.__wrapped__)
     monkeypatch.setattr(executables, "_long", lambda: 20)
-    monkeypatch.setattr(long_rows, "LANES", 4)
+    monkeypatch.setattr(long_rows, "SEGMENTS", 4)
     monkeypatch.setattr(long_rows, "WINDOW", 3)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [24, 29])
-def test_long_rows_are_reduced_as_their_samples_are(stack, short_lanes, count):
+def test_reductions_of_long_rows_agree_with_the_samples(stack, few_segments, count):
     shared = np.linspace(0.0, 4.0, count) ** 1.1
     for times in (shared, np.stack([shared, 0.5 * shared, 4.0 - shared])):
         table = qt.evaluate(stack, times, ["speed", "rate"])
         speed, rate = np.asarray(table.speed), np.asarray(table.rate)
-        along = np.broadcast_to(times, speed.shape)
+        row_times = np.broadcast_to(times, speed.shape)
         for reduce, over, which in (("max", np.max, np.argmax), ("min", np.min, np.argmin)):
             peak = qt.evaluate(stack, times, ["speed", "rate"], reduce=reduce)
             close(peak["speed"], over(speed, axis=1))
             close(peak["rate"], over(rate, axis=1))
             at = which(speed, axis=1)
-            np.testing.assert_array_equal(peak.times["speed"], along[np.arange(3), at])
-            np.testing.assert_array_equal(peak.times["rate"][:, 1], along.min(axis=1))  # zero everywhere
+            np.testing.assert_array_equal(peak.times["speed"], row_times[np.arange(3), at])
+            np.testing.assert_array_equal(peak.times["rate"][:, 1], row_times.min(axis=1))  # zero everywhere
 
 
-def test_the_time_of_a_peak_does_not_rest_on_bits(stack, short_lanes, monkeypatch):
-    """Samples worked out twice may differ: with none equal to the peak, the time is that of the largest."""
-    equal = long_rows.attained
-    again = lambda x, peak: equal(x, peak) if peak.ndim else jnp.zeros_like(x, bool)  # noqa: E731
-    monkeypatch.setattr(long_rows, "attained", again)
+def test_the_time_of_a_peak_does_not_depend_on_rounding(stack, few_segments, monkeypatch):
+    """Samples that are computed twice may differ: if none equals the peak, the time is that of the largest."""
+    attained = long_rows.attained
+    never_equal = lambda x, peak: attained(x, peak) if peak.ndim else jnp.zeros_like(x, bool)  # noqa: E731
+    monkeypatch.setattr(long_rows, "attained", never_equal)
     times = np.linspace(0.0, 4.0, 24) ** 1.1
     for reduce, which in (("max", np.argmax), ("min", np.argmin)):
         at = which(np.asarray(qt.evaluate(stack, times, ["speed"]).speed), axis=1)
@@ -185,24 +185,24 @@ def test_the_time_of_a_peak_does_not_rest_on_bits(stack, short_lanes, monkeypatc
 
 
 @pytest.mark.parametrize("reduce", [None, "max", "mean"])
-def test_a_lane_that_is_not_finite_spoils_no_other(stack, reduce):
+def test_a_path_that_is_not_finite_does_not_affect_others(stack, reduce):
     times = np.linspace(0.0, 4.0, 5)
-    spoilt = eqx.tree_at(lambda path: path.duration, stack, stack.duration.at[0].set(np.nan))
+    with_nan = eqx.tree_at(lambda path: path.duration, stack, stack.duration.at[0].set(np.nan))
 
     def goal(paths):
         out = qt.evaluate(paths, times, ["quaternion"], reduce=reduce)
-        sound = (out["quaternion"] if reduce else out.quaternion)[1:]
-        return jnp.sum(sound @ jnp.cos(jnp.arange(4.0))), sound
+        others = (out["quaternion"] if reduce else out.quaternion)[1:]
+        return jnp.sum(others @ jnp.cos(jnp.arange(4.0))), others
 
     both = jax.jit(jax.value_and_grad(goal, has_aux=True))
-    ((_, bad), bad_slope), ((_, good), good_slope) = both(spoilt), both(stack)
+    ((_, bad), bad_slope), ((_, good), good_slope) = both(with_nan), both(stack)
     assert np.all(np.isfinite(good))
     close(bad, good)
     close(bad_slope.radius[1:], good_slope.radius[1:])
 
 
 def test_a_tied_peak_has_the_derivative_at_its_first_instant():
-    """On a circle at constant speed R|φ'| every instant is the fastest; with φ2 it is R|φ1 + 2 φ2 t|."""
+    """On a circle at constant speed R|φ'| all instants attain the peak; with φ2 the speed is R|φ1 + 2 φ2 t|."""
     times = np.array([0.5, 1.0, 2.0])
 
     def speed(angle, reduce):
@@ -214,36 +214,36 @@ def test_a_tied_peak_has_the_derivative_at_its_first_instant():
 
 
 def test_peaks_have_derivatives_in_times_and_frame():
-    """The speed grows, so its peak is at the last instant and moves with that alone; the frame by differences."""
+    """The speed increases, so its peak depends on the last instant only. Derivatives in the frame: by differences."""
     times = jnp.linspace(0.5, 3.5, 4)
-    found = jax.jit(jax.grad(lambda t: qt.evaluate(helix(), t, ["speed"], reduce="max")["speed"]))(times)
+    slopes_in_times = jax.jit(jax.grad(lambda t: qt.evaluate(helix(), t, ["speed"], reduce="max")["speed"]))(times)
     slope = jax.grad(lambda t: jnp.linalg.norm(helix().derivatives(t, 1)[1]))(times[-1])
-    close(found, [0.0, 0.0, 0.0, slope])
-    moved = jax.jit(jax.grad(lambda t: qt.evaluate(helix(), t, ["speed"], reduce="max").times["speed"]))(times)
-    close(moved, [0.0, 0.0, 0.0, 1.0])
+    close(slopes_in_times, [0.0, 0.0, 0.0, slope])
+    time_slopes = jax.jit(jax.grad(lambda t: qt.evaluate(helix(), t, ["speed"], reduce="max").times["speed"]))(times)
+    close(time_slopes, [0.0, 0.0, 0.0, 1.0])
 
-    def turning(up):
+    def peak_rate(up):
         return qt.evaluate(helix(), times, ["rate"], frame=qt.Upright(up), reduce="max")["rate"][1]
 
     up, step = jnp.array([0.1, -0.2, 1.0]), 1e-5
-    value, slopes = jax.jit(turning), jax.jit(jax.grad(turning))(up)
+    value, slopes = jax.jit(peak_rate), jax.jit(jax.grad(peak_rate))(up)
     differences = [(value(up + step * e) - value(up - step * e)) / (2 * step) for e in np.eye(3)]
     assert np.linalg.norm(differences) > 1e-3
     np.testing.assert_allclose(slopes, differences, rtol=1e-6, atol=1e-9)
 
 
-def test_an_infinite_peak_is_one_in_a_trace_too():
+def test_an_infinite_peak_is_infinite_in_a_trace_too():
     """Half a turn about y at t = 0: its Gibbs vector is infinite there."""
     path = qt.Curve(lambda t: jnp.stack([-t, t**2, 0 * t]), 1.0)
     peak = lambda: qt.evaluate(path, np.array([0.0, 0.5, 1.0]), ["gibbs"], reduce="max")  # noqa: E731
-    plain, traced = peak(), jax.jit(peak)()
-    assert plain["gibbs"][1] == np.inf
-    assert plain.times["gibbs"][1] == 0
-    np.testing.assert_array_equal(traced["gibbs"], plain["gibbs"])
-    np.testing.assert_array_equal(traced.times["gibbs"], plain.times["gibbs"])
+    eager, traced = peak(), jax.jit(peak)()
+    assert eager["gibbs"][1] == np.inf
+    assert eager.times["gibbs"][1] == 0
+    np.testing.assert_array_equal(traced["gibbs"], eager["gibbs"])
+    np.testing.assert_array_equal(traced.times["gibbs"], eager.times["gibbs"])
 
 
-def test_reductions_say_their_units_and_no_norm():
+def test_reductions_have_units_and_do_not_claim_unit_norm():
     times = np.linspace(0.0, 1.0, 4)
     names = ["position", "speed", "curvature", "quaternion", "rate", "angular_acceleration", "jerk", "yaw_rate"]
     units = dict(zip(names, ["m s", "m", "m-1 s", "s", "rad", "rad s-1", "m s-2", "rad"], strict=True))
@@ -253,15 +253,15 @@ def test_reductions_say_their_units_and_no_norm():
     assert data["rate"].attrs["long_name"].startswith("integral of each component of the angular rate")
 
 
-def test_a_table_is_written_over():
+def test_a_reused_table_is_overwritten():
     times = np.linspace(0.0, 4.0, 50)
     first = qt.evaluate(helix(), times, NAMES)
-    places = [getattr(first, name).unsafe_buffer_pointer() for name in NAMES]
-    wanted = np.asarray(qt.evaluate(helix(1.0), times, NAMES).position)
+    pointers = [getattr(first, name).unsafe_buffer_pointer() for name in NAMES]
+    expected_position = np.asarray(qt.evaluate(helix(1.0), times, NAMES).position)
     second = qt.evaluate(helix(1.0), times, NAMES, reuse=first)
-    np.testing.assert_array_equal(second.position, wanted)
+    np.testing.assert_array_equal(second.position, expected_position)
     assert first.position.is_deleted()
-    assert [getattr(second, name).unsafe_buffer_pointer() for name in NAMES] == places
+    assert [getattr(second, name).unsafe_buffer_pointer() for name in NAMES] == pointers
     with pytest.raises(ValueError, match=r"\(50,\)"):
         qt.evaluate(helix(), times[:20], NAMES, reuse=second)
     with pytest.raises(ValueError, match="same outputs"):
@@ -286,7 +286,7 @@ def test_float32_stays_float32():
         ({"times": []}, "at least one instant"),
     ],
 )
-def test_bad_requests_are_refused(arguments, fragment):
+def test_bad_requests_are_errors(arguments, fragment):
     with pytest.raises(ValueError) as caught:
         qt.evaluate(**({"paths": helix(), "times": [0.0, 1.0]} | arguments))
     assert fragment in str(caught.value)
@@ -309,14 +309,14 @@ for paths in (stack, make(0.0), jax.vmap(make)(jnp.arange(3.0))):
     for reduce in ("max", "mean"):
         two, one = (qt.evaluate(paths, times, ["rate"], reduce=reduce, devices=d) for d in (both, alone))
         np.testing.assert_allclose(two["rate"], one["rate"], rtol=0, atol=1e-13)
-    for reduce in ("integral", "mean"):  # a piece of a row may be one instant
+    for reduce in ("integral", "mean"):  # part of a row may be one instant
         two, one = (qt.evaluate(paths, times[[0, 9]], ["rate"], reduce=reduce, devices=d) for d in (both, alone))
         np.testing.assert_allclose(two["rate"], one["rate"], rtol=0, atol=1e-13)
 large = qt.evaluate(stack, np.linspace(0.0, 4.0, 20000), ["speed"])
 assert len(large.speed.sharding.device_set) == 2
-mesh = jax.sharding.Mesh(np.asarray(both), ("lanes",))
+mesh = jax.sharding.Mesh(np.asarray(both), ("batch",))
 rates = lambda paths: jnp.sum(qt.evaluate(paths, times, ["rate"], reduce="mean")["rate"], axis=1)
-inside = lambda f: jax.shard_map(f, mesh=mesh, in_specs=jax.P("lanes"), out_specs=jax.P("lanes"))
+inside = lambda f: jax.shard_map(f, mesh=mesh, in_specs=jax.P("batch"), out_specs=jax.P("batch"))
 slopes = jax.grad(lambda paths: jnp.sum(rates(paths)))
 for f in (rates, slopes):
     for x, y in zip(jax.tree.leaves(jax.jit(inside(f))(stack)), jax.tree.leaves(jax.jit(f)(stack))):
@@ -325,16 +325,18 @@ print("agreed")
 """
 
 
-def test_two_devices_share_the_work():
-    ran = subprocess.run([sys.executable, "-c", SHARDED], capture_output=True, text=True, env=os.environ, check=False)
-    assert ran.stdout.strip() == "agreed", ran.stderr[-2000:]
+def test_two_devices_agree_with_one():
+    process = subprocess.run(
+        [sys.executable, "-c", SHARDED], capture_output=True, text=True, env=os.environ, check=False
+    )
+    assert process.stdout.strip() == "agreed", process.stderr[-2000:]
 
 
 BYTES_OF_TIMES = 16
-"""Of an instant in the reverse pass: its time and one copy of it, none of the forty values behind it."""
+"""Memory per instant in the reverse pass: its time and one copy, but none of the forty intermediate values."""
 
 
-def test_the_memory_of_a_reverse_pass_is_that_of_blocks():
+def test_the_reverse_pass_stores_no_intermediate_values_of_all_blocks():
     def temporary(instants):
         times = jnp.linspace(0.0, 4.0, instants)
 

@@ -1,4 +1,4 @@
-"""The batched façade gives what the single instants give, labelled."""
+"""`qtraj.evaluate` agrees with the functions of one instant; labels and errors."""
 
 import copy
 
@@ -26,7 +26,7 @@ def helix(k: float = 0.0, placement: qt.Placement | None = None) -> qt.SpiralHel
 
 
 class Quintic(qt.AbstractHodograph):
-    """A user's own path, world axes: coefficients (6, 3)."""
+    """A user-defined path in world axes with the coefficients (6, 3)."""
 
     coefficients: jax.Array
     duration: jax.Array
@@ -51,12 +51,12 @@ def quintic(k: float = 0.0) -> Quintic:
 
 
 class Backward(AbstractFrame):
-    """A user's own frame: the upright one, looking back."""
+    """A user-defined frame: the upright one, facing backwards."""
 
     def trihedral(self, r, duration):
         at = qt.Upright().trihedral(r, duration)
-        turned = lambda at: (at.tangent, at.normal, at.rate, at.acceleration)  # noqa: E731
-        return eqx.tree_at(turned, at, (-at.tangent, -at.normal, _back(at.rate), _back(at.acceleration)))
+        fields = lambda at: (at.tangent, at.normal, at.rate, at.acceleration)  # noqa: E731
+        return eqx.tree_at(fields, at, (-at.tangent, -at.normal, _back(at.rate), _back(at.acceleration)))
 
 
 def _back(v):
@@ -64,16 +64,16 @@ def _back(v):
 
 
 @eqx.filter_jit
-def one_after_the_other(path, times, frame):
-    """Every output by the functions of one instant."""
+def single_instants(path, times, frame):
+    """All outputs from the functions of one instant."""
 
     def one(t):
         at, r = qt.trihedral(path, t, frame), path.derivatives(t, 3)
-        moved = dict(zip(("position", "velocity", "acceleration", "jerk"), r, strict=True))
-        turned = {"dcm": at.dcm(), "quaternion": at.quaternion(), "gibbs": at.gibbs(), "rate": at.rate}
-        shaped = {"speed": at.speed, "curvature": at.curvature, "torsion": at.torsion, "defined": at.defined}
-        magnitudes = {entry.variable: value(path, t, name) for name, entry in QUANTITIES.items()}
-        return magnitudes | moved | turned | shaped | {"angular_acceleration": at.acceleration}
+        vectors = dict(zip(("position", "velocity", "acceleration", "jerk"), r, strict=True))
+        frame_outputs = {"dcm": at.dcm(), "quaternion": at.quaternion(), "gibbs": at.gibbs(), "rate": at.rate}
+        scalars = {"speed": at.speed, "curvature": at.curvature, "torsion": at.torsion, "defined": at.defined}
+        quantities = {entry.variable: value(path, t, name) for name, entry in QUANTITIES.items()}
+        return quantities | vectors | frame_outputs | scalars | {"angular_acceleration": at.acceleration}
 
     return jax.vmap(one)(times)
 
@@ -98,7 +98,7 @@ def table():
 PATHS = {
     "helix": helix(),
     "tilted helix": helix(placement=TILTED),
-    "polynomials of one's own": quintic(),
+    "user-defined polynomials": quintic(),
     "function": qt.Curve(lambda t: jnp.stack([8 * jnp.cos(t), jnp.sin(t) * 9, 0.5 * t + 0.2 * t**2]), 4.0),
 }
 FRAMES = {"natural": qt.Natural(), "upright": qt.Upright(), "leaning": qt.Upright([0.3, -0.2, 2.0]), "own": Backward()}
@@ -111,40 +111,40 @@ FRAMES = {"natural": qt.Natural(), "upright": qt.Upright(), "leaning": qt.Uprigh
         ("tilted helix", "natural"),
         ("tilted helix", "leaning"),
         ("tilted helix", "own"),
-        ("polynomials of one's own", "upright"),
+        ("user-defined polynomials", "upright"),
         ("function", "natural"),
     ],
 )
-def test_every_output_is_that_of_the_single_instant(path, frame):
+def test_all_outputs_agree_with_single_instants(path, frame):
     table = qt.evaluate(PATHS[path], TIMES, tuple(CHANNELS), FRAMES[frame])
-    require_equal(table, one_after_the_other(PATHS[path], jnp.asarray(TIMES), FRAMES[frame]))
+    require_equal(table, single_instants(PATHS[path], jnp.asarray(TIMES), FRAMES[frame]))
 
 
-def test_a_stack_of_paths_of_ones_own():
+def test_a_stack_of_user_defined_paths():
     many = qt.evaluate(jax.vmap(quintic)(jnp.arange(3.0)), TIMES, tuple(CHANNELS))
     for k in range(3):
-        require_equal(many, one_after_the_other(quintic(1.0 * k), jnp.asarray(TIMES), qt.Natural()), k)
+        require_equal(many, single_instants(quintic(1.0 * k), jnp.asarray(TIMES), qt.Natural()), k)
 
 
-def test_polynomials_are_worked_out_in_components(monkeypatch):
-    """A path that gives its polynomials is asked for nothing else."""
+def test_polynomials_are_evaluated_in_components(monkeypatch):
+    """For a path with `polynomials`, no other method is called."""
 
-    def refuse(self, t, order):
+    def failing(self, t, order):
         raise AssertionError("derivatives of single instants are slow")
 
-    monkeypatch.setattr(Quintic, "derivatives", refuse)
+    monkeypatch.setattr(Quintic, "derivatives", failing)
     for frame in (qt.Natural(), qt.Upright()):
         traced = jax.make_jaxpr(lambda p, frame=frame: qt.evaluate(p, TIMES, tuple(CHANNELS), frame).position)
         traced(quintic())
 
 
 def test_a_new_channel_is_one_entry(monkeypatch):
-    added = Channel("drift", "m s-1", "speed across the horizon", (), lambda at: at.derivative(1)[2])
+    added = Channel("drift", "m s-1", "vertical speed", (), lambda at: at.derivative(1)[2])
     monkeypatch.setitem(CHANNELS, "drift", added)
-    found = qt.evaluate(helix(), TIMES, ["drift", "velocity"])
-    np.testing.assert_array_equal(found.drift, found.velocity[:, 2])
-    assert found.to_xarray()["drift"].attrs == {"units": "m s-1", "long_name": "speed across the horizon"}
-    assert qt.evaluate(helix(), TIMES, ["drift"], reduce="max")["drift"] == np.max(found.drift)
+    table = qt.evaluate(helix(), TIMES, ["drift", "velocity"])
+    np.testing.assert_array_equal(table.drift, table.velocity[:, 2])
+    assert table.to_xarray()["drift"].attrs == {"units": "m s-1", "long_name": "vertical speed"}
+    assert qt.evaluate(helix(), TIMES, ["drift"], reduce="max")["drift"] == np.max(table.drift)
 
 
 def test_a_table_is_a_tree_with_attributes(table):
@@ -174,23 +174,23 @@ def test_shapes_of_one_path_and_of_many(table, stack):
         np.testing.assert_allclose(moved, np.asarray(getattr(many, name), float), rtol=EXACT, atol=EXACT)
 
 
-def test_only_what_was_asked_for_is_there():
+def test_outputs_that_were_not_requested_are_none():
     table = qt.evaluate(helix(), TIMES)
-    given = [name for name in CHANNELS if getattr(table, name) is not None]
-    assert given == ["position", "velocity", "acceleration", "quaternion", "curvature", "torsion", "rate"]
+    present = [name for name in CHANNELS if getattr(table, name) is not None]
+    assert present == ["position", "velocity", "acceleration", "quaternion", "curvature", "torsion", "rate"]
 
 
 def test_the_quaternion_is_continuous_on_request():
-    times = np.linspace(0.0, 4.0, 200)  # more than a whole turn: the sign must change somewhere without it
-    plain = qt.evaluate(helix(), times, ["quaternion"]).quaternion
+    times = np.linspace(0.0, 4.0, 200)  # more than a whole turn: without `continuous` the sign must change somewhere
+    canonical = qt.evaluate(helix(), times, ["quaternion"]).quaternion
     smooth = qt.evaluate(helix(), times, ["quaternion"], continuous=True).quaternion
     agreement = jnp.sum(smooth[1:] * smooth[:-1], axis=-1)
     assert float(jnp.min(agreement)) > 0.99
-    assert float(jnp.min(jnp.sum(plain[1:] * plain[:-1], axis=-1))) < 0
-    np.testing.assert_allclose(jnp.abs(jnp.sum(plain * smooth, axis=-1)), 1.0, atol=EXACT)
+    assert float(jnp.min(jnp.sum(canonical[1:] * canonical[:-1], axis=-1))) < 0
+    np.testing.assert_allclose(jnp.abs(jnp.sum(canonical * smooth, axis=-1)), 1.0, atol=EXACT)
 
 
-def test_any_hodograph_will_do():
+def test_a_curve_without_polynomials():
     curve = qt.Curve(lambda t: jnp.stack([jnp.cos(t), jnp.sin(t), 0.5 * t]), 4.0)
     table = qt.evaluate(curve, TIMES, ["curvature", "torsion"])
     np.testing.assert_allclose(table.curvature, 0.8, rtol=1e-12)
@@ -198,7 +198,7 @@ def test_any_hodograph_will_do():
 
 
 @pytest.mark.parametrize("components", ["last", "first"])
-def test_to_xarray_labels_and_keeps_every_number(stack, components):
+def test_to_xarray_has_labels_and_all_numbers(stack, components):
     table = qt.evaluate(stack, TIMES, tuple(CHANNELS), components=components)
     data = table.to_xarray()
     assert list(data.data_vars) == list(CHANNELS)
@@ -219,7 +219,7 @@ def test_to_xarray_labels_and_keeps_every_number(stack, components):
         ({"times": 3.0}, "vector (n,)"),
     ],
 )
-def test_bad_requests_are_refused_with_a_reason(arguments, fragment):
+def test_bad_requests_are_errors_with_a_reason(arguments, fragment):
     with pytest.raises(ValueError) as caught:
         qt.evaluate(**({"paths": helix(), "times": TIMES} | arguments))
     assert fragment in str(caught.value)

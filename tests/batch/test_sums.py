@@ -1,4 +1,4 @@
-"""Integrals by blocks: those of the samples, however paths and instants are divided, with their derivatives."""
+"""Integrals by blocks agree with those over all samples at once, for any division into blocks, with derivatives."""
 
 import jax
 import jax.numpy as jnp
@@ -8,7 +8,7 @@ import pytest
 from qtraj.batch.sums import integrals, neighbours
 
 SAMPLES = 128
-"""In a block; of one path 300 instants are three blocks, of 5 instants 25 paths are one."""
+"""Samples of a block: 300 instants of one path are three blocks, 5 instants of 25 paths are one."""
 
 
 def work(paths, cut):
@@ -23,16 +23,16 @@ def stack(count):
 
 
 def instants(count, rows):
-    """Unevenly spaced, for each row others."""
+    """Unevenly spaced instants, different for each row."""
     t = np.linspace(0.0, 2.0, count) ** 1.2
     return jnp.asarray(np.stack([t * (1 + 0.02 * r) for r in range(rows)]))
 
 
-def found(paths, times, samples=SAMPLES):
+def integrate(paths, times, samples=SAMPLES):
     return jnp.stack(integrals(work, paths, times, neighbours(times), samples)["x"])
 
 
-def wanted(paths, times):
+def expected(paths, times):
     x = np.stack([np.asarray(x) for x in work(paths, (times,))["x"]])
     return np.trapezoid(x, np.broadcast_to(times, x.shape[1:]), axis=-1)
 
@@ -40,28 +40,28 @@ def wanted(paths, times):
 @pytest.mark.parametrize("count", [1, 3, 60])
 @pytest.mark.parametrize("number", [1, 2, 5, 128, 129, 300])
 @pytest.mark.parametrize("own", [False, True])
-def test_integrals_are_those_of_the_samples(count, number, own):
+def test_integrals_agree_with_the_samples(count, number, own):
     paths, times = stack(count), instants(number, count if own else 1)
-    np.testing.assert_allclose(jax.jit(found)(paths, times), wanted(paths, times), rtol=1e-13, atol=1e-14)
+    np.testing.assert_allclose(jax.jit(integrate)(paths, times), expected(paths, times), rtol=1e-13, atol=1e-14)
 
 
-def test_pieces_of_a_row_add_up():
+def test_the_integrals_of_pieces_of_a_row_add_up():
     paths, times = stack(2), instants(300, 1)
     around = neighbours(times, 3).reshape(1, 3, 2)
     pieces = [integrals(work, paths, times[:, 100 * k : 100 * k + 100], around[:, k], SAMPLES)["x"] for k in range(3)]
     total = sum(jnp.stack(piece) for piece in pieces)
-    np.testing.assert_allclose(total, wanted(paths, times), rtol=1e-13)
+    np.testing.assert_allclose(total, expected(paths, times), rtol=1e-13)
     np.testing.assert_array_equal(neighbours(times), times[:, np.array([0, -1])])
 
 
 @pytest.mark.parametrize("own", [False, True])
 @pytest.mark.parametrize(("count", "number"), [(2, 300), (60, 5)])
-def test_derivatives_are_those_of_all_samples_at_once(own, count, number):
+def test_derivatives_agree_with_all_samples_at_once(own, count, number):
     paths, times = stack(count), instants(number, count if own else 1)
     weights = jnp.cos(jnp.arange(2.0 * count)).reshape(2, count)
 
     def blocks(paths, times):
-        return jnp.sum(weights * found(paths, times) ** 2)
+        return jnp.sum(weights * integrate(paths, times) ** 2)
 
     def at_once(paths, times):
         x = jnp.stack(work(paths, (times,))["x"])
@@ -75,17 +75,17 @@ def test_derivatives_are_those_of_all_samples_at_once(own, count, number):
     np.testing.assert_allclose(*second, rtol=1e-10, atol=1e-11)
 
 
-def test_the_sum_of_many_samples_keeps_its_digits():
+def test_the_sum_of_many_samples_is_accurate():
     times = jnp.linspace(0.0, np.pi, 1_000_001)[None]
     paths = {"a": jnp.ones(1), "b": jnp.ones(1)}
     exact = np.array([[2.0], [np.pi / 2]])
-    # The rule's own error is (π/n)²/6 = 1.6e-12 for the sine, and none for its square, which is periodic.
-    np.testing.assert_allclose(jax.jit(lambda: found(paths, times, 16384))(), exact, rtol=5e-12)
+    # The error of the trapezoidal rule is (π/n)²/6 = 1.6e-12 for the sine, and 0 for its square, which is periodic.
+    np.testing.assert_allclose(jax.jit(lambda: integrate(paths, times, 16384))(), exact, rtol=5e-12)
 
 
 @pytest.mark.parametrize("number", [3, 300])
 def test_an_infinite_sample_makes_an_infinite_integral(number):
-    """The last instant of a row, which is repeated where the row fills no block."""
+    """At the last instant of a row, which is repeated to fill the last block."""
     times = jnp.linspace(0.0, 2.0, number)[None]
     pole = lambda paths, cut: {"x": (paths["a"][:, None] / (2.0 - cut[0]),)}  # noqa: E731
     assert np.isposinf(integrals(pole, stack(1), times, neighbours(times), SAMPLES)["x"][0])

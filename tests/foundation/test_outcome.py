@@ -35,7 +35,9 @@ def outcome(codes):
 CODES = [0, ResultCode.near_zero_error, ResultCode.infeasible, ResultCode.max_steps_reached]
 
 
-ADVICE = re.compile(r"\b(try|look|give|take|pass|raise|choose|tune|change|limit|must be|start from)\b", re.IGNORECASE)
+ADVICE = re.compile(
+    r"\b(try|look|check|give|take|pass|raise|choose|tune|change|limit|must be|start from)\b", re.IGNORECASE
+)
 
 
 def test_every_code_has_its_own_text_and_every_failure_says_what_to_do():

@@ -1,4 +1,4 @@
-"""Paths that the tests of this floor share."""
+"""Paths shared by the tests of this package."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,14 +10,14 @@ import qtraj as qt
 def states(seed: int = 0, rate: float = 0.4) -> tuple[qt.BoundaryState, qt.BoundaryState]:
     """Two states about the z axis whose V_φ/ρ agree."""
     rng = np.random.default_rng(seed)
-    built = []
+    result = []
     for azimuth in (rng.uniform(-3, 3), rng.uniform(-3, 3)):
         radius, across, climb = rng.uniform(10, 40), *rng.uniform(-2, 2, size=2)
         along = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
         around = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
         position = radius * along + [0, 0, rng.uniform(-5, 5)]
-        built.append(qt.BoundaryState(position, across * along + rate * radius * around + [0, 0, climb]))
-    return built[0], built[1]
+        result.append(qt.BoundaryState(position, across * along + rate * radius * around + [0, 0, climb]))
+    return result[0], result[1]
 
 
 @pytest.fixture
@@ -34,7 +34,7 @@ def tilted() -> qt.SpiralHelix:
 
 
 def as_curve(path: qt.SpiralHelix) -> qt.Curve:
-    """The same curve from its definition alone: nothing of the rotating basis."""
+    """The same curve computed from its definition, without the rotating basis."""
 
     def position(t):
         powers = lambda c: sum(c[k] * t**k for k in range(c.shape[0]))  # noqa: E731

@@ -1,4 +1,4 @@
-"""The distance between paths, against circles about one centre."""
+"""The maximum distance between paths, for concentric circles."""
 
 import numpy as np
 import pytest
@@ -9,17 +9,17 @@ ANGLES = np.linspace(0.0, 2.0, 2001)
 CIRCLE = np.stack([np.cos(ANGLES), np.sin(ANGLES), 0.0 * ANGLES], axis=1)
 
 
-def test_circles_about_one_centre_and_planes_apart():
+def test_concentric_circles_in_one_plane_and_in_parallel_planes():
     assert max_deviation(1.5 * CIRCLE, CIRCLE) == pytest.approx(0.5, abs=1e-6)
     assert max_deviation(1.5 * CIRCLE + [0.0, 0.0, 1.2], CIRCLE) == pytest.approx(1.3, abs=1e-6)
 
 
-def test_times_do_not_matter_and_a_point_that_stands_still_is_a_line():
+def test_order_of_points_does_not_matter_and_a_line_may_be_a_point():
     assert max_deviation(CIRCLE[::-7], CIRCLE) == pytest.approx(0.0, abs=1e-12)
     assert max_deviation(np.array([[3.0, 4.0, 0.0]]), np.zeros((2, 3))) == 5.0
 
 
-def test_long_rows_are_judged_piece_by_piece():
+def test_long_lines_are_processed_in_parts():
     angles = np.linspace(0.0, 2.0, 30_001)
     circle = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
     assert max_deviation(1.5 * circle, circle) == pytest.approx(0.5, abs=1e-6)

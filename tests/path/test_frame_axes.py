@@ -1,4 +1,4 @@
-"""Labels follow the frame: coordinates, columns and attributes of datasets are called as its axes are."""
+"""Coordinates, columns and attributes of datasets are labelled by the axes of the frame."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -30,7 +30,7 @@ NAMES = {
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_table_is_labelled_as_its_frame(name):
+def test_a_table_has_the_labels_of_its_frame(name):
     frame, labels, convention = NAMES[name]
     dataset = qt.evaluate(HELIX, TIMES, ALL, frame=frame).to_xarray()
     assert dataset["body"].values.tolist() == labels
@@ -40,7 +40,7 @@ def test_a_table_is_labelled_as_its_frame(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_dataset_of_paths_is_labelled_as_its_frame(name):
+def test_a_dataset_of_paths_has_the_labels_of_its_frame(name):
     frame, labels, convention = NAMES[name]
     dataset = path_dataset({"a": HELIX}, samples=9, frame=frame)
     assert dataset["body"].values.tolist() == labels
@@ -48,19 +48,19 @@ def test_a_dataset_of_paths_is_labelled_as_its_frame(name):
     assert not np.isnan(dataset["rate"].values).any()
 
 
-def test_peaks_are_labelled_as_their_frame():
+def test_peaks_have_the_labels_of_their_frame():
     peaks = qt.evaluate(HELIX, TIMES, ("rate",), frame=qt.Upright(), reduce="max").to_xarray()
     assert float(peaks["rate"].sel(body="up")) == pytest.approx(0.4 * np.cos(np.arctan(0.5 / 4.0)))
 
 
-def test_a_recording_makes_the_frame_upright_and_nothing_else_does():
+def test_the_default_frame_is_upright_with_a_recording_and_natural_without():
     track = qt.Track(TIMES, np.stack([10 * np.cos(0.2 + 0.4 * TIMES), 10 * np.sin(0.2 + 0.4 * TIMES), TIMES], axis=1))
     assert path_dataset({"a": HELIX}, samples=9).attrs["frame"] == "natural"
     assert path_dataset({"a": HELIX}, track=track, samples=9).attrs["frame"] == "upright"
 
 
 @pytest.mark.parametrize("components", ["last", "first"])
-def test_a_rotation_minimizing_table_is_that_of_its_program(components):
+def test_a_rotation_minimizing_table_agrees_with_its_program(components):
     program = qt.FrameProgram(HELIX, qt.RotationMinimizing())
     table = qt.evaluate(HELIX, TIMES, ALL, frame=qt.RotationMinimizing(), components=components)
     front = components == "first"
@@ -68,23 +68,23 @@ def test_a_rotation_minimizing_table_is_that_of_its_program(components):
         at = program(t)
         expected = {"quaternion": at.quaternion, "rate": at.rate, "dcm": qt.rotation.to_dcm(at.quaternion)}
         for name, value in expected.items():
-            found = getattr(table, name)
-            np.testing.assert_allclose(found[..., k] if front else found[k], value, atol=1e-12)
+            actual = getattr(table, name)
+            np.testing.assert_allclose(actual[..., k] if front else actual[k], value, atol=1e-12)
     rolling = table.rate[0] if front else table.rate[:, 0]
     assert np.array_equal(rolling, np.zeros(len(TIMES)))
     assert bool(jnp.all(table.defined))
 
 
-def test_many_rotation_minimizing_frames_are_those_of_one_path_each():
+def test_many_rotation_minimizing_frames_agree_with_single_ones():
     import jax
 
     stack = jax.tree.map(lambda *x: jnp.stack(x), HELIX, qt.SpiralHelix([12.0, 0.0], [0.1, 0.3], [0.0, 0.2], 6.0))
     table = qt.evaluate(stack, TIMES, ALL, frame=qt.RotationMinimizing())
-    alone = qt.evaluate(HELIX, TIMES, ALL, frame=qt.RotationMinimizing())
-    np.testing.assert_allclose(table.quaternion[0], alone.quaternion, atol=1e-12)
+    single = qt.evaluate(HELIX, TIMES, ALL, frame=qt.RotationMinimizing())
+    np.testing.assert_allclose(table.quaternion[0], single.quaternion, atol=1e-12)
     assert table.dcm.shape == (2, 13, 3, 3)
 
 
-def test_what_a_rotation_minimizing_frame_cannot_do_is_explained():
-    with pytest.raises(ValueError, match="followed along the path, so it suits neither reduce nor reuse"):
+def test_a_rotation_minimizing_frame_with_reduce_is_an_error():
+    with pytest.raises(ValueError, match="integrated along the path, so it supports neither reduce nor reuse"):
         qt.evaluate(HELIX, TIMES, ALL, frame=qt.RotationMinimizing(), reduce="max")

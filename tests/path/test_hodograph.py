@@ -17,7 +17,7 @@ TOLERANCE = 1e-9
 
 
 @pytest.mark.parametrize("name", ["helix", "tilted"])
-@pytest.mark.parametrize("t", [0.0, 1.3, 5.0])  # the last one extrapolates
+@pytest.mark.parametrize("t", [0.0, 1.3, 5.0])  # the last time is beyond the duration
 def test_the_rotating_basis_agrees_with_nested_differentiation(name, t, request):
     path = request.getfixturevalue(name)
     order = 6
@@ -50,7 +50,7 @@ def test_length_agrees_with_adaptive_quadrature(name, request):
 
 
 def wave(count):
-    """1 km eastwards in 100 s, with `count` waves of 10 m across."""
+    """1 km eastwards in 100 s, with `count` lateral waves of 10 m."""
 
     def position(t):
         return jnp.stack([10.0 * t, 10.0 * jnp.sin(2 * jnp.pi * count * t / 100.0), 0.0 * t])
@@ -59,18 +59,18 @@ def wave(count):
 
 
 @pytest.mark.parametrize("count", [1, 40, 1000, 3000])
-def test_a_long_curve_is_as_long_as_its_waves(count):
-    """Each quarter of a wave is as long as the others: one of them, by an independent adaptive quadrature."""
+def test_the_length_of_a_wave_is_that_of_its_quarters(count):
+    """All quarters of a wave have equal length, which an independent adaptive quadrature computes."""
     rate = 2 * np.pi * count / 100.0
     quarter, _ = quad(lambda t: np.hypot(10.0, 10.0 * rate * np.cos(rate * t)), 0.0, 25.0 / count, epsrel=1e-13)
     np.testing.assert_allclose(wave(count).length(), 4 * count * quarter, rtol=TOLERANCE)
 
 
-def test_a_recorded_drive_is_as_long_as_its_pieces():
+def test_the_length_of_a_spline_is_the_sum_over_its_pieces():
     """A cubic spline through noisy samples, whose third derivative jumps at each of 3000 knots."""
     knots = np.linspace(0.0, 300.0, 3001)
-    wander = np.cumsum(np.random.default_rng(3).normal(size=(3001, 3)), axis=0)
-    spline = CubicSpline(knots, wander + knots[:, None] * [5.0, 2.0, 0.0])
+    random_walk = np.cumsum(np.random.default_rng(3).normal(size=(3001, 3)), axis=0)
+    spline = CubicSpline(knots, random_walk + knots[:, None] * [5.0, 2.0, 0.0])
     coefficients = jnp.asarray(np.moveaxis(spline.c, 0, 1))
 
     def position(t):
@@ -86,7 +86,7 @@ def test_a_recorded_drive_is_as_long_as_its_pieces():
 
 
 def test_a_length_is_differentiated_forwards_and_backwards_under_jit_and_vmap():
-    """2000 waves of height a: the refined sum has the derivative of the length, at whatever number of panels."""
+    """2000 waves of height a: the refined sum has the derivative of the length for any number of panels."""
 
     def length(a):
         return qt.Curve(lambda t: jnp.stack([10.0 * t, a * jnp.sin(125.0 * t), 0.0 * t]), 100.0).length()
@@ -99,8 +99,8 @@ def test_a_length_is_differentiated_forwards_and_backwards_under_jit_and_vmap():
         np.testing.assert_allclose(slope, difference, rtol=1e-6)
 
 
-def test_a_length_that_cannot_be_found_is_no_number():
-    """Ten thousand million waves are beyond a million speeds."""
+def test_a_length_that_does_not_converge_is_nan():
+    """A million speeds cannot resolve ten thousand million waves."""
     assert np.isnan(wave(10**10).length())
 
 
@@ -133,7 +133,7 @@ def test_a_curve_takes_modules_and_differentiates_in_them():
     np.testing.assert_allclose(jitted(line, 0.0), [1.0, 2.0, 0.0], atol=1e-15)
 
 
-def test_a_subclass_needs_no_more_than_derivatives():
+def test_a_subclass_needs_only_derivatives():
     class Line(qt.AbstractHodograph):
         duration: float = 2.0
 
@@ -174,12 +174,12 @@ def test_float32_is_kept():
         (lambda: qt.Placement(orientation=[0.0, 0.0, 0.0, 0.0]), "other than zero"),
     ],
 )
-def test_bad_input_is_refused_with_a_reason(make, fragment):
+def test_bad_input_is_an_error_with_a_reason(make, fragment):
     with pytest.raises(ValueError) as caught:
         make()
     assert fragment in str(caught.value)
 
 
-def test_coarse_float32_positions_are_warned_of():
+def test_coarse_float32_positions_warn():
     with pytest.warns(UserWarning, match=r"resolves only 0\.5 m"):
         qt.BoundaryState(jnp.asarray([623425.5, 4848821.0, 153.0], jnp.float32), jnp.zeros(3, jnp.float32))

@@ -1,4 +1,4 @@
-"""Every case of the high-precision reference agrees, through the public API."""
+"""The public API agrees with all cases of the high-precision reference."""
 
 import json
 import math
@@ -13,7 +13,7 @@ import qtraj as qt
 
 CASES = json.loads((Path(__file__).parents[1] / "data" / "trihedral.json").read_text())["cases"]
 RELATIVE = 1e-12
-RELATIVE_ACCELERATION = 1e-10  # ε⁰ takes a fourth derivative
+RELATIVE_ACCELERATION = 1e-10  # ε⁰ uses the fourth derivative
 
 evaluate = jax.jit(lambda path, t: (path.derivatives(t, 3), qt.trihedral(path, t)))
 
@@ -21,7 +21,7 @@ evaluate = jax.jit(lambda path, t: (path.derivatives(t, 3), qt.trihedral(path, t
 def build(case: dict) -> qt.SpiralHelix:
     start, end = qt.BoundaryState(**case["start"]), qt.BoundaryState(**case["end"])
     if case["kind"] == "hermite":
-        turns = math.ceil(case["turn"] / (2 * math.pi) - 0.5)  # what lies beyond (−π, π]
+        turns = math.ceil(case["turn"] / (2 * math.pi) - 0.5)  # the number of whole turns beyond (−π, π]
         return qt.SpiralHelix.hermite(start, end, case["duration"], turns=turns)
     return qt.SpiralHelix.from_boundary(start, end)
 

@@ -1,4 +1,4 @@
-"""A track against a path: distances, velocities and directions that are known beforehand."""
+"""Residuals between a track and a path, for known distances, velocities and directions."""
 
 import tomllib
 
@@ -17,7 +17,7 @@ from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track
 
 ROUND_OFF = 1e-9
-"""[m] World coordinates of millions of metres leave so much in float64."""
+"""[m] Accuracy of world coordinates of millions of metres in float64."""
 
 RNG = np.random.default_rng(5)
 PATH = SpiralHelix(
@@ -63,10 +63,10 @@ def test_rms_and_maximum_of_uneven_offsets():
 
 @pytest.mark.parametrize("angle", [1e-9, 0.2, 3.0])
 def test_velocities_turned_by_an_angle_have_that_direction_error(angle):
-    """Straight east, with the recorded velocities turned about z; every other sample stands and does not count."""
+    """Straight east, with the recorded velocities turned about z; every other sample is at rest and ignored."""
     path = Curve(lambda t: jnp.stack([5.0 * t, 0 * t, 0 * t]), 4.0)
-    standing = (np.arange(41) % 2)[:, None] == 1
-    turned = np.where(standing, 0.0, 7.0 * np.array([np.cos(angle), np.sin(angle), 0.0]))
+    at_rest = (np.arange(41) % 2)[:, None] == 1
+    turned = np.where(at_rest, 0.0, 7.0 * np.array([np.cos(angle), np.sin(angle), 0.0]))
     track = Track(TIMES, np.stack([5.0 * TIMES, 0 * TIMES, 0 * TIMES], axis=1), turned)
     np.testing.assert_allclose(compare(path, track).direction_rms, angle, rtol=1e-7)
 
@@ -81,7 +81,7 @@ def test_radius_and_turn():
     np.testing.assert_allclose(np.angle(np.exp(1j * (float(residual.turn) - turn))), 0.0, atol=1e-9)
 
 
-def test_what_is_not_recorded_is_none():
+def test_fields_without_recorded_data_are_none():
     curve = Curve(lambda t: jnp.stack([5.0 * t, t**2, 0 * t]), 4.0)
     residual = compare(curve, track_along(curve, velocities=False))
     assert residual.velocity_rms is None
@@ -90,7 +90,7 @@ def test_what_is_not_recorded_is_none():
     assert residual.radius_max is None
 
 
-def test_a_track_longer_than_the_path_is_refused_and_a_shorter_one_is_not():
+def test_a_track_longer_than_the_path_is_an_error():
     track = track_along(PATH)
     shorter = eqx.tree_at(lambda p: p.duration, PATH, jnp.asarray(3.0))
     with pytest.raises(ValueError, match=r"lasts 4 s, but the path only 3 s.*track\.window"):
@@ -98,7 +98,7 @@ def test_a_track_longer_than_the_path_is_refused_and_a_shorter_one_is_not():
     assert int(compare(PATH, track.window(1000.0, 1002.0)).samples) == np.sum(TIMES <= 2.0)
 
 
-def test_residuals_are_differentiable_in_the_path_also_where_they_vanish():
+def test_residuals_are_differentiable_in_the_path_even_where_they_are_zero():
     track = track_along(PATH)
 
     def total(radius):
@@ -106,10 +106,10 @@ def test_residuals_are_differentiable_in_the_path_also_where_they_vanish():
         return residual.horizontal_rms + residual.maximum + residual.velocity_rms + residual.direction_rms
 
     assert np.all(np.isfinite(jax.grad(total)(PATH.radius)))
-    away = PATH.radius + jnp.array([1.0, 0.2, 0.1])
-    gradient = np.asarray(jax.grad(total)(away))
+    other = PATH.radius + jnp.array([1.0, 0.2, 0.1])
+    gradient = np.asarray(jax.grad(total)(other))
     steps = 1e-5 * np.eye(3)
-    central = [float(total(away + s) - total(away - s)) / 2e-5 for s in steps]
+    central = [float(total(other + s) - total(other - s)) / 2e-5 for s in steps]
     np.testing.assert_allclose(gradient, central, rtol=1e-5)
 
 
@@ -120,8 +120,8 @@ def test_a_residual_is_stored(tmp_path, suffix):
     assert eqx.tree_equal(document.load(tmp_path / f"residual{suffix}"), residual)
 
 
-def test_a_path_that_was_stored_with_its_residual_is_read_without_it(tmp_path):
-    """As versions wrote it that kept the residual in the path, and the end of the fit in the residual."""
+def test_a_path_stored_with_its_residual_is_loaded_without_it(tmp_path):
+    """Older versions stored the residual in the path, and the outcome of the fit in the residual."""
     PATH.save(tmp_path / "path.toml")
     document.save(compare(PATH, track_along(PATH)), tmp_path / "residual.toml")
     older = tomllib.loads((tmp_path / "residual.toml").read_text()) | {"converged": False, "message": "try a window"}
@@ -132,8 +132,8 @@ def test_a_path_that_was_stored_with_its_residual_is_read_without_it(tmp_path):
     assert eqx.tree_equal(document.load(tmp_path / "path.toml"), PATH)
 
 
-def test_only_the_recorded_samples_count():
-    """The number of samples is padded; a track and its continuation by one sample differ by that sample alone."""
+def test_padding_does_not_change_the_residual():
+    """The arrays are padded to sizes that many tracks share; padded samples must be ignored."""
     track = track_along(PATH, (3.0, 0.0, 0.0))
     for count in (20, 40, 41):
         part = Track(track.times[:count], track.positions[:count], track.velocities[:count])

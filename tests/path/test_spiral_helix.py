@@ -1,4 +1,4 @@
-"""The boundary problems of a spiral-helix: what they meet, what they refuse, how they transform."""
+"""The boundary problems of a spiral-helix: solutions, errors, placements."""
 
 import dataclasses
 import math
@@ -12,13 +12,13 @@ import qtraj as qt
 
 from .conftest import states
 
-MET = 1e-12  # relative to the size of positions and velocities
+RELATIVE = 1e-12  # relative to the size of positions and velocities
 
 
 def assert_meets(path, start, end):
     for state, t in ((start, 0.0), (end, path.duration)):
-        np.testing.assert_allclose(path.position(t), state.position, rtol=0, atol=MET * 40)
-        np.testing.assert_allclose(path.velocity(t), state.velocity, rtol=0, atol=MET * 40)
+        np.testing.assert_allclose(path.position(t), state.position, rtol=0, atol=RELATIVE * 40)
+        np.testing.assert_allclose(path.velocity(t), state.velocity, rtol=0, atol=RELATIVE * 40)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -36,9 +36,9 @@ def test_uniform_rotation_meets_the_boundary_data(seed, rate, turns):
 
 
 @pytest.mark.parametrize("turns", [-2, 0, 1])
-def test_a_polynomial_angle_meets_everything_in_any_time(turns):
+def test_a_polynomial_angle_meets_the_boundary_data_in_any_duration(turns):
     start, end = states(3, 0.4)
-    end = qt.BoundaryState(end.position, end.velocity * 1.7)  # the rates now disagree
+    end = qt.BoundaryState(end.position, end.velocity * 1.7)  # now the rates disagree
     path = qt.SpiralHelix.hermite(start, end, 5.5, turns=turns)
     assert_meets(path, start, end)
     assert float(path.duration) == 5.5
@@ -46,7 +46,7 @@ def test_a_polynomial_angle_meets_everything_in_any_time(turns):
     assert path.angle.shape == (4,)
 
 
-def test_accelerations_make_quintics_and_are_met():
+def test_quintics_meet_accelerations():
     start, end = states(4, 0.4)
     start = qt.BoundaryState(start.position, start.velocity, [0.3, -1.2, 0.4])
     end = qt.BoundaryState(end.position, end.velocity, [-2.0, 0.1, 0.6])
@@ -57,7 +57,7 @@ def test_accelerations_make_quintics_and_are_met():
     assert path.radius.shape == path.angle.shape == path.height.shape == (6,)
 
 
-def test_between_turns_about_the_meeting_point_of_the_normals():
+def test_between_turns_about_the_intersection_of_the_normals():
     start = qt.BoundaryState([623010.0, 4848000.0, 150.0], [0.0, 7.0, 0.1])
     end = qt.BoundaryState([623000.0, 4848012.0, 151.0], [-7.0, 0.0, 0.1])
     path = qt.SpiralHelix.between(start, end, 3.0)
@@ -67,7 +67,7 @@ def test_between_turns_about_the_meeting_point_of_the_normals():
     assert float(path.turn) == pytest.approx(math.pi / 2)
 
 
-def test_a_placement_carries_the_path_rigidly():
+def test_a_placement_moves_the_path_rigidly():
     start, end = states(5, 0.4)
     placement = qt.Placement([1000.0, -200.0, 30.0], [3.0, 0.2, -1.0, 0.4])
 
@@ -76,20 +76,20 @@ def test_a_placement_carries_the_path_rigidly():
             placement.origin + placement.to_world(state.position), placement.to_world(state.velocity)
         )
 
-    plain = qt.SpiralHelix.from_boundary(start, end)
-    carried = qt.SpiralHelix.from_boundary(moved(start), moved(end), placement=placement)
-    t = 0.3 * plain.duration
-    np.testing.assert_allclose(carried.duration, plain.duration, rtol=1e-12)
+    original = qt.SpiralHelix.from_boundary(start, end)
+    moved_path = qt.SpiralHelix.from_boundary(moved(start), moved(end), placement=placement)
+    t = 0.3 * original.duration
+    np.testing.assert_allclose(moved_path.duration, original.duration, rtol=1e-12)
     np.testing.assert_allclose(
-        carried.position(t), placement.origin + placement.to_world(plain.position(t)), rtol=0, atol=1e-9
+        moved_path.position(t), placement.origin + placement.to_world(original.position(t)), rtol=0, atol=1e-9
     )
-    a, b = qt.trihedral(plain, t), qt.trihedral(carried, t)
+    a, b = qt.trihedral(original, t), qt.trihedral(moved_path, t)
     np.testing.assert_allclose(b.rate, a.rate, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(b.tangent, placement.to_world(a.tangent), atol=1e-12)
 
 
-def test_a_half_turn_has_the_sign_plus():
-    """Azimuths apart by exactly π, also where the difference comes out as −π."""
+def test_a_half_turn_is_positive():
+    """Azimuths that differ by exactly π, also where the difference is computed as −π."""
     start = qt.BoundaryState([10.0, 0.0, 0.0], [0.0, 4.0, 0.0])
     end = qt.BoundaryState([-10.0, -0.0, 0.0], [0.0, -4.0, 0.0])
     assert float(qt.SpiralHelix.hermite(start, end, 5.0).turn) == pytest.approx(math.pi)
@@ -106,8 +106,8 @@ def test_equal_azimuths_need_a_whole_turn(nudge):
 
 
 @pytest.mark.parametrize("azimuth", np.linspace(-3.0, 3.0, 13))
-def test_equal_azimuths_are_known_far_from_the_origin(azimuth):
-    """Round-off of world coordinates of millions of metres must not look like a tiny turn, or like a whole one."""
+def test_equal_azimuths_are_detected_far_from_the_origin(azimuth):
+    """Rounding of world coordinates of millions of metres must not count as a tiny or a whole turn."""
     around = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     origin = np.array([623329.4, 4848831.7, 0.0])
     start = qt.BoundaryState(origin + 10 * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]), 4 * around)
@@ -128,7 +128,7 @@ def test_a_state_on_the_axis_has_finite_derivatives_inside_a_trace(mode):
     assert np.all(np.isfinite(jax.jit(mode(radius))(0.0)))
 
 
-def test_disagreeing_rates_are_refused_by_name():
+def test_disagreeing_rates_are_an_error_that_states_both():
     start = qt.BoundaryState([10.0, 0.0, 0.0], [0.0, 4.0, 0.0])
     end = qt.BoundaryState([0.0, 20.0, 0.0], [-5.0, 0.0, 0.0])
     with pytest.raises(ValueError, match=r"0\.4 rad/s at the start and 0\.25") as caught:
@@ -136,10 +136,10 @@ def test_disagreeing_rates_are_refused_by_name():
     assert "hermite" in str(caught.value)
 
 
-@pytest.mark.parametrize(("excess", "agrees"), [(0.9e-9, True), (1.2e-9, False)])
-def test_rates_agree_to_1e_9(excess, agrees):
+@pytest.mark.parametrize(("difference", "agrees"), [(0.9e-9, True), (1.2e-9, False)])
+def test_rates_agree_to_1e_9(difference, agrees):
     start = qt.BoundaryState([10.0, 0.0, 0.0], [0.0, 4.0, 0.0])
-    end = qt.BoundaryState([0.0, 20.0, 0.0], [-8.0 * (1 + excess), 0.0, 0.0])
+    end = qt.BoundaryState([0.0, 20.0, 0.0], [-8.0 * (1 + difference), 0.0, 0.0])
     if agrees:
         qt.SpiralHelix.from_boundary(start, end)
     else:
@@ -168,13 +168,13 @@ RADIAL = qt.BoundaryState([10.0, 0.0, 0.0], [4.0, 0.0, 0.0])
         (lambda: qt.SpiralHelix.between(START, qt.BoundaryState([0, 1.0, 0], [0, 0, 1.0]), 3.0), "parallel"),
     ],
 )
-def test_bad_problems_are_refused_with_a_reason(make, fragment):
+def test_bad_problems_are_errors_with_a_reason(make, fragment):
     with pytest.raises(ValueError) as caught:
         make()
     assert fragment in str(caught.value)
 
 
-def test_inside_a_trace_the_mismatch_tells():
+def test_inside_a_trace_the_mismatch_shows_disagreeing_rates():
     @jax.jit
     def mismatch(speed):
         end = qt.BoundaryState([0.0, 20.0, 0.0], jnp.stack([-speed, 0.0 * speed, 0.0 * speed]))
@@ -185,7 +185,7 @@ def test_inside_a_trace_the_mismatch_tells():
     assert float(mismatch(-8.0)) == pytest.approx(2.0)
 
 
-def test_inside_a_trace_an_unsolvable_problem_is_marked():
+def test_inside_a_trace_an_unsolvable_problem_has_an_infinite_mismatch():
     @jax.jit
     def path(velocity):
         return qt.SpiralHelix.from_boundary(qt.BoundaryState([10.0, 0.0, 0.0], velocity), END)
@@ -213,8 +213,8 @@ def test_ten_thousand_boundary_problems_compile_once():
     for _ in range(2):
         p = np.zeros((10_000, 2, 3))
         p[:, 0, 0], p[:, 1, 1], p[:, :, 2] = *rng.uniform(10, 50, (2, 10_000)), rng.uniform(-3, 3, (10_000, 2))
-        paths, misses = solve(p, rng.uniform(-2, 2, (10_000, 4)), rng.uniform(0.1, 1.0, 10_000))
+        paths, errors = solve(p, rng.uniform(-2, 2, (10_000, 4)), rng.uniform(0.1, 1.0, 10_000))
         assert paths.radius.shape == (10_000, 4)
-        assert float(jnp.max(misses)) < 1e-11
+        assert float(jnp.max(errors)) < 1e-11
         np.testing.assert_allclose(jax.vmap(lambda path: path.turn)(paths), math.pi / 2, rtol=1e-12)
     assert compiled == 1

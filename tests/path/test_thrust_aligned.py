@@ -1,4 +1,4 @@
-"""The frame of a multirotor: on a figure-eight, against the flat outputs' closed form and finite differences."""
+"""The frame of a multirotor on a figure-eight, against the closed form of its flat outputs and finite differences."""
 
 import math
 
@@ -48,15 +48,15 @@ at = jax.jit(qt.trihedral)
 
 
 def eight(t):
-    """The velocity and the acceleration by hand."""
+    """Velocity and acceleration, derived by hand."""
     s, c = math.sin, math.cos
     v = W * np.array([A * c(W * t), 2 * B * c(2 * W * t), -C * s(W * t)])
     return v, W**2 * np.array([-A * s(W * t), -4 * B * s(2 * W * t), -C * c(W * t)])
 
 
 @pytest.mark.parametrize("name", HEADINGS)
-def test_the_attitude_is_that_of_the_flat_outputs(name):
-    """Mellinger and Kumar: with the heading undone, roll and pitch (Z-X-Y) follow from the acceleration alone."""
+def test_the_attitude_agrees_with_the_flat_outputs(name):
+    """Mellinger and Kumar: after removing the heading, roll and pitch (Z-X-Y) depend on the acceleration only."""
     for t in TIMES[::4]:
         psi, thrust = HEADINGS[name](t), eight(t)[1] + [0, 0, G]
         x, y, z = Rotation.from_euler("z", -psi).apply(thrust)
@@ -65,7 +65,7 @@ def test_the_attitude_is_that_of_the_flat_outputs(name):
         np.testing.assert_allclose(at(EIGHT, t, FRAMES[name]).dcm(), expected, atol=EXACT)
 
 
-def test_the_yaw_along_the_velocity_never_slips():
+def test_yaw_along_the_velocity_has_no_sideslip():
     for t in TIMES[::4]:
         v, a = eight(t)
         here = at(EIGHT, t, FRAMES["velocity"])
@@ -78,7 +78,7 @@ def test_the_yaw_along_the_velocity_never_slips():
 
 @pytest.mark.parametrize("name", FRAMES)
 @pytest.mark.parametrize("path", [EIGHT, SPIRAL], ids=["eight", "spiral"])
-def test_rate_and_acceleration_are_those_of_the_axes(name, path):
+def test_rate_and_acceleration_are_derivatives_of_the_axes(name, path):
     frame, h = FRAMES[name], 1e-4
     for t in TIMES[::8]:
         here, before, after = (at(path, s, frame) for s in (t, t - h, t + h))
@@ -98,7 +98,7 @@ def test_rate_and_acceleration_are_those_of_the_axes(name, path):
 
 @pytest.mark.parametrize("name", FRAMES)
 @pytest.mark.parametrize("path", [EIGHT, SPIRAL], ids=["eight", "spiral"])
-def test_tables_and_programs_have_the_frame_of_each_instant(name, path):
+def test_tables_and_programs_agree_with_the_frame_at_each_instant(name, path):
     frame = FRAMES[name]
     table = qt.evaluate(path, TIMES, ("dcm", "quaternion", "rate", "angular_acceleration", "defined"), frame=frame)
     program = qt.FrameProgram(path, frame)
@@ -114,7 +114,7 @@ def test_tables_and_programs_have_the_frame_of_each_instant(name, path):
     assert (np.sum(quaternions[1:] * quaternions[:-1], axis=1) > 0.9).all()
 
 
-def test_a_flight_is_followed_by_propagating_its_rate():
+def test_propagating_the_rate_gives_the_attitude():
     program = qt.FrameProgram(EIGHT, FRAMES["function"])
     qs = qt.propagate(lambda t: program(t).rate, program(TIMES[0]).quaternion, TIMES[[0, 20, 40]])
     for q, t in zip(qs, TIMES[[0, 20, 40]], strict=True):
@@ -123,7 +123,7 @@ def test_a_flight_is_followed_by_propagating_its_rate():
 
 def test_forward_and_reverse_derivatives_agree_with_differences():
     def thrust(size):
-        """Something of each output, along a path and a heading of one parameter."""
+        """A scalar from all outputs, for a path and a heading with one parameter."""
         path = qt.SpiralHelix(jnp.stack([10 + size, 0.4]), [0.2, 0.6], [1.0, 0.5], 6.0)
         here = qt.trihedral(path, 1.1, qt.ThrustAligned(Swing(size), gravity=9.0 + size))
         return here.dcm().sum() + here.rate @ jnp.arange(1.0, 4.0) + here.acceleration.sum()
@@ -144,7 +144,7 @@ def test_forward_and_reverse_derivatives_agree_with_differences():
 SINGULAR = {
     "free fall": (lambda t: jnp.stack([3 * t, 0 * t, -G * t**2 / 2]), None, 0.4),
     "climbing straight up": (lambda t: jnp.stack([0 * t, 0 * t, 2 * t + t**2]), None, 0.4),
-    "standing": (lambda t: jnp.stack([(t - 1) ** 3, 0 * t, 0 * t]), None, 1.0),
+    "at rest": (lambda t: jnp.stack([(t - 1) ** 3, 0 * t, 0 * t]), None, 1.0),
     "thrust along the heading": (lambda t: jnp.stack([t**2, 0 * t, -G * t**2 / 2]), 0.0, 0.4),
 }
 
@@ -158,23 +158,25 @@ def test_singular_points_are_reported_and_finite(name):
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(here))
     np.testing.assert_allclose(here.dcm() @ here.dcm().T, np.eye(3), atol=EXACT)
     for derivative in (jax.jacfwd, jax.jacrev):
-        found = derivative(lambda t: jax.tree.leaves(eqx.filter(qt.trihedral(path, t, frame), eqx.is_inexact_array)))(t)
-        assert all(np.isfinite(x).all() for x in found)
+        slopes = derivative(lambda t: jax.tree.leaves(eqx.filter(qt.trihedral(path, t, frame), eqx.is_inexact_array)))(
+            t
+        )
+        assert all(np.isfinite(x).all() for x in slopes)
     table = qt.evaluate(path, [t], ("dcm", "rate", "defined"), frame=frame)
     assert not table.defined.any()
     assert np.isfinite(table.rate).all()
     np.testing.assert_allclose(table.dcm[0], here.dcm(), atol=EXACT)
 
 
-def test_a_hover_keeps_a_given_heading_and_has_no_course():
+def test_in_hover_the_frame_exists_only_with_a_given_heading():
     hover = qt.Curve(lambda t: jnp.stack([0 * t, 0 * t, 0 * t + 5.0]), 2.0)
-    given = at(hover, 1.0, qt.ThrustAligned(0.5))
-    assert bool(given.defined)
-    np.testing.assert_allclose(given.dcm(), Rotation.from_euler("z", 0.5).as_matrix().T, atol=EXACT)
+    here = at(hover, 1.0, qt.ThrustAligned(0.5))
+    assert bool(here.defined)
+    np.testing.assert_allclose(here.dcm(), Rotation.from_euler("z", 0.5).as_matrix().T, atol=EXACT)
     assert not bool(at(hover, 1.0, qt.ThrustAligned()).defined)
 
 
-def test_labels_figures_and_pages_name_the_thrust():
+def test_labels_in_datasets_figures_and_reports():
     dataset = qt.evaluate(SPIRAL, TIMES, ("position", "dcm", "rate", "defined"), frame=qt.ThrustAligned()).to_xarray()
     assert dataset["body"].values.tolist() == ["forward", "left", "thrust"]
     assert "z = thrust" in dataset.attrs["frame_convention"]
@@ -196,16 +198,16 @@ def test_a_program_with_a_heading_is_stored(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("arguments", "message"),
     [
         ({"heading": [0.1, 0.2]}, "the heading of a thrust-aligned frame must be one number"),
         ({"heading": math.nan}, "must be finite"),
         ({"heading": lambda t: jnp.stack([t, t])}, "must be one angle"),
         ({"heading": lambda t: math.sin(t)}, "cannot be traced by JAX"),
-        ({"gravity": -9.8}, "is a size ≥ 0"),
+        ({"gravity": -9.8}, "must be a number ≥ 0"),
         ({"gravity": [0.0, 9.8]}, r"must have shape \(3,\)"),
     ],
 )
-def test_what_makes_no_frame_is_explained(given, message):
+def test_invalid_arguments_are_errors(arguments, message):
     with pytest.raises(ValueError, match=message):
-        qt.ThrustAligned(**given)
+        qt.ThrustAligned(**arguments)

@@ -1,4 +1,4 @@
-"""Recorded tracks: what they accept, their windows, and the turn they read from a recording."""
+"""Recorded tracks: checks of input, windows, turn and bends."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ DATA = Path(__file__).parents[1] / "data"
 
 ROUND_OFF = 1e-12
 CHORD_ERROR = 0.01
-"""Relative error of turn and length read from chords on a circle: (1/24 of the turn)²/24 and less."""
+"""Relative error of turn and length from chords on a circle: at most (turn/24)²/24."""
 
 
 def recording(count=11, start=100.0):
@@ -39,7 +39,7 @@ def test_times_of_a_track():
     np.testing.assert_allclose(track.elapsed, 0.1 * np.arange(11), atol=ROUND_OFF)
 
 
-def test_a_window_holds_the_samples_of_its_closed_interval_on_the_recordings_clock():
+def test_a_window_has_the_samples_of_its_closed_interval():
     times, positions = recording()
     quaternions = np.tile([1.0, 0, 0, 0], (11, 1)) + times[:, None]
     window = Track(times, positions, 2 * positions, quaternions).window(times[3], times[7])
@@ -56,12 +56,12 @@ def test_a_window_holds_the_samples_of_its_closed_interval_on_the_recordings_clo
         (100.2, 100.2, "must end after it starts"),
         (99.0, 100.5, r"leaves the recording; the recording runs from 100 to 101 s"),
         (100.5, 103.0, r"leaves the recording; the recording runs from 100 to 101 s"),
-        (100.15, 100.45, r"holds 3 samples, but at least 4"),
-        (100.51, 100.59, r"holds 0 samples, but at least 4"),
+        (100.15, 100.45, r"has 3 samples, but at least 4"),
+        (100.51, 100.59, r"has 0 samples, but at least 4"),
         (float("nan"), 100.5, "must end after it starts"),
     ],
 )
-def test_windows_that_are_refused(t0, t1, words):
+def test_invalid_windows_are_errors(t0, t1, words):
     with pytest.raises(ValueError, match=words):
         Track(*recording()).window(t0, t1)
 
@@ -87,12 +87,12 @@ def changed(values, where, value):
         (lambda t, p: (t, p, None, np.eye(11, 4)), r"other than zero, but sample 4 is zero"),
     ],
 )
-def test_recordings_that_are_refused(change, words):
+def test_invalid_recordings_are_errors(change, words):
     with pytest.raises(ValueError, match=words):
         Track(*change(*recording()))
 
 
-def test_times_that_float32_cannot_tell_apart_are_refused():
+def test_times_that_are_equal_in_float32_are_an_error():
     _, positions = recording()
     times = (1.6e9 + np.arange(11)).astype(np.float32)
     with pytest.raises(ValueError, match="increase strictly"):
@@ -112,15 +112,15 @@ def test_the_turn_of_a_circle(turn):
     np.testing.assert_allclose(circle(turn, velocities=False).turn, turn, rtol=CHORD_ERROR)
 
 
-def test_the_turn_from_chords_hardly_feels_noise():
-    """Centimetre noise on 1000 samples of 4 cm: the direction of single steps is lost, that of chords is not."""
+def test_noise_hardly_changes_the_turn_from_chords():
+    """Samples 4 cm apart with 1 cm of noise: single steps have no usable direction, but chords do."""
     track = circle(2.0, count=1000, velocities=False)
     noise = 0.01 * np.random.default_rng(1).normal(size=(1000, 3))
     np.testing.assert_allclose(Track(track.times, track.positions + noise).turn, 2.0, atol=0.05)
 
 
-def test_a_stop_has_no_direction():
-    """Standing still, with velocities of pure noise, must not wind up a turn."""
+def test_a_stop_does_not_turn():
+    """At rest the velocities are only noise, which must not add to the turn."""
     moving = circle(1.0, count=50)
     noise = 0.01 * np.random.default_rng(2).normal(size=(30, 3))
     track = Track(
@@ -135,7 +135,7 @@ def test_a_stop_has_no_direction():
 
 @pytest.mark.parametrize("velocities", [True, False], ids=["velocities", "positions"])
 def test_a_parked_car_does_not_turn(velocities):
-    """A real car that waits for 8 s: its velocities are a millimetre per second of noise in every direction."""
+    """A real car that waits for 8 s: its velocities are noise of a millimetre per second in all directions."""
     track = read_track(DATA / "boreas_standing.csv")
     if not velocities:
         track = Track(track.times, track.positions)
@@ -145,8 +145,8 @@ def test_a_parked_car_does_not_turn(velocities):
 
 
 @pytest.mark.parametrize("size", [0.06, 0.09, 0.2, 2.0])
-def test_a_jittering_track_stands_within_a_decimetre(size):
-    """A ring of `size` in diameter, 40 times around: a turn where that is more than noise could be, else none."""
+def test_a_track_within_a_decimetre_does_not_turn(size):
+    """40 rounds on a circle with the diameter `size`: they are a turn only if the circle is larger than noise."""
     angle = np.linspace(0.0, 80 * np.pi, 2000)
     ring = 0.5 * size * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     speed = 0.5 * size * np.stack([-np.sin(angle), np.cos(angle), 0 * angle], axis=1)
@@ -156,27 +156,27 @@ def test_a_jittering_track_stands_within_a_decimetre(size):
 
 @pytest.mark.parametrize("velocities", [True, False], ids=["velocities", "positions"])
 def test_the_bends_of_a_real_drive(velocities):
-    """Right and left at two crossings, as `test_the_turn_of_a_circle` would have each of them alone."""
+    """Right and left at two crossings; each bend has about the turn of its window."""
     track = read_track(DATA / "boreas_bends.csv")
-    plain = track if velocities else Track(track.times, track.positions)
-    found = bends(plain, np.radians(10.0), 2.0)
-    assert np.sign([bend.turn for bend in found]).tolist() == [-1.0, 1.0]
-    for bend in found:
-        whole = float(track.window(bend.start, bend.end).turn)
-        np.testing.assert_allclose(0.9 * bend.turn, whole, atol=np.radians(6.0))
-    assert found[0].start < found[0].end < found[1].start < found[1].end
+    recording = track if velocities else Track(track.times, track.positions)
+    result = bends(recording, np.radians(10.0), 2.0)
+    assert np.sign([bend.turn for bend in result]).tolist() == [-1.0, 1.0]
+    for bend in result:
+        turn = float(track.window(bend.start, bend.end).turn)
+        np.testing.assert_allclose(0.9 * bend.turn, turn, atol=np.radians(6.0))
+    assert result[0].start < result[0].end < result[1].start < result[1].end
 
 
-def test_small_swings_are_no_bends():
-    """A curve to the left that wavers by ±4° is one bend, and the waver alone is none."""
+def test_small_oscillations_are_not_bends():
+    """A left turn with an oscillation of ±4° is one bend, and the oscillation alone is none."""
     times = np.linspace(0.0, 10.0, 400)
     for turn, count in ((1.5, 1), (0.0, 0), (-1.5, 1)):
         heading = turn * times / 10.0 + np.radians(4.0) * np.sin(6 * times)
         velocities = 8.0 * np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
         positions = np.cumsum(velocities, axis=0) * (times[1] - times[0])
-        found = bends(Track(times, positions, velocities), np.radians(10.0), 2.0)
-        assert len(found) == count
-        assert [np.sign(bend.turn) for bend in found] == [np.sign(turn)] * count
+        result = bends(Track(times, positions, velocities), np.radians(10.0), 2.0)
+        assert len(result) == count
+        assert [np.sign(bend.turn) for bend in result] == [np.sign(turn)] * count
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])

@@ -1,4 +1,4 @@
-"""Trihedra: orthonormal, the flow of their own rate, honest where they do not exist."""
+"""Trihedra are orthonormal, their rates are derivatives, and values are finite where they do not exist."""
 
 import math
 
@@ -40,14 +40,14 @@ def test_the_frame_is_orthonormal_and_turns_at_its_own_rate(name, t, frame, requ
     np.testing.assert_allclose(at.acceleration, acceleration, rtol=1e-10, atol=1e-12)
 
 
-def test_trihedra_of_several_frames_are_branches_of_one_trace(tilted):
+def test_trihedra_of_several_frames_can_be_branches_of_cond(tilted):
     branches = [lambda t, frame=frame: qt.trihedral(tilted, t, frame) for frame in FRAMES[:2]]
     for level in (False, True):
-        chosen = jax.jit(lambda level: jax.lax.cond(level, *reversed(branches), 1.2))(level)
-        np.testing.assert_allclose(chosen.normal, trihedral(tilted, 1.2, FRAMES[level]).normal, atol=EXACT)
+        result = jax.jit(lambda level: jax.lax.cond(level, *reversed(branches), 1.2))(level)
+        np.testing.assert_allclose(result.normal, trihedral(tilted, 1.2, FRAMES[level]).normal, atol=EXACT)
 
 
-def test_a_frame_of_ones_own_is_not_taken_for_another(tilted):
+def test_a_user_defined_frame_has_its_own_name(tilted):
     class Backward(AbstractFrame):
         def trihedral(self, r, duration):
             at = qt.Upright().trihedral(r, duration)
@@ -62,22 +62,22 @@ def test_a_frame_of_ones_own_is_not_taken_for_another(tilted):
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=["natural", "upright", "leaning"])
-def test_a_curve_of_ones_own_has_the_same_trihedral(tilted, frame):
+def test_a_user_defined_curve_has_the_same_trihedral(tilted, frame):
     expected, actual = trihedral(tilted, 1.2, frame), jax.jit(qt.trihedral)(as_curve(tilted), 1.2, frame)
     for a, b in zip(jax.tree.leaves(actual), jax.tree.leaves(expected), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-11, atol=1e-12)
 
 
 def test_the_natural_trihedral_by_quaternion_matrices(tilted):
-    """Paper S: τ, n, b through ½(Ṙ₀ − Ṙ₀′), its square and its cube, with the errata mended."""
+    """Paper S: τ, n, b by ½(Ṙ₀ − Ṙ₀′), its square and its cube, with the errata corrected."""
     t = 1.2
     _, r1, r2 = tilted.derivatives(t, 2)
     speed = jnp.linalg.norm(r1)
-    area = jnp.linalg.norm(matrices.cross_repeated(r1, r2, 1))
+    cross_norm = jnp.linalg.norm(matrices.cross_repeated(r1, r2, 1))
     at = trihedral(tilted, t)
     np.testing.assert_allclose(at.tangent, r1 / speed, atol=EXACT)
-    np.testing.assert_allclose(at.normal, -matrices.cross_repeated(r1, r2, 2) / (speed * area), atol=EXACT)
-    np.testing.assert_allclose(at.binormal, -matrices.cross_repeated(r1, r2, 3) / (speed**2 * area), atol=EXACT)
+    np.testing.assert_allclose(at.normal, -matrices.cross_repeated(r1, r2, 2) / (speed * cross_norm), atol=EXACT)
+    np.testing.assert_allclose(at.binormal, -matrices.cross_repeated(r1, r2, 3) / (speed**2 * cross_norm), atol=EXACT)
     # The same orientation from its quaternion: Aᵗ·ᵗAᵗ = diag(1, α).
     q = at.quaternion()
     np.testing.assert_allclose((matrices.at(q) @ matrices.tat(q))[1:, 1:], at.dcm(), atol=EXACT)
@@ -115,13 +115,13 @@ def test_the_horizontal_case_flips_at_0_1689():
     assert binormal_sign(path, 0.1688) == pytest.approx(-1.0)
     assert binormal_sign(path, 0.1690) == pytest.approx(1.0)
 
-    def bend(part):
+    def cross_z(part):
         r1, r2 = path.derivatives(part * path.duration, 2)[1:]
         return float(r1[0] * r2[1] - r1[1] * r2[0])
 
     low, high = 0.1688, 0.1690
     while high - low > 1e-16 and low < (middle := (low + high) / 2) < high:
-        low, high = (middle, high) if bend(middle) < 0 else (low, middle)
+        low, high = (middle, high) if cross_z(middle) < 0 else (low, middle)
     assert low == pytest.approx(0.1689, abs=5e-5)
     at = trihedral(path, low * path.duration)
     assert not bool(at.defined)
@@ -150,7 +150,7 @@ UNDEFINED = {
 
 
 @pytest.mark.parametrize("name", UNDEFINED)
-def test_where_there_is_no_natural_trihedral_all_is_finite(name):
+def test_without_a_natural_trihedral_all_values_are_finite(name):
     path, t = UNDEFINED[name]
     at = trihedral(path, t)
     assert not bool(at.defined)
@@ -172,7 +172,7 @@ def _with_radius(path, radius):
     return qt.SpiralHelix(radius, path.angle, path.height, path.duration)
 
 
-def test_the_upright_frame_outlives_the_flip_and_a_straight_road():
+def test_the_upright_frame_exists_at_the_flip_and_on_a_straight_road():
     path = horizontal(2.0)
     for part in (0.0, 0.1689, 0.5):
         at = trihedral(path, part * path.duration, qt.Upright())
@@ -185,7 +185,7 @@ def test_the_upright_frame_outlives_the_flip_and_a_straight_road():
     np.testing.assert_allclose(at.normal, [-math.sin(0.3), math.cos(0.3), 0.0], atol=EXACT)
 
 
-def test_the_upright_frame_ends_where_the_path_runs_along_up():
+def test_the_upright_frame_does_not_exist_on_a_vertical_path():
     path, t = UNDEFINED["straight, vertical"]
     at = trihedral(path, t, qt.Upright())
     assert not bool(at.defined)
@@ -203,8 +203,8 @@ def test_invariants_do_not_depend_on_the_basis(tilted):
     np.testing.assert_allclose(*sizes, rtol=1e-12)
 
 
-def test_regularity_has_no_units():
-    """The same path in millimetres and milliseconds is exactly as regular."""
+def test_regularity_is_dimensionless():
+    """The same path in millimetres and milliseconds has the same regularity."""
     path = qt.SpiralHelix([20.0, 1.0], [0.2, 0.35], [1.0, 0.4], 4.5)
     small = qt.SpiralHelix([2e4, 1.0], [0.2, 0.35e-3], [1e3, 0.4], 4.5e3)
     a = regularity(Invariants(path.derivatives(1.0, 3)), path.duration)

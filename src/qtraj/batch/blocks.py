@@ -1,9 +1,8 @@
-"""Paths × instants in blocks that stay in the cache, written straight into the results or handed on.
+"""Evaluate paths × instants in blocks that fit into the cache.
 
-Sweeps over the same blocks. `filled` writes every block into buffers that are allocated once, or were donated; it
-has no derivative. `mapped` can be differentiated: a block's intermediate values are not kept but worked out again, so
-the memory of a reverse pass is that of the results and of one block. `reduced` hands on parts of rows, of which no
-derivatives are asked.
+There are three ways to combine the blocks. `filled` writes every block into buffers that are allocated once, or
+donated; it has no derivative. `mapped` is differentiable: the reverse pass recomputes a block's intermediate values, so
+it needs memory for the results and one block only. `reduced` combines a reduction of each block, without derivatives.
 """
 
 from collections.abc import Callable
@@ -15,8 +14,8 @@ from jax import lax
 from jaxtyping import Array
 
 SAMPLES = 16384
-"""Instants in a block: some forty arrays of so many float64 lie in the caches of one core, and the price of starting a
-loop is spread over enough of them."""
+"""Instants in a block: about forty float64 arrays of this size fit into the caches of one core, and the arrays are long
+enough to make the cost of starting a loop negligible."""
 
 Work = Callable[[Any, Any], Any]
 """(a stack of paths, arrays (paths or 1, instants)) → a tree of arrays (paths, instants)."""
@@ -33,21 +32,22 @@ Empty = Callable[[str, Any], Array]
 def filled(
     work: Work, empty: Empty, write: Write, paths: Any, columns: Any, shape: tuple[int, int], samples: int = SAMPLES
 ) -> Any:
-    """Buffers, by name, with the components that `work` gives for every path and instant.
+    """Buffers, by name, filled with the components from `work` for every path and instant.
 
     The last block of a row overlaps the one before it, so every block has one shape.
     """
     count, instants = shape
-    wide = min(instants, samples)
-    high = min(count, max(1, samples // wide))
-    across, along = -(-count // high), -(-instants // wide)
+    columns_per_block = min(instants, samples)
+    rows_per_block = min(count, max(1, samples // columns_per_block))
+    n_rows, n_columns = -(-count // rows_per_block), -(-instants // columns_per_block)
 
     def cut(p: Array, c: Array) -> Any:
-        own = jax.tree.map(lambda x: lax.dynamic_slice_in_dim(x, p, high), paths)
-        return own, jax.tree.map(lambda x: _cut(x, p, c, high, wide), columns)
+        block_paths = jax.tree.map(lambda x: lax.dynamic_slice_in_dim(x, p, rows_per_block), paths)
+        return block_paths, jax.tree.map(lambda x: _cut(x, p, c, rows_per_block, columns_per_block), columns)
 
     def block(i: Array, buffers: Any) -> Any:
-        p, c = jnp.minimum((i // along) * high, count - high), jnp.minimum((i % along) * wide, instants - wide)
+        p = jnp.minimum((i // n_columns) * rows_per_block, count - rows_per_block)
+        c = jnp.minimum((i % n_columns) * columns_per_block, instants - columns_per_block)
         for name, components in work(*cut(p, c)).items():
             for k, component in enumerate(components):
                 buffers = buffers | {name: write(name, k, buffers[name], component, p, c)}
@@ -55,81 +55,82 @@ def filled(
 
     kinds = jax.eval_shape(work, *jax.eval_shape(cut, 0, 0))
     buffers = {name: empty(name, components[0].dtype) for name, components in kinds.items()}
-    return lax.fori_loop(0, across * along, block, buffers)
+    return lax.fori_loop(0, n_rows * n_columns, block, buffers)
 
 
-def _cut(x: Array, p: Array, c: Array, high: int, wide: int) -> Array:
+def _cut(x: Array, p: Array, c: Array, n_paths: int, n_instants: int) -> Array:
     start = (jnp.zeros_like(p), c) if x.shape[0] == 1 else (p, c)
-    return lax.dynamic_slice(x, start, (min(x.shape[0], high), wide))
+    return lax.dynamic_slice(x, start, (min(x.shape[0], n_paths), n_instants))
 
 
 def mapped(work: Work, paths: Any, columns: Any, shape: tuple[int, int], samples: int = SAMPLES) -> Any:
-    """What `work` gives, (paths, instants), by differentiable sweeps.
+    """The values of `work`, (paths, instants), evaluated block by block and differentiable.
 
     `columns` is a tree of arrays (paths or 1, instants).
     """
-    return _swept(jax.checkpoint(work), paths, columns, shape, samples, _rows, _columns)
+    return _map_blocks(jax.checkpoint(work), paths, columns, shape, samples, _stack_rows, _stack_columns)
 
 
 def reduced(
     work: Work, join: Callable[[Any], Any], paths: Any, columns: Any, shape: tuple[int, int], samples: int = SAMPLES
 ) -> Any:
-    """What `work` gives for each path, (paths,), from its blocks of instants; `join` takes a leading axis of blocks."""
+    """The results of `work` for each path, (paths,); `join` combines those of its blocks, stacked on a leading axis."""
 
     def joined(main: Any, rest: Any) -> Any:
         parts = [part for part in (main, None if rest is None else _leading(rest)) if part is not None]
         return join(parts[0] if len(parts) == 1 else jax.tree.map(lambda *x: jnp.concatenate(x), *parts))
 
-    return _swept(work, paths, columns, shape, samples, _rows, joined)
+    return _map_blocks(work, paths, columns, shape, samples, _stack_rows, joined)
 
 
-def _swept(
+def _map_blocks(
     work: Work, paths: Any, columns: Any, shape: tuple[int, int], samples: int, by_path: Callable, by_time: Callable
 ) -> Any:
-    """Blocks of whole rows where several fit into one, else blocks of each row; put together by the last two."""
+    """Blocks of several rows if these fit into one, else blocks of each row; `by_path` and `by_time` combine them."""
     count, instants = shape
     if instants >= samples:
 
         def row(path: Any, columns: Any) -> Any:
-            fits = instants - instants % samples
-            head = jax.tree.map(lambda x: x[:, :fits].reshape(-1, 1, samples), columns)
+            n_full = instants - instants % samples
+            head = jax.tree.map(lambda x: x[:, :n_full].reshape(-1, 1, samples), columns)
             main = lax.map(lambda cut: work(path, cut), head)
-            tail = jax.tree.map(lambda x: x[:, fits:], columns)
-            return by_time(main, work(path, tail) if fits < instants else None)
+            tail = jax.tree.map(lambda x: x[:, n_full:], columns)
+            return by_time(main, work(path, tail) if n_full < instants else None)
 
         if count == 1:
             return row(paths, columns)
         return _by_paths(row, paths, columns, count, 1, by_path)
-    whole = lambda path, columns: by_time(_leading(work(path, columns)), None)  # noqa: E731
-    return _by_paths(whole, paths, columns, count, max(1, samples // instants), by_path)
+    whole_rows = lambda path, columns: by_time(_leading(work(path, columns)), None)  # noqa: E731
+    return _by_paths(whole_rows, paths, columns, count, max(1, samples // instants), by_path)
 
 
-def _by_paths(work: Work, paths: Any, columns: Any, count: int, high: int, put: Callable) -> Any:
+def _by_paths(work: Work, paths: Any, columns: Any, count: int, n_paths: int, combine: Callable) -> Any:
+    """Apply `work` to blocks of `n_paths` paths, and combine the results."""
     shared = jax.tree.map(lambda x: x if x.shape[0] == 1 and count > 1 else None, columns)
     own = jax.tree.map(lambda x: None if x.shape[0] == 1 and count > 1 else x, columns)
-    whole = lambda own: jax.tree.map(lambda a, b: b if a is None else a, own, shared, is_leaf=lambda x: x is None)  # noqa: E731
-    if count <= high:
-        return work(paths, whole(own))
-    fits = count - count % high
-    head = jax.tree.map(lambda x: x[:fits].reshape(-1, high, *x.shape[1:]), (paths, own))
-    main = lax.map(lambda cut: work(cut[0], whole(cut[1])), head)
-    if fits == count:
-        return put(main, None)
-    tail = jax.tree.map(lambda x: x[fits:], (paths, own))
-    return put(main, work(tail[0], whole(tail[1])))
+    merged = lambda own: jax.tree.map(lambda a, b: b if a is None else a, own, shared, is_leaf=lambda x: x is None)  # noqa: E731
+    if count <= n_paths:
+        return work(paths, merged(own))
+    n_full = count - count % n_paths
+    head = jax.tree.map(lambda x: x[:n_full].reshape(-1, n_paths, *x.shape[1:]), (paths, own))
+    main = lax.map(lambda cut: work(cut[0], merged(cut[1])), head)
+    if n_full == count:
+        return combine(main, None)
+    tail = jax.tree.map(lambda x: x[n_full:], (paths, own))
+    return combine(main, work(tail[0], merged(tail[1])))
 
 
 def _leading(tree: Any) -> Any:
     return jax.tree.map(lambda x: x[None], tree)
 
 
-def _rows(main: Any, rest: Any) -> Any:
-    """Blocks of paths (blocks, high, …) one below the other, and the rest below them."""
+def _stack_rows(main: Any, rest: Any) -> Any:
+    """Concatenate blocks of paths (blocks, paths, …) and the rest along the paths."""
     main = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), main)
     return main if rest is None else jax.tree.map(lambda x, y: jnp.concatenate([x, y]), main, rest)
 
 
-def _columns(main: Any, rest: Any) -> Any:
-    """Blocks of instants (blocks, high, wide) side by side, and the rest beside them; one block or one row."""
+def _stack_columns(main: Any, rest: Any) -> Any:
+    """Concatenate blocks of instants (blocks, paths, instants) and the rest; one block or one path."""
     main = jax.tree.map(lambda x: x[0] if x.shape[0] == 1 else x.reshape(1, -1), main)
     return main if rest is None else jax.tree.map(lambda x, y: jnp.concatenate([x, y], axis=1), main, rest)

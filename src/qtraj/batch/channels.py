@@ -1,4 +1,4 @@
-"""The outputs of one block of paths and instants, each component an array of its own."""
+"""The outputs of one block of paths and instants; each component is a separate array."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame
 
 Channels = dict[str, tuple[Array, ...]]
-"""By the name of an output its components, each (paths, instants)."""
+"""The components of each output by its name, each (paths, instants)."""
 
 
 def channels(
@@ -20,7 +20,7 @@ def channels(
     """The named outputs of a stack of paths (every array with a leading axis) at `t` [s], one row or one for each."""
     at, shape = Instants(paths, t, frame), (paths.duration.shape[0], t.shape[1])
 
-    def components(known: Any) -> tuple[Array, ...]:
-        return tuple(jnp.broadcast_to(x, shape) for x in (known if isinstance(known, tuple) else (known,)))
+    def components(value: Any) -> tuple[Array, ...]:
+        return tuple(jnp.broadcast_to(x, shape) for x in (value if isinstance(value, tuple) else (value,)))
 
     return {name: components(CHANNELS[name].formula(at)) for name in names}

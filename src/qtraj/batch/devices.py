@@ -1,4 +1,4 @@
-"""How paths × instants are spread over devices."""
+"""Distribute paths × instants over devices."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -7,45 +7,46 @@ import jax
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-LEAST = 65536
-"""Instants, over all paths, below which one device is enough."""
+MIN_INSTANTS = 65536
+"""With fewer instants, counted over all paths, one device is used."""
 
 AXIS = "batch"
 
 
 class Spread(NamedTuple):
-    """A mesh of one axis, and which of (paths, instants) it divides."""
+    """A mesh with one axis, and whether it divides the paths or the instants."""
 
     mesh: Mesh
     over: str
 
     @property
     def paths(self) -> PartitionSpec:
-        """For arrays with a leading axis of paths."""
+        """The partition of arrays whose first axis is the paths."""
         return PartitionSpec(AXIS) if self.over == "paths" else PartitionSpec()
 
     @property
     def lead(self) -> tuple[str | None, str | None]:
-        """How (paths, instants) are divided."""
+        """The mesh axes of (paths, instants)."""
         return (AXIS, None) if self.over == "paths" else (None, AXIS)
 
     def columns(self, rows: int) -> PartitionSpec:
-        """For arrays (rows, instants), one row or one for each path."""
+        """The partition of arrays (rows, instants) with one row, or one for each path."""
         if self.over == "instants":
             return PartitionSpec(None, AXIS)
         return PartitionSpec() if rows == 1 else PartitionSpec(AXIS)
 
     def sharding(self, spec: PartitionSpec) -> NamedSharding:
+        """The sharding over the mesh for this partition."""
         return NamedSharding(self.mesh, spec)
 
 
 def spread(count: int, instants: int, devices: Sequence[Any] | None) -> Spread | None:
-    """Over the paths where their number can be divided evenly, else over the instants; None for one device.
+    """Divide the paths if their number is a multiple of the devices, else the instants; None for a single device.
 
-    `devices` None means all local ones, if there is enough to do.
+    By default all local devices are used if there are at least `MIN_INSTANTS` instants.
     """
     if devices is None:
-        devices = jax.local_devices() if count * instants >= LEAST else ()
+        devices = jax.local_devices() if count * instants >= MIN_INSTANTS else ()
     for number in range(len(devices), 1, -1):
         for over, size in (("paths", count), ("instants", instants)):
             if size % number == 0:

@@ -1,4 +1,4 @@
-"""Many instants of many paths in one call."""
+"""`qtraj.evaluate`: many paths at many instants in one call."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -35,25 +35,25 @@ def evaluate(
     devices: Sequence[Any] | None = None,
     reuse: Table | None = None,
 ) -> Any:
-    """Evaluate one path, or a stack of paths as `jax.vmap` makes it, at `times` [s], shared (n,) or per path (b, n).
+    """Evaluate one path, or a stack of paths from `jax.vmap`, at `times` [s], shared (n,) or per path (b, n).
 
-    One path gives a `Table` of arrays (n, …), b paths (b, n, …); with `components="first"` the components' axes lead.
-    Each component lies contiguously in memory, except those of a rotation-minimizing frame. `outputs` are names of
-    `Table`: vectors, frames, and every path quantity. `frame` is the trihedral to hang on the path: `Natural()` (the
-    default), `Upright()`, `ThrustAligned()`, or `RotationMinimizing()`. Labels of `to_xarray()` follow it: tangent,
-    normal, binormal, or forward, left, up. A quaternion's sign is free at each instant; `continuous=True` chooses it so
-    that neighbours in time agree.
+    One path gives a `Table` of arrays (n, …), b paths (b, n, …); with `components="first"` the component axes come
+    first. Each component is contiguous in memory, except for a rotation-minimizing frame. `outputs` are names of
+    `Table`: vectors, frames, and every path quantity. `frame` is the frame along the path: `Natural()` (the default),
+    `Upright()`, `ThrustAligned()`, or `RotationMinimizing()`. The labels of `to_xarray()` depend on it: tangent,
+    normal, binormal, or forward, left, up. The sign of a quaternion is arbitrary at each instant; with
+    `continuous=True` it is continuous in time.
 
-    `reduce` "max", "min", "integral" (trapezoidal rule) or "mean" gives a `Reduced` over the instants instead, and no
-    sample is stored. `devices` to spread the work over are all local ones, if there is enough to do. `reuse` is the
-    table of an earlier call of the same form: its arrays are written over and must not be used again, which spares
-    the system from finding fresh memory.
+    `reduce` "max", "min", "integral" (trapezoidal rule) or "mean" returns a `Reduced` over the instants instead, and
+    stores no samples. `devices` are the devices to use, by default all local ones for large inputs. `reuse` is the
+    table of an earlier call with the same shapes and outputs: its arrays are overwritten and must not be used again,
+    which avoids allocating new memory.
 
-    Paths that have `polynomials`, with a natural or upright frame, are fastest. The call may be traced, and
-    differentiated in both modes.
+    Paths with `polynomials` and a natural or upright frame are fastest. The call may be traced, and differentiated in
+    forward and reverse mode.
 
-    **Raises:** ValueError for something else than a path, unknown outputs, components, reductions, times that are
-    neither (n,) nor (b, n), a table to reuse that is not of this form, or a rotation-minimizing frame with `reduce`
+    **Raises:** ValueError for an input that is not a path, unknown outputs, components or reductions, times that are
+    neither (n,) nor (b, n), a table to reuse with other shapes or outputs, or a rotation-minimizing frame with `reduce`
     or `reuse`.
     """
     task = Task(
@@ -72,14 +72,19 @@ def evaluate(
         expected = f"(n,) or ({count}, n)" if task.batched else "(n,)"
         raise ValueError(f"times must be a vector {expected}, but an array of shape {instants.shape} was given")
     if instants.shape[-1] == 0:
-        raise ValueError("times must hold at least one instant")
+        raise ValueError("times must have at least one instant")
     if isinstance(frame, RotationMinimizing):
         return _minimizing(task, paths, frame, instants, reuse, devices)
     frame = Natural() if frame is None else frame
     work = (paths, frame)
     traced = any(isinstance(x, Tracer) for x in (*jax.tree.leaves(work), instants))
     values = run(
-        task, work, instants, None if traced else devices, traced, _old(reuse, task, (*rows, instants.shape[-1]))
+        task,
+        work,
+        instants,
+        None if traced else devices,
+        traced,
+        _reused_arrays(reuse, task, (*rows, instants.shape[-1])),
     )
     if task.reduce is not None:
         return Reduced(*values, reduction=task.reduce, batched=task.batched, components=components, frame=frame.name)
@@ -94,17 +99,19 @@ def _minimizing(
     reuse: Table | None,
     devices: Sequence[Any] | None,
 ) -> Table:
-    """The table with a rotation-minimizing frame: its attitude is followed along each path."""
+    """The table with a rotation-minimizing frame, whose attitude is integrated along each path."""
     if task.reduce is not None or reuse is not None:
         raise ValueError(
-            "a rotation-minimizing frame is followed along the path, so it suits neither reduce nor reuse: evaluate it "
-            "without them and reduce the arrays"
+            "a rotation-minimizing frame is integrated along the path, so it supports neither reduce nor reuse: "
+            "evaluate without them and reduce the arrays"
         )
     if not task.batched:
         require_initial(paths, frame.initial)
     names = tuple(name for name in task.names if name not in FRAME_OUTPUTS)
-    plain = evaluate(paths, instants, names, components=task.components, devices=devices).values if names else {}
-    values = plain | frame_outputs(task, paths, frame, instants)
+    other_outputs = (
+        evaluate(paths, instants, names, components=task.components, devices=devices).values if names else {}
+    )
+    values = other_outputs | frame_outputs(task, paths, frame, instants)
     ordered = {name: values[name] for name in task.names}
     return Table(time=instants, **ordered, batched=task.batched, components=task.components, frame=axes.MINIMIZING)
 
@@ -123,20 +130,20 @@ def _names(outputs: Sequence[str]) -> tuple[str, ...]:
 def _batched(paths: AbstractHodograph) -> bool:
     if not isinstance(paths, AbstractHodograph):
         raise ValueError(
-            f"a path, or many of them stacked into one, was expected, but a {type(paths).__name__} was given. "
-            "Stack equal structures with jax.tree.map(lambda *x: jnp.stack(x), *paths), or build them under jax.vmap."
+            f"a path or a stack of paths was expected, but a {type(paths).__name__} was given. "
+            "Stack paths of one structure by jax.tree.map(lambda *x: jnp.stack(x), *paths), or create them in jax.vmap."
         )
     return jnp.ndim(paths.duration) == 1
 
 
-def _one_of(value: str, known: tuple[str, ...], name: str) -> str:
-    if value not in known:
-        listed = ", ".join(repr(k) for k in known[:-1]) + f" or {known[-1]!r}"
-        raise ValueError(f"{name} must be {listed}, but {value!r} was given")
+def _one_of(value: str, choices: tuple[str, ...], name: str) -> str:
+    if value not in choices:
+        text = ", ".join(repr(k) for k in choices[:-1]) + f" or {choices[-1]!r}"
+        raise ValueError(f"{name} must be {text}, but {value!r} was given")
     return value
 
 
-def _old(reuse: Table | None, task: Task, lead: tuple[int, ...]) -> dict[str, Any] | None:
+def _reused_arrays(reuse: Table | None, task: Task, lead: tuple[int, ...]) -> dict[str, Any] | None:
     if reuse is None:
         return None
     arrays: dict[str, Any] = {name: getattr(reuse, name, None) for name in task.names}
@@ -144,9 +151,9 @@ def _old(reuse: Table | None, task: Task, lead: tuple[int, ...]) -> dict[str, An
     if form != (task.batched, task.components) or any(x is None for x in arrays.values()) or task.reduce is not None:
         raise ValueError("reuse must be the table of an earlier call with the same outputs, components and paths")
     shape = np.shape(next(iter(arrays.values())))
-    known = shape[: len(lead)] if task.components == "last" else shape[-len(lead) :]
-    if known != lead:
+    reused_lead = shape[: len(lead)] if task.components == "last" else shape[-len(lead) :]
+    if reused_lead != lead:
         raise ValueError(
-            f"reuse must be a table of as many paths and instants, here {lead}, but one of {known} was given"
+            f"reuse must be a table with the same numbers of paths and instants {lead}, but it has {reused_lead}"
         )
     return arrays

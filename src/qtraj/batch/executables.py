@@ -1,4 +1,4 @@
-"""The compiled programs behind `evaluate`."""
+"""The compiled functions behind `qtraj.evaluate`."""
 
 from collections.abc import Sequence
 from functools import lru_cache, partial
@@ -11,6 +11,7 @@ from jax.experimental.layout import Format
 from jax.sharding import PartitionSpec, SingleDeviceSharding
 from jaxtyping import Array
 
+from qtraj.algebra import hamilton
 from qtraj.batch.blocks import SAMPLES, filled, mapped, reduced
 from qtraj.batch.channels import channels
 from qtraj.batch.cpu import in_one_loop
@@ -26,9 +27,9 @@ from qtraj.path.channel import CHANNELS
 def run(
     task: Task, work: Any, times: Array, devices: Sequence[Any] | None, traced: bool, old: dict[str, Array] | None
 ) -> Any:
-    """Results by name, or values and times of a reduction, of `work`: a path or stack, and a frame.
+    """Results by name, or values and times of a reduction, for `work`: a path or stack, and a frame.
 
-    `times` (instants,) or (paths, instants) get their leading axis where that copies nothing: in compiled code.
+    `times` are (instants,) or (paths, instants). The compiled code adds the leading axis, where that copies nothing.
     """
     if traced:
         return _traced(task, work, jnp.atleast_2d(times))
@@ -41,13 +42,13 @@ def run(
 
 
 def _traced(task: Task, request: Any, times: Array) -> Any:
-    """Inside a trace: by sweeps that can be differentiated."""
+    """The results inside a trace, differentiable."""
     paths, frame = _stacked(task, request)
     shape = (paths.duration.shape[0], times.shape[1])
     if task.reduce in ("max", "min"):
-        return _finished(task, _followed(task, paths, frame, times), times)
+        return _finished(task, _differentiable_peaks(task, paths, frame, times), times)
     if task.reduce == "mean" and times.shape[1] == 1:
-        return _finished(task, _of_one_instant(task, paths, frame, times), times)
+        return _finished(task, _single_instant(task, paths, frame, times), times)
     if task.reduce is not None:
         return _finished(task, _summed(task, paths, frame, times, neighbours(times)), times)
     arrays, work = _worker(paths, frame, task.names)
@@ -57,51 +58,53 @@ def _traced(task: Task, request: Any, times: Array) -> Any:
     return _results(task, {name: x.reshape(*CHANNELS[name].shape, *lead) for name, x in flat.items()})
 
 
-def _followed(task: Task, paths: Any, frame: Any, times: Array) -> Any:
-    """Peaks whose derivatives are those at the instants where they are attained (envelope theorem).
+def _differentiable_peaks(task: Task, paths: Any, frame: Any, times: Array) -> Any:
+    """Peaks with the derivatives at the instants where they are attained (envelope theorem).
 
-    The search itself is not differentiated, which spares the reverse pass over all samples. Where several instants
-    hold the peak to rounding, the derivatives are those at the first of them. A peak that is not finite has none.
+    The search itself is not differentiated, so no reverse pass over all samples is needed. If several instants attain
+    the peak to rounding, the derivatives are those at the first. A peak that is not finite has none.
     """
-    found = _frozen(_peaks(task, _frozen(paths), _frozen(frame), _frozen(times)))
-    first = jnp.stack([when for name in task.names for _, when in found[name]], axis=1)
-    instants = _with_place(jnp.where(jnp.isfinite(first), first, _frozen(times[:, :1])), times)
+    peaks = _stop_gradient(_peaks(task, _stop_gradient(paths), _stop_gradient(frame), _stop_gradient(times)))
+    first = jnp.stack([when for name in task.names for _, when in peaks[name]], axis=1)
+    instants = _with_time_derivatives(jnp.where(jnp.isfinite(first), first, _stop_gradient(times[:, :1])), times)
     arrays, work = _worker(paths, frame, task.names)
-    there = work(arrays, (instants,))
+    at_peaks = work(arrays, (instants,))
     column = iter(range(instants.shape[1]))
 
     def peak(samples: Array, part: tuple[Array, Array]) -> tuple[Array, Array]:
         (value, when), k = part, next(column)
-        x, known = samples[:, k].astype(value.dtype), jnp.isfinite(when)
-        finite = known & jnp.isfinite(value) & jnp.isfinite(x)
-        return jnp.where(finite, x, value), jnp.where(known, instants[:, k], when)
+        x, attained = samples[:, k].astype(value.dtype), jnp.isfinite(when)
+        finite = attained & jnp.isfinite(value) & jnp.isfinite(x)
+        return jnp.where(finite, x, value), jnp.where(attained, instants[:, k], when)
 
-    return {name: tuple(peak(x, part) for x, part in zip(there[name], found[name], strict=True)) for name in task.names}
+    return {
+        name: tuple(peak(x, part) for x, part in zip(at_peaks[name], peaks[name], strict=True)) for name in task.names
+    }
 
 
-def _with_place(instants: Array, times: Array) -> Array:
+def _with_time_derivatives(instants: Array, times: Array) -> Array:
     """Instants (paths, peaks), each with the derivatives of the nearest of its path's `times` (paths or 1, instants).
 
-    Where it is asks for a search, of which nothing is left if the times have no derivatives.
+    If the times have no derivatives, the compiler removes the search for the nearest.
     """
-    fixed = _frozen(times)
+    fixed = _stop_gradient(times)
     rows = jnp.broadcast_to(jnp.arange(instants.shape[0])[:, None] % times.shape[0], instants.shape)
-    near = lambda of: jnp.argmin(jnp.abs(fixed[of[0]] - of[1]))  # noqa: E731
-    at_once = max(1, _samples() // times.shape[1])
-    place = jax.lax.map(near, (rows.ravel(), instants.ravel()), batch_size=at_once).reshape(instants.shape)
-    return with_tangent_of(instants, times[rows, place])
+    nearest = lambda row_and_time: jnp.argmin(jnp.abs(fixed[row_and_time[0]] - row_and_time[1]))  # noqa: E731
+    batch_size = max(1, _samples() // times.shape[1])
+    index = jax.lax.map(nearest, (rows.ravel(), instants.ravel()), batch_size=batch_size).reshape(instants.shape)
+    return with_tangent_of(instants, times[rows, index])
 
 
-def _frozen(tree: Any) -> Any:
-    """The tree without derivatives."""
+def _stop_gradient(tree: Any) -> Any:
+    """The tree with constants for derivatives."""
     return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
 
 @lru_cache(maxsize=128)
 def _writing(task: Task, over: Spread | None, donate: bool) -> Any:
-    """A compiled call that writes every block into its results.
+    """A compiled function that writes every block into its results.
 
-    Of an old table nothing is asked but its memory, which the results then have.
+    An old table only provides its memory for the results.
     """
 
     def call(static: Any, dynamic: Any, times: Array, old: Any) -> Any:
@@ -113,7 +116,7 @@ def _writing(task: Task, over: Spread | None, donate: bool) -> Any:
             arrays, work = _worker(paths, frame, task.names)
 
             def empty(name: str, dtype: Any) -> Array:
-                # Values that differ: of equal ones the compiler would make one buffer, and then copy it.
+                # Different values: the compiler would merge equal buffers into one and then copy it.
                 return jnp.full(task.raw_shape(name, count, instants), task.names.index(name), dtype)
 
             return filled(work, empty, task.write, arrays, (times,), (count, instants), _samples())
@@ -132,7 +135,7 @@ def _writing(task: Task, over: Spread | None, donate: bool) -> Any:
 
 @lru_cache(maxsize=128)
 def _reduction(task: Task, over: Spread | None) -> Any:
-    """A compiled call that reduces every block."""
+    """A compiled function that reduces every block."""
 
     def call(static: Any, dynamic: Any, times: Array) -> Any:
         times = jnp.atleast_2d(times)
@@ -144,14 +147,14 @@ def _reduction(task: Task, over: Spread | None) -> Any:
             return _peaks(task, paths, frame, times)
 
         if task.reduce == "mean" and times.shape[1] == 1:
-            return _finished(task, _of_one_instant(task, paths, frame, times), times)
+            return _finished(task, _single_instant(task, paths, frame, times), times)
         if over is None:
             return _finished(task, local(paths, times, neighbours(times)), times)
         by_time = over.over == "instants"
         around = neighbours(times, over.mesh.size if by_time else 1)
         columns = over.columns(times.shape[0])
         parts = jax.shard_map(
-            lambda *given: jax.tree.map(lambda x: x[None] if by_time else x, local(*given)),
+            lambda *pieces: jax.tree.map(lambda x: x[None] if by_time else x, local(*pieces)),
             mesh=over.mesh,
             in_specs=(over.paths, columns, columns),
             out_specs=PartitionSpec(AXIS),
@@ -163,19 +166,19 @@ def _reduction(task: Task, over: Spread | None) -> Any:
 
 
 def _summed(task: Task, paths: Any, frame: Any, times: Array, around: Array) -> Any:
-    """For each name and component its integral, (paths,), over times that may be a piece of longer rows."""
+    """The integral of each component by name, (paths,), over times that may be part of longer rows."""
     arrays, work = _worker(paths, frame, task.names)
     return jax.tree.map(lambda x: (x,), integrals(work, arrays, times, around, _samples()))
 
 
-def _of_one_instant(task: Task, paths: Any, frame: Any, times: Array) -> Any:
-    """For each name and component its value, (paths,): the mean of one instant."""
+def _single_instant(task: Task, paths: Any, frame: Any, times: Array) -> Any:
+    """The value of each component by name, (paths,): the mean over a single instant."""
     arrays, work = _worker(paths, frame, task.names)
     return jax.tree.map(lambda x: (x[:, 0].astype(times.dtype),), work(arrays, (times,)))
 
 
 def _peaks(task: Task, paths: Any, frame: Any, times: Array) -> Any:
-    """For each name and component (peak, when), (paths,), without derivatives."""
+    """(peak, time) of each component by name, (paths,), without derivatives."""
     arrays, evaluated = _worker(paths, frame, task.names)
     shape, reduction = (paths.duration.shape[0], times.shape[1]), str(task.reduce)
     peak = block_peak(reduction)
@@ -202,7 +205,7 @@ def _joined(task: Task, parts: Any) -> Any:
 
 
 def _finished(task: Task, parts: Any, times: Array) -> Any:
-    """Values by name, and times of peaks, from the parts of whole rows of `times`."""
+    """Values by name, and times of peaks, from the reductions over the rows of `times`."""
     span = times[:, -1] - times[:, 0] if task.reduce == "mean" and times.shape[1] > 1 else 1
     values = {name: task.shaped(name, jnp.stack([c[0] / span for c in parts[name]])) for name in task.names}
     if task.reduce in LINEAR:
@@ -211,46 +214,43 @@ def _finished(task: Task, parts: Any, times: Array) -> Any:
 
 
 def _stacked(task: Task, work: Any) -> Any:
-    """The paths with a leading axis, and the frame."""
+    """The paths, with a leading axis, and the frame."""
     paths, frame = work
     lead = lambda x: jnp.asarray(x)[None] if eqx.is_array_like(x) else x  # noqa: E731
     return (paths if task.batched else jax.tree.map(lead, paths)), frame
 
 
 def _worker(paths: Any, frame: Any, names: tuple[str, ...]) -> Any:
-    """The arrays of the paths, and the function that evaluates a block of them at (times, …)."""
+    """The arrays of the paths, and the function that evaluates the outputs of a block of them."""
     arrays, rest = eqx.partition(paths, eqx.is_array)
 
-    @partial(jax.jit, inline=True)  # traced once for each shape of blocks
+    @partial(jax.jit, inline=True)  # traced once for each block shape
     def work(block: Any, cut: Any) -> Any:
-        leaves, form = jax.tree.flatten(channels(eqx.combine(block, rest), cut[0], frame, names))
-        return form.unflatten(in_one_loop(leaves))
+        leaves, structure = jax.tree.flatten(channels(eqx.combine(block, rest), cut[0], frame, names))
+        return structure.unflatten(in_one_loop(leaves))
 
     return arrays, work
 
 
 def _results(task: Task, raw: dict[str, Array]) -> dict[str, Array]:
-    """Results from arrays with their components first."""
+    """The results from arrays with components first."""
     if task.continuous and "quaternion" in raw:
         raw = raw | {"quaternion": _continuous(raw["quaternion"])}
     return {name: task.ordered(name, x) for name, x in raw.items()}
 
 
 def _continuous(q: Array) -> Array:
-    """Quaternions (4, …, instants) with signs such that neighbours agree; as `rotation.continuous`."""
-    turned = jnp.sum(q[..., 1:] * q[..., :-1], axis=0) < 0
-    flips = jnp.cumsum(turned.astype(jnp.int32), axis=-1)
-    flips = jnp.concatenate([jnp.zeros_like(flips, shape=(*flips.shape[:-1], 1)), flips], axis=-1)
-    return q * jax.lax.stop_gradient(jnp.where(flips % 2 == 0, 1.0, -1.0).astype(q.dtype))[None]
+    """Unit quaternions (4, …, instants) with continuous signs, like `rotation.continuous`."""
+    return q * hamilton.continuous_signs(jnp.sum(q[..., 1:] * q[..., :-1], axis=0))[None]
 
 
 def _long() -> float:
-    """Instants from which on rows are reduced lane by lane; other devices than CPUs reduce a block as fast."""
+    """Minimum number of instants to reduce in segments; on other devices blocks are equally fast."""
     return float(LONG) if jax.default_backend() == "cpu" else float("inf")
 
 
 def _samples() -> int:
-    """Instants in a block: caches are a matter of CPUs, other devices take all at once, up to their memory."""
+    """Instants in a block: small for the caches of CPUs; on other devices large, limited by their memory."""
     return SAMPLES if jax.default_backend() == "cpu" else 2**24
 
 

@@ -1,6 +1,6 @@
-"""Outputs of paths with a rotation-minimizing frame, which no formula of one instant gives.
+"""Outputs that depend on a rotation-minimizing frame, which must be integrated along the path.
 
-The frame is followed along each path by `FrameProgram`; what belongs to the path alone comes from the common blocks.
+`FrameProgram` integrates the frame. Outputs that depend on the path alone are evaluated as for other frames.
 """
 
 from typing import Any
@@ -25,7 +25,7 @@ FRAME_OUTPUTS = ("dcm", "quaternion", "gibbs", "rate", "angular_acceleration", "
 def frame_outputs(
     task: Task, paths: AbstractHodograph, frame: RotationMinimizing, times: Float[Array, "*rows n"]
 ) -> dict[str, Array]:
-    """The outputs of the frame that a task names; the quaternion's sign is continuous on each path."""
+    """The outputs of the task that depend on the frame; the quaternion's sign is continuous on each path."""
     names = tuple(name for name in FRAME_OUTPUTS if name in task.names)
     if not names:
         return {}
@@ -36,7 +36,7 @@ def frame_outputs(
 
 
 def _ordered(task: Task, values: dict[str, Array], lead: int) -> dict[str, Array]:
-    """Components in front where the task asks for that."""
+    """Move the component axes to the front if the task asks for it."""
     if task.components == "last":
         return values
     return {name: jnp.moveaxis(x, range(lead, x.ndim), range(x.ndim - lead)) for name, x in values.items()}
@@ -62,5 +62,5 @@ def _along(program: FrameProgram, times: Float[Array, " n"], names: tuple[str, .
 
 
 def _defined(path: AbstractHodograph, t: Array) -> Array:
-    """Whether the path moves."""
+    """Whether the path moves at `t`."""
     return has_tangent(Invariants(path.derivatives(t.astype(path.duration.dtype), 3)), path.duration)

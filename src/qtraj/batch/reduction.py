@@ -1,4 +1,4 @@
-"""Peaks, integrals and means over the instants of each path: what a call gives, and how parts of rows are joined."""
+"""Peaks, integrals and means over the instants of each path: the result class, and how blocks are combined."""
 
 from collections.abc import Callable
 from typing import Any
@@ -17,11 +17,10 @@ from qtraj.path.frame_axes import framed, labels_of
 REDUCTIONS = ("max", "min", "integral", "mean")
 
 LINEAR = ("integral", "mean")
-"""These add up samples; the others look for one."""
+"""Reductions that add up samples; the others select one."""
 
 ROUNDING = 8
-"""In machine epsilons: samples so near to a peak are equal to it."""
-
+"""In machine epsilons: samples within this relative distance of a peak count as equal to it."""
 
 QUATERNIONS = "scalar first, Hamilton product, body to world; each component reduced by itself, so of any norm"
 
@@ -29,9 +28,9 @@ QUATERNIONS = "scalar first, Hamilton product, body to world; each component red
 class Reduced(AbstractResult):
     """One number for each component of each output: `reduced["speed"]`.
 
-    Arrays are the components alone, (…) for one path and (b, …) for many, or with `components="first"` (…, b). For
-    "max" and "min", `times` holds where on the samples each is attained [s]: the first instant, to rounding. The
-    derivatives of a peak are those at that instant, also where others share the peak.
+    Arrays have the component axes, (…) for one path and (b, …) for many, or with `components="first"` (…, b). For
+    "max" and "min", `times` are the first instants [s] at which each is attained to rounding. The derivatives of a peak
+    are those at that instant, even if other instants have the same value.
     """
 
     values: dict[str, Array]
@@ -45,14 +44,14 @@ class Reduced(AbstractResult):
         return self.values[name]
 
     def record(self) -> Record:
-        """The numbers over `path`, where there are many, and over components; `…_time` is where a peak is attained."""
+        """The numbers over `path`, if there are many, and over components; `…_time` is the time of a peak."""
         variables = {}
         for name, values in self.values.items():
             entry, paths = CHANNELS[name], ("path",) if self.batched else ()
             dims = (*paths, *entry.axes) if self.components == "last" else (*entry.axes, *paths)
             unit = integrated(entry.unit) if self.reduction == "integral" else entry.unit
-            what = f"{self.reduction} of {'each component of ' if entry.axes else ''}the {entry.meaning}"
-            variables[name] = Quantity(values, unit, what, dims)
+            meaning = f"{self.reduction} of {'each component of ' if entry.axes else ''}the {entry.meaning}"
+            variables[name] = Quantity(values, unit, meaning, dims)
             if self.times is not None:
                 variables[f"{name}_time"] = Quantity(self.times[name], "s", f"time of the {self.reduction}", dims)
         first = next(iter(variables.values()))
@@ -66,7 +65,7 @@ class Reduced(AbstractResult):
 
 
 def block_peak(reduction: str) -> Callable[[Array, Array], tuple[Array, Array]]:
-    """(a component (paths, instants), times) → for each path its peak and when, as `joiner` takes them."""
+    """A function (component (paths, instants), times) → peak and its time for each path, as input of `joiner`."""
     sign = 1 if reduction == "max" else -1
 
     def peak(x: Array, t: Array) -> tuple[Array, Array]:
@@ -77,7 +76,7 @@ def block_peak(reduction: str) -> Callable[[Array, Array], tuple[Array, Array]]:
 
 
 def joiner(reduction: str) -> Callable[[Any], Any]:
-    """Parts with a leading axis of blocks → the whole."""
+    """A function that combines the reductions of blocks, which are on the leading axis."""
     if reduction in LINEAR:
         return lambda part: (jnp.sum(part[0], axis=0),)
     sign = 1 if reduction == "max" else -1
@@ -90,5 +89,5 @@ def joiner(reduction: str) -> Callable[[Any], Any]:
 
 
 def attained(x: Array, peak: Array) -> Array:
-    """Whether `x` is the peak to rounding: a compiler that works `x` out twice may round it twice."""
+    """Whether `x` equals the peak to rounding, since a compiler that computes `x` twice may round it differently."""
     return (x == peak) | (jnp.abs(x - peak) <= ROUNDING * jnp.finfo(x.dtype).eps * jnp.abs(peak))

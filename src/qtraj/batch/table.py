@@ -1,4 +1,4 @@
-"""What a batched evaluation returns: labelled arrays."""
+"""The result of a batched evaluation: labelled arrays over instants."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 class Table(AbstractResult):
     """Arrays over instants (n,) or over paths and instants (b, n), components on the last axis (or the first).
 
-    Each output of `evaluate` is an attribute: `table.position`, `table.curvature`, `table.yaw_rate`; None where it was
-    not asked for. `time` [s], (n,) or (b, n), is measured from each path's own start.
+    Each output of `evaluate` is an attribute: `table.position`, `table.curvature`, `table.yaw_rate`; outputs that were
+    not requested are None. `time` [s], (n,) or (b, n), is measured from each path's own start.
 
-    **Raises:** TypeError for arrays of other names.
+    **Raises:** TypeError for unknown names of arrays.
     """
 
     time: Float[Array, "*rows n"]
@@ -55,19 +55,19 @@ class Table(AbstractResult):
         return [*super().__dir__(), *CHANNELS]
 
     def plot(self, *names: str) -> "Figure":
-        """Outputs over time, one panel each, as a matplotlib figure (extra `viz`).
+        """Plot outputs over time, one panel each, as a matplotlib figure (extra `viz`).
 
-        Without `names` they are all but `dcm` and `defined`. Components are labelled after the frame. Of many paths the
-        first eight are drawn.
+        By default all outputs except `dcm` and `defined` are plotted. Components are labelled by the axes of the frame.
+        Of many paths the first eight are plotted.
 
-        **Raises:** ModuleNotFoundError, naming the extra, where matplotlib is missing; ValueError for an output that
-        the table does not hold.
+        **Raises:** ModuleNotFoundError, naming the extra, if matplotlib is missing; ValueError for an output that the
+        table does not have.
         """
         return draw("table_plot", self, names)
 
     def record(self) -> Record:
-        """The arrays over `time`, or over `sample` where each path has instants of its own, and over `path`."""
-        along = "time" if self.time.ndim == 1 else "sample"  # times of each path's own are no axis
+        """The arrays over `time`, or over `sample` if each path has its own instants, and over `path`."""
+        along = "time" if self.time.ndim == 1 else "sample"  # times that differ between paths cannot be an axis
         instants = ("path", along) if self.batched else (along,)
         variables = {}
         for name, entry in CHANNELS.items():

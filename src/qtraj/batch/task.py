@@ -1,4 +1,4 @@
-"""What a batched evaluation is asked for, and the shapes of its results."""
+"""The request of a batched evaluation, and the shapes and layout of its results."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from qtraj.path.channel import CHANNELS
 
 @dataclass(frozen=True)
 class Task:
-    """The part of a request that a compiled program depends on."""
+    """The part of a request that determines the executable."""
 
     names: tuple[str, ...]
     components: str
@@ -23,7 +23,7 @@ class Task:
     reduce: str | None
 
     def shaped(self, name: str, flat: Array) -> Array:
-        """The result from components and paths on leading axes, (components, paths, …)."""
+        """The result from an array (components, paths, …)."""
         flat = flat if self.batched else flat[:, 0]
         return self.ordered(name, flat.reshape(*CHANNELS[name].shape, *flat.shape[1:]))
 
@@ -32,27 +32,27 @@ class Task:
         return CHANNELS[name].shape + ((count, instants) if self.batched else (instants,))
 
     def write(self, name: str, k: int, raw: Array, values: Array, p: Array, c: Array) -> Array:
-        """`raw`, components first, with `values` (paths, instants) of its k-th component from `p` and `c` on."""
+        """`raw`, components first, with `values` (paths, instants) of its k-th component from path p, instant c on."""
         inner = CHANNELS[name].shape
-        places = [jnp.asarray(i, c.dtype) for i in np.unravel_index(k, inner)] if inner else []
+        indices = [jnp.asarray(i, c.dtype) for i in np.unravel_index(k, inner)] if inner else []
         lead = values.shape if self.batched else values.shape[1:]
         block = values.reshape((1,) * len(inner) + lead)
-        return lax.dynamic_update_slice(raw, block, (*places, p, c) if self.batched else (*places, c))
+        return lax.dynamic_update_slice(raw, block, (*indices, p, c) if self.batched else (*indices, c))
 
     def ordered(self, name: str, raw: Array) -> Array:
-        """The result from one with its components first."""
+        """The result, with its component axes as requested, from one with components first."""
         inner = len(CHANNELS[name].axes)
         if self.components == "first" or not inner:
             return raw
         return jnp.moveaxis(raw, range(inner), range(raw.ndim - inner, raw.ndim))
 
     def spec(self, name: str, lead: tuple[str | None, str | None], components: str) -> PartitionSpec:
-        """How a result, with its components last or first, is divided where paths and instants are as `lead`."""
+        """The partition of a result; `lead` are the mesh axes of (paths, instants), `components` "last" or "first"."""
         inner, over = (None,) * len(CHANNELS[name].axes), lead if self.batched else lead[1:]
         return PartitionSpec(*(inner + over if components == "first" else over + inner))
 
     def layout(self, name: str) -> Layout:
-        """Components apart in memory, whatever the order of the axes."""
+        """The memory layout: each component contiguous, independent of the order of the axes."""
         inner, lead = len(CHANNELS[name].axes), 2 if self.batched else 1
         if self.components == "first":
             return Layout(tuple(range(inner + lead)))

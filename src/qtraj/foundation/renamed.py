@@ -16,15 +16,17 @@ def renamed_arguments(**former: str) -> Callable[[Callable[P, R]], Callable[P, R
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        name = function.__qualname__.removesuffix(".__init__")
+
         @functools.wraps(function)
         def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
             present: dict[str, Any] = dict(kwargs)
             for old in former.keys() & kwargs.keys():
                 new = former[old]
                 if new in kwargs:
-                    raise TypeError(f"{function.__name__}() got both {new!r} and its former name {old!r}")
+                    raise TypeError(f"{name}() got both {new!r} and its former name {old!r}")
                 warnings.warn(
-                    f"the argument {old!r} of {function.__name__}() is now called {new!r}",
+                    f"the argument {old!r} of {name}() is now called {new!r}",
                     DeprecationWarning,
                     stacklevel=2,
                 )

@@ -1,7 +1,7 @@
-"""The bends of a recorded track: where its direction of travel turns to the left, and where to the right.
+"""Find the bends of a recorded track: where its direction of travel turns to the left, and where to the right.
 
-Small swings of the direction are the driver's and the noise's. So a bend ends only where the direction has come back by
-a least angle: its largest values and its least ones alternate, and between two of them lies one bend.
+The driver and noise cause small oscillations of the direction. So a bend ends only where the direction has turned back
+by a minimum angle. Maxima and minima of the direction then alternate, and there is one bend between two of them.
 """
 
 from itertools import pairwise
@@ -12,32 +12,32 @@ import numpy as np
 from qtraj.path.track import STANDSTILL, Track, directions, spread_radius, to_float64
 
 ENDS = 0.05
-"""A bend is where all but this part of its turn, at each end, takes place."""
+"""Fraction of the turn that is cut off at each end of a bend."""
 
 
 class Bend(NamedTuple):
-    """A part of a track that turns one way: from `start` to `end` [s], by `turn` [rad], left positive."""
+    """A part of a track that turns in one sense: from `start` to `end` [s], by `turn` [rad], left positive."""
 
     start: float
     end: float
     turn: float
 
 
-def bends(track: Track, least: float, spacing: float, standstill: float = STANDSTILL) -> list[Bend]:
-    """The bends that turn by at least `least` [rad], in order; neighbours turn opposite ways.
+def bends(track: Track, min_turn: float, spacing: float, standstill: float = STANDSTILL) -> list[Bend]:
+    """The bends that turn by at least `min_turn` [rad], in order; consecutive ones turn in opposite senses.
 
-    A track that stays within `standstill` [m] of its middle has none. Without recorded velocities the directions are
-    those of chords of about `spacing` [m].
+    A track that stays within `standstill` [m] of its mean position has no bends. Without recorded velocities the
+    directions are those of chords of about `spacing` [m].
     """
     if spread_radius(track) <= standstill:
         return []
     times, direction = _travel(track, spacing)
-    turning = _turning_points(direction, least)
+    turning = _turning_points(direction, min_turn)
     return [_bend(times[i : j + 1], direction[i : j + 1]) for i, j in pairwise(turning)]
 
 
 def _travel(track: Track, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and continuous directions of travel [rad] where the vehicle moves."""
+    """Times [s] and continuous directions of travel [rad] of the samples that move."""
     times = to_float64(track.times)
     if track.velocities is not None:
         moving, direction = directions(to_float64(track.velocities))
@@ -50,7 +50,7 @@ def _travel(track: Track, spacing: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _marks(positions: np.ndarray, spacing: float) -> np.ndarray:
-    """The samples that are each `spacing` away from the one before."""
+    """Indices of samples at least `spacing` apart, each from the previous one."""
     marks = [0]
     for k, position in enumerate(positions):
         if np.hypot(*(position - positions[marks[-1]])) >= spacing:
@@ -58,13 +58,13 @@ def _marks(positions: np.ndarray, spacing: float) -> np.ndarray:
     return np.array(marks)
 
 
-def _turning_points(direction: np.ndarray, least: float) -> list[int]:
-    """The samples between which the direction goes up and down by at least `least`; fewer than two for no bend."""
+def _turning_points(direction: np.ndarray, min_turn: float) -> list[int]:
+    """The extrema of the direction, at least `min_turn` apart; fewer than two if there is no bend."""
     points: list[int] = []
     low = high = sense = 0
     for k, angle in enumerate(direction):
         low, high = (k if angle < direction[low] else low), (k if angle > direction[high] else high)
-        rises, falls = angle - direction[low] >= least, direction[high] - angle >= least
+        rises, falls = angle - direction[low] >= min_turn, direction[high] - angle >= min_turn
         if rises and sense <= 0:
             points.append(low)
             high, sense = k, 1

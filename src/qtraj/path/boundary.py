@@ -1,4 +1,4 @@
-"""Boundary states: what is known of the motion at its start and at its end."""
+"""Boundary states: position, velocity and acceleration at the start and at the end of a path."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,9 +15,9 @@ from qtraj.path.placement import Placement
 
 @storable
 class BoundaryState(AbstractResult):
-    """Position [m], velocity [m/s] and, where it is known, acceleration [m/s²], (3,) each, in world axes.
+    """Position [m], velocity [m/s] and, optionally, acceleration [m/s²], (3,) each, in world axes.
 
-    It is given to the boundary problems, and found by `path.state(t)` and `tune`.
+    The input of boundary problems; `path.state(t)` and `tune` return it.
 
     **Raises:** ValueError for wrong shapes or values that are not finite.
     """
@@ -35,7 +35,7 @@ class BoundaryState(AbstractResult):
         warn_if_coarse(self.position, "the position of a boundary state")
 
     def record(self) -> Record:
-        """The fields that are known; of many states, lanes in front."""
+        """The fields that are not None; for many states, batch axes first."""
         columns = {
             "position": Quantity(self.position, "m", "position, world axes", ("world",)),
             "velocity": Quantity(self.velocity, "m s-1", "velocity, world axes", ("world",)),
@@ -48,16 +48,16 @@ class BoundaryState(AbstractResult):
         if self.position.ndim > 1:
             speed = extent(np.linalg.norm(np.asarray(self.velocity), axis=-1), "m s-1")
             return f"{batch_prefix(self.position.shape[:-1])}|velocity| {speed}"
-        whole = f"position {vector_text(self.position)} m, velocity {vector_text(self.velocity)} m/s"
-        return whole if self.acceleration is None else f"{whole}, acceleration {vector_text(self.acceleration)} m/s²"
+        text = f"position {vector_text(self.position)} m, velocity {vector_text(self.velocity)} m/s"
+        return text if self.acceleration is None else f"{text}, acceleration {vector_text(self.acceleration)} m/s²"
 
 
 class Cylindrical(eqx.Module):
     """A boundary state about an axis: components along e_ρ, e_φ and the axis.
 
-    `planar` (3,) is the position without its axial part, in the axes of the placement: azimuth differences are taken
-    from it, because the difference of two azimuths loses digits. `rounding` [rad] is what the coordinates' own
-    rounding makes of an azimuth.
+    `planar` (3,) is the position without its axial part, in the axes of the placement. Azimuth differences are computed
+    from it, because subtracting two azimuths loses digits. `rounding` [rad] is the error of the azimuth due to rounding
+    of the coordinates.
     """
 
     radius: Scalar
@@ -75,23 +75,23 @@ class Cylindrical(eqx.Module):
 
     @property
     def radial_acceleration(self) -> Scalar:
-        """ρ̈ = a_ρ + ρ φ̇² [m/s²]; needs the acceleration."""
+        """ρ̈ = a_ρ + ρ φ̇² [m/s²]; requires the acceleration."""
         return _required(self.acceleration)[0] + self.radius * self.rate**2
 
     @property
     def angular_acceleration(self) -> Scalar:
-        """φ̈ = (a_φ − 2 ρ̇ φ̇)/ρ [rad/s²]; needs the acceleration."""
+        """φ̈ = (a_φ − 2 ρ̇ φ̇)/ρ [rad/s²]; requires the acceleration."""
         return (_required(self.acceleration)[1] - 2 * self.velocity[0] * self.rate) / self.radius
 
 
 @eqx.filter_jit
 def cylindrical(state: BoundaryState, placement: Placement | None) -> Cylindrical:
-    """`state` in cylindrical components about the axis of `placement` (the world's z axis without one)."""
+    """`state` in cylindrical components about the axis of `placement`, or about the world's z axis."""
     placement = Placement() if placement is None else placement
     x, y, z = placement.to_local(state.position - placement.origin.astype(state.position.dtype))
     planar = jnp.stack([x, y, jnp.zeros_like(x)])
     radius = norm(planar)
-    # On the axis e_ρ is undefined: any direction does, and derivatives stay finite.
+    # On the axis e_ρ is undefined: use a fixed direction, so that derivatives stay finite.
     cos, sin, _ = unit(planar, jnp.zeros_like(planar).at[0].set(1.0))
     largest = jnp.maximum(jnp.max(jnp.abs(state.position)), jnp.max(jnp.abs(placement.origin.astype(x.dtype))))
 
@@ -111,7 +111,7 @@ def cylindrical(state: BoundaryState, placement: Placement | None) -> Cylindrica
 
 
 def azimuth_difference(start: Cylindrical, end: Cylindrical) -> Scalar:
-    """The azimuth of `end` less that of `start`, in (−π, π] [rad]."""
+    """The azimuth of `end` minus that of `start`, in (−π, π] [rad]."""
     a, b = start.planar, end.planar
     difference = jnp.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)
     return jnp.where(difference <= -jnp.pi, -difference, difference)
@@ -119,5 +119,5 @@ def azimuth_difference(start: Cylindrical, end: Cylindrical) -> Scalar:
 
 def _required(acceleration: Vec3 | None) -> Vec3:
     if acceleration is None:
-        raise ValueError("this needs the acceleration of the boundary state, and none was given")
+        raise ValueError("the acceleration of the boundary state is required here, but it was not given")
     return acceleration

@@ -1,4 +1,4 @@
-"""From boundary states to the polynomials of a spiral-helix: the problem of paper S and its completion."""
+"""Solve for the polynomials of a spiral-helix from boundary states: paper S's problem and its Hermite extension."""
 
 import operator
 
@@ -13,10 +13,10 @@ from qtraj.path.boundary import BoundaryState, Cylindrical, azimuth_difference, 
 from qtraj.path.placement import Placement
 
 RATE_TOLERANCE = 1e-9
-"""Largest relative disagreement of V_φ/ρ between the ends of a uniformly rotating path."""
+"""Maximum relative difference of V_φ/ρ between the ends of a uniformly rotating path."""
 
 AZIMUTH_TOLERANCE = 32
-"""Azimuths closer than this many times their rounding are equal."""
+"""Azimuths closer than this multiple of their rounding error are considered equal."""
 
 PARALLEL_TOLERANCE = 1e-9
 """Sine of the angle between two horizontal velocities below which they are parallel."""
@@ -30,7 +30,7 @@ def uniform(
     """ρ, φ, h, duration, placement and mismatch of the path with φ̇ = V_φ/ρ constant (paper S, boundary conditions)."""
     if start.acceleration is not None or end.acceleration is not None:
         raise ValueError(
-            "a uniformly rotating path cannot meet given accelerations. Leave them out, or use SpiralHelix.hermite."
+            "a uniformly rotating path cannot meet given accelerations. Omit them, or use SpiralHelix.hermite."
         )
     a, b = cylindrical(start, placement), cylindrical(end, placement)
     _require_off_axis(a, b)
@@ -44,7 +44,10 @@ def uniform(
 
 
 def directed_turn(a: Cylindrical, b: Cylindrical, turns: int) -> Scalar:
-    """The signed turn from `a` to `b` in the sense of V_φ at the start: magnitude in [0, 2π) plus whole turns [rad]."""
+    """The signed turn [rad] from `a` to `b` in the sense of V_φ at the start: 0 to 2π, plus whole turns.
+
+    **Raises:** ValueError for a number of turns that is negative or not an integer.
+    """
     if whole_turns(turns) < 0:
         raise ValueError(f"turns must be 0 or more whole turns in the sense of V_phi, but {turns} was given")
     sense = jnp.where(a.velocity[1] < 0, -1.0, 1.0).astype(a.radius.dtype)
@@ -57,18 +60,18 @@ def directed_turn(a: Cylindrical, b: Cylindrical, turns: int) -> Scalar:
 def whole_turns(turns: int) -> int:
     """`turns` as an integer.
 
-    **Raises:** ValueError for a number that is not whole.
+    **Raises:** ValueError unless it is an integer.
     """
     try:
         return operator.index(turns)
     except TypeError:
-        raise ValueError(f"turns counts whole turns, but {turns!r} was given: it must be an integer") from None
+        raise ValueError(f"turns must be an integer, the number of whole turns, but {turns!r} was given") from None
 
 
 def hermite(
     start: BoundaryState, end: BoundaryState, duration: Scalar, turns: int, placement: Placement | None
 ) -> tuple[Coefficients, Coefficients, Coefficients]:
-    """ρ, φ, h that meet every boundary number in the given duration: cubics, or quintics with accelerations."""
+    """ρ, φ, h that meet all boundary values in the given duration: cubics, or quintics with accelerations."""
     if (start.acceleration is None) != (end.acceleration is None):
         raise ValueError("one boundary state has an acceleration and the other has none: give both or neither")
     a, b = cylindrical(start, placement), cylindrical(end, placement)
@@ -80,8 +83,8 @@ def hermite(
 def polynomials(
     a: Cylindrical, b: Cylindrical, turn: Scalar, duration: Scalar, uniform: bool
 ) -> tuple[Coefficients, Coefficients, Coefficients]:
-    """ρ, φ and h between two cylindrical states in a given duration; a uniform angle needs only the turn."""
-    ends = [_rows(a), _rows(b)]
+    """ρ, φ and h between two cylindrical states in a given duration; if `uniform`, φ is linear."""
+    ends = [_boundary_values(a), _boundary_values(b)]
     radius, height = (polynomial.hermite(ends[0][k], ends[1][k], duration) for k in (0, 2))
     if uniform:
         return radius, jnp.stack([a.azimuth, turn / duration]), height
@@ -89,8 +92,8 @@ def polynomials(
     return radius, angle, height
 
 
-def _rows(state: Cylindrical) -> tuple[Coefficients, Coefficients, Coefficients]:
-    """Value and derivatives of ρ, of φ and of h at one end."""
+def _boundary_values(state: Cylindrical) -> tuple[Coefficients, Coefficients, Coefficients]:
+    """Values and derivatives of ρ, φ and h at one end."""
     rows = [(state.radius, state.azimuth, state.height), (state.velocity[0], state.rate, state.velocity[2])]
     if state.acceleration is not None:
         rows.append((state.radial_acceleration, state.angular_acceleration, state.acceleration[2]))
@@ -101,13 +104,13 @@ def _rows(state: Cylindrical) -> tuple[Coefficients, Coefficients, Coefficients]
 def axis_between(start: BoundaryState, end: BoundaryState) -> Placement:
     """The vertical axis through the point where the horizontal normals of the two velocities meet, as a placement.
 
-    About it, V_ρ is zero at both ends.
+    About this axis, V_ρ is zero at both ends.
 
-    **Raises:** ValueError where the horizontal velocities are parallel or zero, so that no such axis exists.
+    **Raises:** ValueError if the horizontal velocities are parallel or zero, because then there is no such axis.
     """
     middle = (start.position + end.position)[:2] / 2
     va, vb = start.velocity[:2], end.velocity[:2]
-    # (p − p_A)·v_A = 0 and (p − p_B)·v_B = 0, about the middle so that large coordinates keep their digits.
+    # (p − p_A)·v_A = 0 and (p − p_B)·v_B = 0, relative to the midpoint so that large coordinates lose no digits.
     a, b = va @ (start.position[:2] - middle), vb @ (end.position[:2] - middle)
     determinant = va[0] * vb[1] - va[1] * vb[0]
     _require_crossing(va, vb)
@@ -126,7 +129,7 @@ def _require_off_axis(a: Cylindrical, b: Cylindrical) -> None:
         radius = concrete(state.radius)
         if radius is not None and not radius > 0:
             raise ValueError(
-                f"the {name} lies on the axis of the spiral-helix (radius 0), where its azimuth has no meaning. "
+                f"the {name} lies on the axis of the spiral-helix (radius 0), where the azimuth is undefined. "
                 "Give a placement whose axis does not pass through the boundary positions."
             )
 
@@ -149,7 +152,7 @@ def _require_solvable(a: Cylindrical, b: Cylindrical, turn: Scalar, mismatch: Sc
         )
     if known_turn == 0:
         raise ValueError(
-            "the start and the end have the same azimuth, so with turns=0 there is nothing to turn. "
+            "the start and the end have the same azimuth, so with turns=0 the path has no turn. "
             "Pass turns=1 for one whole turn, or use SpiralHelix.hermite."
         )
 
@@ -161,5 +164,5 @@ def _require_crossing(va: Array, vb: Array) -> None:
     if abs(a[0] * b[1] - a[1] * b[0]) <= PARALLEL_TOLERANCE * np.hypot(*a) * np.hypot(*b):
         raise ValueError(
             f"the horizontal velocities {a.tolist()} and {b.tolist()} are parallel (or one is zero): their normals "
-            "do not meet, so there is no axis between them. Give a placement to SpiralHelix.hermite instead."
+            "do not meet, so there is no axis between them. Pass a placement to SpiralHelix.hermite instead."
         )

@@ -1,7 +1,7 @@
-"""The registry of outputs: what can be evaluated along a path and its frame.
+"""The registry of outputs: everything that can be evaluated along a path and its frame.
 
-One entry says all of an output: name, unit, meaning, axes, and the formula. Those of the path quantities come from
-their own registry. `qtraj.evaluate`, its tables and reductions, datasets and the command line read this one.
+An entry has the name, unit, meaning, axes and formula of an output. Path quantities are added from their own registry.
+`qtraj.evaluate`, its tables and reductions, datasets and the command line use this registry.
 """
 
 from collections.abc import Callable
@@ -13,12 +13,12 @@ from qtraj.path.frame_axes import labels_of
 from qtraj.path.quantity import QUANTITIES, PathQuantity
 
 SIZES = {axis: len(names) for axis, names in labels_of("").items()}
-"""How many components there are along an axis."""
+"""The number of components along each axis."""
 
 
 @dataclass(frozen=True)
 class Channel:
-    """An output: `axes` are those of its components, and `formula` forms it of what `batch.instants` knows."""
+    """An output: `axes` are the axes of its components, and `formula` computes it from `batch.instants.Instants`."""
 
     name: str
     unit: str
@@ -28,11 +28,11 @@ class Channel:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Its shape at one instant."""
+        """The shape at one instant."""
         return tuple(SIZES[axis] for axis in self.axes)
 
     def labelled(self, values: Any, *lead: str) -> record.Quantity:
-        """Values with unit and meaning; `lead` are the axes in front of those of the components."""
+        """The values with unit and meaning; `lead` are the axes before the component axes."""
         return record.Quantity(values, self.unit, self.meaning, (*lead, *self.axes))
 
 
@@ -81,5 +81,5 @@ _ENTRIES = (
 )
 
 CHANNELS: dict[str, Channel] = {entry.name: entry for entry in _ENTRIES}
-"""By name; their order here is the order everywhere."""
+"""The outputs by name, in the order in which they are displayed."""
 CHANNELS |= {x.variable: _scalar(x) for x in QUANTITIES.values() if x.variable not in CHANNELS}

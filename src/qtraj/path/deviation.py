@@ -1,19 +1,19 @@
-"""How far one path, as a row of points, leaves another."""
+"""Maximum distance of one path from another, both as sequences of points."""
 
 import numpy as np
 from jaxtyping import Float
 
-MOST = 1000
-"""So many of the points are judged, evenly chosen."""
+MAX_POINTS = 1000
+"""Of more points, this number is used, evenly chosen."""
 
-TOGETHER = 1_000_000
-"""Pairs of a point and a piece of the line that are worked out at once: what they take stays small."""
+MAX_PAIRS = 1_000_000
+"""Pairs of a point and a segment that are processed together, to limit memory."""
 
 
 def max_deviation(points: Float[np.ndarray, "n 3"], line: Float[np.ndarray, "m 3"]) -> float:
-    """The largest distance of `points`, or of `MOST` of them, from the polyline `line`; NaN where one is not finite."""
-    chosen = points[np.unique(np.linspace(0, len(points) - 1, min(len(points), MOST)).round().astype(int))]
-    parts = np.array_split(chosen, -(-len(chosen) * len(line) // TOGETHER))
+    """The largest distance [m] of the `points` from the polyline `line`; NaN if one is not finite."""
+    chosen = points[np.unique(np.linspace(0, len(points) - 1, min(len(points), MAX_POINTS)).round().astype(int))]
+    parts = np.array_split(chosen, -(-len(chosen) * len(line) // MAX_PAIRS))
     return float(np.max(np.concatenate([_distances(part, line) for part in parts])))
 
 
@@ -21,5 +21,5 @@ def _distances(points: Float[np.ndarray, "n 3"], line: Float[np.ndarray, "m 3"])
     start, along = line[:-1], np.diff(line, axis=0)
     squares = np.sum(along**2, axis=1)
     offset = points[:, None] - start
-    part = np.clip(np.sum(offset * along, axis=2) / np.where(squares > 0, squares, 1.0), 0.0, 1.0)
-    return np.min(np.linalg.norm(offset - part[..., None] * along, axis=2), axis=1)
+    fraction = np.clip(np.sum(offset * along, axis=2) / np.where(squares > 0, squares, 1.0), 0.0, 1.0)
+    return np.min(np.linalg.norm(offset - fraction[..., None] * along, axis=2), axis=1)

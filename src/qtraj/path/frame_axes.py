@@ -1,8 +1,8 @@
-"""What the axes of a frame along a path are called, in labelled data, tables, figures and reports.
+"""Names of the axes of a path's frames, for labelled data, tables, figures and reports.
 
-The natural trihedral has a tangent, a principal normal and a binormal (τ, n, b); the upright frame points forward, left
-and up, the thrust-aligned one forward, left and along the thrust (docs/conventions.md). Every label that a user reads
-is taken from here.
+The natural trihedral has a tangent, a principal normal and a binormal (τ, n, b). The axes of the upright frame point
+forward, left and up, those of the thrust-aligned frame forward, left and along the thrust (docs/conventions.md). All
+displayed labels come from this module.
 """
 
 from typing import NamedTuple
@@ -13,14 +13,14 @@ Three = tuple[str, str, str]
 
 
 class FrameAxes(NamedTuple):
-    """The body axes x, y and z of a frame: their names, the letters that stand for them, and what they are."""
+    """The body axes x, y and z of a frame: names, symbols and a description."""
 
     names: Three
     symbols: Three
     convention: str
 
     def titles(self) -> Three:
-        """Letter and name of each axis, such as "τ (tangent)"; the name alone where there is no letter."""
+        """Symbol and name of each axis, such as "τ (tangent)", or only the name if both are equal."""
         x, y, z = (
             name if symbol == name else f"{symbol} ({name})"
             for symbol, name in zip(self.symbols, self.names, strict=True)
@@ -50,19 +50,19 @@ AXES = {
     ),
     "trihedral": FrameAxes(_TRIHEDRAL, ("τ", "n", "b"), "x = tangent (forward), y = normal, z = binormal"),
 }
-"""By the name of a frame. "trihedral" is one whose frame is not known any more."""
+"""The axes by the name of the frame. "trihedral" is for a trihedral whose frame is unknown."""
 
 OTHER = FrameAxes(_LETTERS, _LETTERS, "x, y, z are the axes of the frame")
-"""Those of a user's own frame."""
+"""The axes of a user's own frame."""
 
 
 def axes_of(frame: str) -> FrameAxes:
-    """The axes of the frame of this name."""
+    """The axes of the frame with this name."""
     return AXES.get(frame, OTHER)
 
 
 def labels_of(frame: str) -> dict[str, list[str]]:
-    """The coordinates along the axes of components, where the body is a frame of this name."""
+    """The labels of the component axes, for the frame with this name."""
     return {
         "world": record.LABELS["world"],
         "body": list(axes_of(frame).names),
@@ -71,7 +71,7 @@ def labels_of(frame: str) -> dict[str, list[str]]:
 
 
 def framed(frame: str) -> dict[str, str]:
-    """The attributes of a dataset whose rates and attitudes are those of a `frame` along a path."""
+    """The attributes of a dataset with attitudes and rates of this `frame`."""
     return {
         "frame": frame,
         "frame_convention": f"right-handed; body axes {axes_of(frame).convention}",

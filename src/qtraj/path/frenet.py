@@ -1,8 +1,8 @@
-"""Frenet formulas: scalar products of a path's derivatives, and the rates of its natural trihedral.
+"""Frenet formulas: scalar products of a path's derivatives, and the rates of its frames.
 
-The one home of these formulas. They are written over any arithmetic whose vectors `components.dot` and
-`components.cross` know: numbers (3,), triples of arrays over many instants, polynomials in Bernstein form. The
-derivatives may stand in any orthonormal basis; what refers to the vertical needs it as `up`, or as the third axis.
+These formulas are defined only here. They work for every type of vector that `components.dot` and `components.cross`
+accept: vectors (3,), triples of arrays over many instants, polynomials. The derivatives may be in any orthonormal
+basis; formulas with the vertical take it as `up`, or use the third axis.
 """
 
 from functools import cached_property
@@ -12,14 +12,14 @@ from qtraj.path.components import cross, dot
 
 
 class Invariants:
-    """Scalar products of r', r'', r''' and r'''', each formed when it is first asked for (paper S).
+    """Scalar products of r', r'', r''' and r'''' (paper S), each computed at its first use.
 
-    With c = r'×r'' and c' = r'×r''': speed² = S, curvature² = N/S³, torsion = T/N. Against the vertical: V is the
-    climb rate, H the square of the horizontal speed, P = c·up.
+    With c = r'×r'' and c' = r'×r''': speed² = S, curvature² = N/S³, torsion = T/N. With the vertical: V is the climb
+    rate, H the square of the horizontal speed, P = c·up.
     """
 
     def __init__(self, derivatives: Any, up: Any = None):
-        """`derivatives[k]` is the k-th derivative, from 1 on; `up` is the vertical, the third axis if None."""
+        """`derivatives[k]` is the k-th derivative, k ≥ 1; `up` is the vertical, by default the third axis."""
         self.r = derivatives
         self.up = up
 
@@ -55,7 +55,7 @@ class Invariants:
 
     @cached_property
     def C(self) -> Any:
-        """r'·r''', the derivative of B less A."""
+        """r'·r''', the derivative of B minus A."""
         return dot(self.r[1], self.r[3])
 
     @cached_property
@@ -118,21 +118,21 @@ class Invariants:
         return v[2] if self.up is None else dot(v, self.up)
 
     def _level(self, v: Any) -> Any:
-        """What has the scalar products of the horizontal part of v."""
+        """A vector with the same scalar products as the horizontal part of v."""
         return v[:2] if self.up is None else cross(v, self.up)
 
 
 def natural_rate(i: Any, inv_speed: Any, inv_cross_norm: Any, torsion: Any) -> tuple[Any, Any]:
-    """The components of ω⁰ = (vχ, 0, vκ) [rad/s] that are not zero, along τ and along b: vκ = |c|/v².
+    """The nonzero components, along τ and b, of ω⁰ = (vχ, 0, vκ) [rad/s], with vκ = |c|/v².
 
-    `inv_speed` = 1/v, `inv_cross_norm` = 1/|c| and `torsion` χ = T/N. Where one of them does not exist, any finite
-    number in its place gives finite results and derivatives.
+    `inv_speed` = 1/v, `inv_cross_norm` = 1/|c| and `torsion` χ = T/N. Where one of them is undefined, pass any finite
+    number: results and derivatives are then finite.
     """
     return i.S * inv_speed * torsion, i.N * inv_cross_norm * inv_speed**2
 
 
 def natural_acceleration(i: Any, inv_speed: Any, inv_cross_norm: Any, torsion: Any) -> tuple[Any, Any]:
-    """The same of ε⁰ [rad/s²], the derivative of ω⁰ (paper S, with its errata mended)."""
+    """The nonzero components, along τ and b, of ε⁰ = dω⁰/dt [rad/s²] (paper S, errata corrected)."""
     inv_N, inv_S = inv_cross_norm**2, inv_speed**2
     torsion_rate = i.D * inv_N - 2 * i.T * i.E * inv_N**2
     speed, cross_norm = i.S * inv_speed, i.N * inv_cross_norm
@@ -143,7 +143,7 @@ def natural_acceleration(i: Any, inv_speed: Any, inv_cross_norm: Any, torsion: A
 def yaw(i: Any, inv_speed: Any, inv_level: Any) -> tuple[Any, Any]:
     """ω_z [rad/s] and ε_z [rad/s²] of the upright frame about its own z axis: ω_z = P/(v√H).
 
-    `inv_level` = 1/√H is one over the horizontal speed; where an inverse does not exist, as in `natural_rate`.
+    `inv_level` = 1/√H is the inverse of the horizontal speed. For undefined inverses see `natural_rate`.
     """
     rate = i.P * inv_speed * inv_level
     return rate, i.P1 * inv_speed * inv_level - rate * (i.B * inv_speed**2 + i.G * inv_level**2)
@@ -154,12 +154,12 @@ def upright_rates(i: Any, inv_speed: Any, inv_level: Any) -> tuple[tuple, tuple]
 
     ω = (VP/(vH), (VB − SW)/(S√H), P/(v√H)), and ε is its derivative.
     """
-    stretch, widening = i.B * inv_speed**2, i.G * inv_level**2  # the logarithmic derivatives of v and √H
-    rolls, pitches = inv_speed * inv_level**2, inv_speed**2 * inv_level
-    roll, pitch = i.V * i.P * rolls, (i.V * i.B - i.S * i.W) * pitches
+    log_speed_rate, log_level_rate = i.B * inv_speed**2, i.G * inv_level**2  # logarithmic derivatives of v and √H
+    roll_factor, pitch_factor = inv_speed * inv_level**2, inv_speed**2 * inv_level
+    roll, pitch = i.V * i.P * roll_factor, (i.V * i.B - i.S * i.W) * pitch_factor
     rate, acceleration = yaw(i, inv_speed, inv_level)
     return (roll, pitch, rate), (
-        (i.W * i.P + i.V * i.P1) * rolls - roll * (stretch + 2 * widening),
-        (i.V * (i.A + i.C) - i.B * i.W - i.S * i.X) * pitches - pitch * (2 * stretch + widening),
+        (i.W * i.P + i.V * i.P1) * roll_factor - roll * (log_speed_rate + 2 * log_level_rate),
+        (i.V * (i.A + i.C) - i.B * i.W - i.S * i.X) * pitch_factor - pitch * (2 * log_speed_rate + log_level_rate),
         acceleration,
     )

@@ -30,12 +30,12 @@ class AbstractHodograph(eqx.Module):
 
     @abc.abstractmethod
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
-        """r and its time derivatives up to `order` at one instant, world axes, row k in [m s^-k]."""
+        """r and its time derivatives up to `order` at one instant, world axes; row k in [m s^-k]."""
 
     def polynomials(self) -> MovingPolynomials | None:
-        """The path's polynomials in its own moving basis, or None where it has none.
+        """The path's polynomials in its own moving basis, or None if it has none.
 
-        A path that gives them has its limits proved, and is evaluated in batches in components.
+        With polynomials, limits can be proved and batched evaluation is fast.
         """
         return None
 
@@ -59,26 +59,27 @@ class AbstractHodograph(eqx.Module):
     def length(self) -> Scalar:
         """Arc length ∫|ṙ|dt over the duration [m], to a relative 1e-9 where the speed is smooth, and to 1e-6 at worst.
 
-        By Gauss–Legendre quadrature on panels that are halved until the length changes by no more than 1e-9 (in float32
-        by 32 roundings). A million speeds are the most: where they leave a change of more than 1e-6 the length is NaN.
-        What happens between the first thousand instants goes unseen.
+        Uses Gauss–Legendre quadrature on panels that are halved until the relative change is at most 1e-9 (in float32
+        32 machine epsilons), or a million speeds are evaluated. The result is NaN if the change is then still above
+        1e-6. The first estimates use about a thousand instants: features between them may be
+        missed.
         """
         return _length(self)
 
     def plot(self, frame: Any = None, trihedra: int = 6) -> "Figure":
-        """The path in space, with `trihedra` at equal steps of time: a matplotlib figure (extra `viz`), axes equal.
+        """Plot the path in space with `trihedra` at equal time steps, as a matplotlib figure (extra `viz`).
 
-        `frame` is that of `qtraj.evaluate`: the natural trihedral unless it says otherwise. `figure.savefig(file)`
-        writes the figure, and a notebook shows it.
+        `frame` is as in `qtraj.evaluate`, by default the natural trihedral. Save the figure with
+        `figure.savefig(file)`; notebooks display it.
 
-        **Raises:** ModuleNotFoundError, naming the extra, where matplotlib is missing; ValueError for many paths.
+        **Raises:** ModuleNotFoundError, naming the extra, if matplotlib is missing; ValueError for a stack of paths.
         """
         return draw("path_plot", self, frame, trihedra)
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the path to a TOML or JSON file, exactly; `qtraj.load` reads it.
+        """Write the path exactly to a TOML or JSON file; `qtraj.load` reads it.
 
-        **Raises:** ValueError for another suffix, or for a path that holds a function of the user's own.
+        **Raises:** ValueError for another suffix, or for a path with a user-defined function.
         """
         document.save(self, file)
 
@@ -89,11 +90,11 @@ def _length(path: AbstractHodograph) -> Scalar:
 
 
 class Curve(AbstractHodograph):
-    """Any differentiable t -> (3,) as a path; its derivatives are taken by nested forward differentiation.
+    """A path from any differentiable function t -> (3,), with derivatives by nested forward differentiation.
 
-    `position` may be a plain function or a callable Module whose arrays are then differentiable.
+    `position` may be a plain function or a callable Module; the arrays of a Module are differentiable.
 
-    **Raises:** ValueError where `position` is no such function or `duration` [s] is not positive.
+    **Raises:** ValueError if `position` is not such a function, or `duration` [s] is not positive.
     """
 
     function: Callable[..., Vec3]
@@ -109,9 +110,10 @@ class Curve(AbstractHodograph):
         _require_vector(self.function, self.duration)
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
+        """r and its time derivatives up to `order` at one instant; row k in [m s^-k]."""
         jet: Jet = lambda t: (jnp.asarray(self.function(t)),)  # noqa: E731
         for _ in range(order):
-            jet = _extended(jet)
+            jet = _with_next_derivative(jet)
         return jnp.stack(jet(one_instant(t)))
 
 
@@ -119,18 +121,18 @@ Jet = Callable[[Scalar], tuple[Vec3, ...]]
 """A function of time with its first derivatives."""
 
 
-def _extended(jet: Jet) -> Jet:
-    """The jet with one derivative more."""
+def _with_next_derivative(jet: Jet) -> Jet:
+    """The jet with one more derivative."""
 
-    def longer(t: Scalar) -> tuple[Vec3, ...]:
+    def extended(t: Scalar) -> tuple[Vec3, ...]:
         values, rates = jax.jvp(jet, (t,), (jnp.ones_like(t),))
         return (*values, rates[-1])
 
-    return longer
+    return extended
 
 
 def _require_vector(function: Callable[[Scalar], Vec3], duration: Scalar) -> None:
-    """Raise a ValueError where `function` is not a JAX function of one instant with three components."""
+    """Raise a ValueError if `function` is not a JAX function from one instant to three components."""
     advice = "write it with jax.numpy, as a function of one instant that returns an array of shape (3,)"
     try:
         shape = jax.eval_shape(function, jax.ShapeDtypeStruct((), duration.dtype)).shape

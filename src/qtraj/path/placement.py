@@ -1,4 +1,4 @@
-"""Where a path's own axes stand in the world."""
+"""Position and orientation of a path's own axes in the world."""
 
 import equinox as eqx
 
@@ -11,10 +11,10 @@ from qtraj.foundation.types import ArrayInput, Quat, Vec3
 
 @storable
 class Placement(eqx.Module):
-    """A rigid placement of a path's axes (z along its axis) in the world.
+    """The rigid placement of a path's axes, with z along its axis, in the world.
 
     `origin` (3,) [m] is a point of the axis in world coordinates; `orientation` (4,) maps the path's axes to the
-    world's and may have any non-zero length. A vertical axis needs only an origin.
+    world's and may have any non-zero norm. For a vertical axis an origin is enough.
 
     **Raises:** ValueError for wrong shapes, values that are not finite, or a zero quaternion.
     """
@@ -26,8 +26,8 @@ class Placement(eqx.Module):
         self.origin = real_vector(origin, "the origin of a placement", 3)
         self.orientation = real_vector(orientation, "the orientation of a placement", 4)
         warn_if_coarse(self.origin, "the origin of a placement")
-        known = concrete(self.orientation)
-        if known is not None and not known.any():
+        orientation_value = concrete(self.orientation)
+        if orientation_value is not None and not orientation_value.any():
             raise ValueError("the orientation of a placement must be a quaternion other than zero")
 
     def __repr__(self) -> str:

@@ -1,8 +1,8 @@
-"""The registry of path quantities: what can be limited, evaluated, proved and tuned along a path.
+"""The registry of path quantities: everything that can be limited, evaluated, proved and tuned along a path.
 
-One entry says all of a quantity: name, symbol, unit, the highest derivative it needs, its square as a ratio of
-polynomials in the invariants of `frenet`, and its meaning. `Limits`, scenarios, tables, datasets, figures, proofs and
-tuning read it.
+An entry has the name, symbol, unit and meaning of a quantity, the highest derivative that it needs, and its square as a
+ratio of polynomials in the invariants of `frenet`. `Limits`, scenarios, tables, datasets, figures, proofs and tuning
+use this registry.
 """
 
 from collections.abc import Callable
@@ -17,27 +17,27 @@ from qtraj.foundation import units
 from qtraj.path.frenet import natural_acceleration, yaw
 
 Formula = Callable[[Any], Any]
-"""What is formed from `Invariants`, over any arithmetic."""
+"""A formula in `Invariants`, for any type of numbers."""
 
 
 class Division(NamedTuple):
-    """How numbers are divided: part/whole and 1/√x of positive numbers."""
+    """How to divide numbers: the quotient of two, and 1/√x, both for positive divisors."""
 
     quotient: Callable[[Any, Any], Any]
     inverse_root: Callable[[Any], Any]
 
 
-PLAIN = Division(lambda part, whole: part / whole, lambda x: x**-0.5)
+PLAIN = Division(lambda numerator, denominator: numerator / denominator, lambda x: x**-0.5)
 
 
 @dataclass(frozen=True)
 class PathQuantity:
-    """A quantity along a path that is not negative: its square is numerator/denominator.
+    """A nonnegative quantity along a path, whose square is numerator/denominator.
 
-    `divisor` is what must not vanish for the quantity to exist: "speed" (S), "cross_norm" (N) or "level" (H). `square`
-    is a second form of the same ratio for numbers, where the first would overflow or lose digits. `output` is the
-    name in tables and datasets, where a vector may bear the quantity's own name. `bounds_speed`: a limit on it keeps
-    any path from being driven arbitrarily fast.
+    The quantity exists where `divisor` is not zero: "speed" (S), "cross_norm" (N) or "level" (H). `square` is another
+    form of the same ratio for floating-point numbers, used where numerator and denominator would overflow or lose
+    digits. `output` is the name in tables and datasets, if a vector already has the quantity's name. `bounds_speed`: a
+    limit on the quantity also bounds the speed on every path.
     """
 
     name: str
@@ -55,42 +55,42 @@ class PathQuantity:
 
     @property
     def variable(self) -> str:
-        """Its name among the outputs of an evaluation."""
+        """The name of the quantity as an output of `qtraj.evaluate`."""
         return self.output or self.name
 
     @property
     def label(self) -> str:
-        """Its unit as people write it; "-" for a number without unit."""
+        """The unit as it is displayed; "-" for a dimensionless number."""
         return units.symbol(self.unit) or "-"
 
     @property
     def length(self) -> int:
-        """The power of metres in its unit."""
+        """The power of metres in the unit."""
         return units.powers(self.unit).get("m", 0)
 
     @property
     def per_time(self) -> int:
-        """The power of 1/s in its unit."""
+        """The power of 1/s in the unit."""
         return units.per_time(self.unit)
 
     def squared(self, i: Any, by: Division = PLAIN) -> Any:
-        """Its square in numbers, of one instant or of many; infinite where it grows without bound."""
+        """The square in floating-point numbers, at one instant or many; infinite at a pole."""
         if self.square is not None:
             return self.square(i, by)
-        part = self.numerator(i)
-        return part if self.denominator is None else ratio(part, self.denominator(i), by)
+        numerator = self.numerator(i)
+        return numerator if self.denominator is None else ratio(numerator, self.denominator(i), by)
 
 
-def ratio(part: Any, whole: Any, by: Division = PLAIN) -> Any:
-    """part/whole of numbers; 0/0 is 0 and anything else over 0 infinite, with zero gradient. NaN stays NaN."""
-    return _ratio(jnp.asarray(part), jnp.asarray(whole), by)
+def ratio(numerator: Any, denominator: Any, by: Division = PLAIN) -> Any:
+    """The quotient; 0/0 is 0, and other quotients by 0 are infinite, with zero gradient. NaN stays NaN."""
+    return _ratio(jnp.asarray(numerator), jnp.asarray(denominator), by)
 
 
 @partial(jax.jit, static_argnames="by")
-def _ratio(part: Any, whole: Any, by: Division) -> Any:
-    vanishes = whole <= 0
-    found = by.quotient(part, jnp.where(vanishes, 1.0, whole))
-    return jnp.where(vanishes, jnp.where(part > 0, jnp.inf, 0.0 * part), found)
+def _ratio(numerator: Any, denominator: Any, by: Division) -> Any:
+    zero = denominator <= 0
+    quotient = by.quotient(numerator, jnp.where(zero, 1.0, denominator))
+    return jnp.where(zero, jnp.where(numerator > 0, jnp.inf, 0.0 * numerator), quotient)
 
 
 def _square(x: Any) -> Any:
@@ -106,7 +106,7 @@ def _rate_square(i: Any, by: Division) -> Any:
 
 
 def _acceleration_square(i: Any, by: Division) -> Any:
-    """|ε⁰|² in numbers; zero where the trihedral does not exist."""
+    """|ε⁰|²; zero where the trihedral does not exist."""
     inv_speed, inv_cross_norm = (_inverse_root(x, by) for x in (i.S, i.N))
     along, across = natural_acceleration(i, inv_speed, inv_cross_norm, i.T * inv_cross_norm**2)
     return _square(along) + _square(across)
@@ -118,19 +118,19 @@ def _yaw_acceleration_square(i: Any, by: Division) -> Any:
 
 @partial(jax.jit, static_argnames="by")
 def _inverse_root(x: Any, by: Division) -> Any:
-    vanishes = x <= 0
-    return jnp.where(vanishes, 0.0, by.inverse_root(jnp.where(vanishes, 1.0, x)))
+    zero = x <= 0
+    return jnp.where(zero, 0.0, by.inverse_root(jnp.where(zero, 1.0, x)))
 
 
 def _acceleration_numerator(i: Any) -> Any:
-    """ε⁰ = (v'χ + vχ', 0, E/(|c|S) − 2|c|B/S²) with χ = T/N, squared, over S⁴N⁴."""
+    """The square of ε⁰ = (v'χ + vχ', 0, E/(|c|S) − 2|c|B/S²) with χ = T/N, times S⁴N⁴."""
     along = i.B * (i.T * i.N) + i.S * (i.D * i.N - 2 * (i.T * i.E))
     across = i.E * i.S - 2 * (i.N * i.B)
     return _cube(i.S) * _square(along) + _cube(i.N) * _square(across)
 
 
 def _yaw_acceleration_numerator(i: Any) -> Any:
-    """ω_z = P/√(SH), and so ω̇_z = (P'SH − P(BH + SG))/√(SH)³: its square, over (SH)³."""
+    """The square of ω̇_z = (P'SH − P(BH + SG))/√(SH)³, the derivative of ω_z = P/√(SH), times (SH)³."""
     return _square(i.P1 * (i.S * i.H) - i.P * (i.B * i.H + i.S * i.G))
 
 
@@ -251,13 +251,13 @@ _ENTRIES = (
 )
 
 QUANTITIES: dict[str, PathQuantity] = {entry.name: entry for entry in _ENTRIES}
-"""By the names of `Limits`; their order here is the order everywhere."""
+"""The quantities by their names in `Limits`, in the order in which they are displayed."""
 
 
 class Offset(NamedTuple):
-    """How far a path is from another, its reference, at equal parts of the durations, about one axis.
+    """The difference of a path from a reference path about the same axis, at equal fractions of their durations.
 
-    `outwards` ρ − ρ₀, `angle` φ − φ₀, `up` h − h₀, and the `radius` ρ₀ of the reference; over any arithmetic.
+    `outwards` ρ − ρ₀, `angle` φ − φ₀, `up` h − h₀, and the `radius` ρ₀ of the reference, in any type of numbers.
     """
 
     outwards: Any
@@ -276,17 +276,17 @@ CORRIDOR = PathQuantity(
         p.outwards * p.outwards + (p.outwards + p.radius) * p.radius * (p.angle * p.angle) + p.up * p.up
     ),
 )
-"""A quantity of two paths, whose `Offset` takes the place of the invariants. Where both radii are positive the square,
-(ρ − ρ₀)² + ρρ₀(φ − φ₀)² + (h − h₀)², is a polynomial and no smaller than that of the distance, whose chord is shorter
-than the arc."""
+"""A quantity of two paths; its formula takes their `Offset` instead of invariants. The square,
+(ρ − ρ₀)² + ρρ₀(φ − φ₀)² + (h − h₀)², is a polynomial. For positive radii it is at least the squared distance, because
+the chord is shorter than the arc."""
 
 
 def quantity(name: str) -> PathQuantity:
-    """The entry of this name.
+    """The path quantity with this name.
 
     **Raises:** ValueError for an unknown name.
     """
-    known = QUANTITIES | {CORRIDOR.name: CORRIDOR}
-    if name not in known:
-        raise ValueError(f"unknown path quantity {name!r}; known are {', '.join(known)}")
-    return known[name]
+    entries = QUANTITIES | {CORRIDOR.name: CORRIDOR}
+    if name not in entries:
+        raise ValueError(f"unknown path quantity {name!r}; known are {', '.join(entries)}")
+    return entries[name]

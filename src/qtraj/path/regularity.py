@@ -1,6 +1,6 @@
-"""How clearly a path moves, bends and keeps from the vertical: where its frames and rates exist.
+"""Where the frames and rates of a path exist: tests that the speed, curvature and horizontal speed are not zero.
 
-Written over numbers and over triples of arrays, as `frenet` is.
+The functions take numbers or triples of arrays, as in `frenet`.
 """
 
 from typing import Any
@@ -16,15 +16,15 @@ Numbers = Float[Array, "..."]
 Flags = Bool[Array, "..."]
 
 DEFINED_TOLERANCE = 4096
-"""In machine epsilons: a path that bends by less than this over its own length is straight, and a speed below this
-part of its own changes is zero. At the tolerance itself the direction of n still has three good digits."""
+"""In machine epsilons: a path whose direction changes by less than this over its length counts as straight, and a speed
+below this fraction of its own change counts as zero. At the tolerance, n is still accurate to three digits."""
 
 
 class Regularity(eqx.Module):
-    """Squares of relative sizes in [0, 1], without units, at one instant or at many.
+    """Dimensionless squares in [0, 1] that are 0 where a frame does not exist, at one instant or many.
 
-    `speed` is S against the speeds that the path's own changes make over its duration, `cross_norm` is N against the
-    largest N that these speeds and accelerations allow, and `level` is the horizontal part of S.
+    `speed` is S relative to the speeds that the path's accelerations cause over its duration, `cross_norm` is N
+    relative to its largest value for these speeds and accelerations, and `level` is the horizontal part of S.
     """
 
     speed: Numbers
@@ -33,40 +33,40 @@ class Regularity(eqx.Module):
 
 
 def regularity(i: Invariants, duration: Numbers) -> Regularity:
-    """How clearly what rates and curvatures divide by differs from zero; the duration is in [s]."""
-    speeds, cross_norms = largest(i, duration)
-    return Regularity(_part(i.S, speeds), _part(i.N, cross_norms), _part(i.H, i.S))
+    """The relative size of the divisors of rates and curvatures; the duration is in [s]."""
+    speed_scale, cross_norm_scale = reference_squares(i, duration)
+    return Regularity(_ratio(i.S, speed_scale), _ratio(i.N, cross_norm_scale), _ratio(i.H, i.S))
 
 
 def has_tangent(i: Invariants, duration: Numbers) -> Flags:
-    """Whether there is a tangent, on a path of this duration [s]."""
-    return is_significant(i.S, largest(i, duration)[0])
+    """Whether a path with this duration [s] has a tangent, i.e. its speed is not zero."""
+    return is_significant(i.S, reference_squares(i, duration)[0])
 
 
 def has_natural_frame(i: Invariants, duration: Numbers) -> Flags:
-    """Whether there is a natural trihedral."""
-    return has_tangent(i, duration) & is_significant(i.N, largest(i, duration)[1])
+    """Whether the natural trihedral exists: the path moves and is not straight."""
+    return has_tangent(i, duration) & is_significant(i.N, reference_squares(i, duration)[1])
 
 
 def has_upright_frame(i: Invariants, duration: Numbers) -> Flags:
-    """Whether there is an upright frame: the path moves, and not along the vertical."""
+    """Whether the upright frame exists: the path moves, and not along the vertical."""
     return has_tangent(i, duration) & is_significant(i.H, i.S)
 
 
-def largest(i: Invariants, duration: Array) -> tuple[Array, Array]:
-    """What S and N are measured against."""
+def reference_squares(i: Invariants, duration: Array) -> tuple[Array, Array]:
+    """The values relative to which S and N are judged to be zero."""
     square = i.A
-    speeds = i.S + duration**2 * square + duration**4 * dot(i.r[3], i.r[3])
-    return speeds, i.S * (square + i.S / duration**2)
+    speed_scale = i.S + duration**2 * square + duration**4 * dot(i.r[3], i.r[3])
+    return speed_scale, i.S * (square + i.S / duration**2)
 
 
-def is_significant(square: Any, whole: Any) -> Flags:
-    """Whether a square is more than zero to rounding, against what it is measured by; a normal number in any case."""
+def is_significant(square: Any, reference: Any) -> Flags:
+    """Whether a square is a normal number and, relative to `reference`, larger than rounding errors."""
     limits = jnp.finfo(square.dtype)
     tolerance = (DEFINED_TOLERANCE * float(limits.eps)) ** 2
-    return jnp.maximum(whole * tolerance, float(limits.tiny)) < square
+    return jnp.maximum(reference * tolerance, float(limits.tiny)) < square
 
 
-def _part(part: Any, whole: Any) -> Any:
-    positive = whole > 0
-    return jnp.where(positive, part / jnp.where(positive, whole, 1.0), 0.0)
+def _ratio(square: Any, reference: Any) -> Any:
+    positive = reference > 0
+    return jnp.where(positive, square / jnp.where(positive, reference, 1.0), 0.0)

@@ -1,4 +1,4 @@
-"""How well a path follows a recorded track."""
+"""Differences between a path and a recorded track."""
 
 from typing import Any
 
@@ -18,8 +18,8 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import STANDING, Track, elapsed_times, to_float64
 
-OVERHANG = 1e-6
-"""A track may outlast the path it is compared with by this part of the path's duration: rounding, no more."""
+DURATION_TOLERANCE = 1e-6
+"""A track may be longer than the path by this fraction of the path's duration, to allow for rounding."""
 
 MEANINGS = {
     "horizontal_rms": ("m", "root mean square of the horizontal distance"),
@@ -27,30 +27,30 @@ MEANINGS = {
     "distance_rms": ("m", "root mean square of the distance"),
     "maximum": ("m", "largest distance"),
     "turn": ("rad", "turn of the recorded direction of travel, left positive"),
-    "samples": ("1", "samples compared"),
+    "samples": ("1", "number of samples compared"),
     "velocity_rms": ("m s-1", "root mean square of the difference of velocities"),
     "direction_rms": ("rad", "root mean square of the angle between recorded velocity and tangent"),
-    "radius_min": ("m", "least radius at the samples"),
+    "radius_min": ("m", "smallest radius at the samples"),
     "radius_max": ("m", "largest radius at the samples"),
 }
-"""Unit and meaning of every number."""
+"""Unit and meaning of every field."""
 
 
 def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
-    """Older residuals said how the fit had ended, which its result now does."""
+    """Older residuals had the outcome of the fit, which is now part of its result."""
     return {name: value for name, value in fields.items() if name not in ("converged", "message")}
 
 
 @reads_older(_from_older)
 @storable
 class Residual(AbstractResult):
-    """A recorded track against a path, over all samples; RMS is the root of the mean square.
+    """Differences between a recorded track and a path, over all samples; RMS is the root mean square.
 
     `horizontal_rms`, `vertical_rms`, `distance_rms` and `maximum` [m]: horizontal, vertical and spatial distance
     between the recorded position and the path at the same time. `velocity_rms` [m/s], and `direction_rms` [rad], the
-    angle between the recorded velocity and the path's tangent at samples that move: None without recorded velocities.
-    `turn` [rad] is that of the recorded direction of travel, left positive (the angle about the axis is `path.turn`).
-    `radius_min`, `radius_max` [m]: ρ at the samples, None for a path other than a spiral-helix.
+    angle between the recorded velocity and the path's tangent at samples that move; both are None without recorded
+    velocities. `turn` [rad]: turn of the recorded direction of travel, left positive (the angle about the axis is
+    `path.turn`). `radius_min`, `radius_max` [m]: ρ at the samples, None for a path other than a spiral-helix.
     """
 
     horizontal_rms: Scalar
@@ -89,7 +89,7 @@ class Residual(AbstractResult):
         self.radius_max = _optional(radius_max)
 
     def record(self) -> Record:
-        """The fields that are known."""
+        """The fields that are not None."""
         quantities = {name: Quantity(getattr(self, name), unit, text) for name, (unit, text) in MEANINGS.items()}
         variables = {name: q for name, q in quantities.items() if q.values is not None}
         rms = f"{extent(self.horizontal_rms, 'm')} horizontal, {extent(self.vertical_rms, 'm')} vertical"
@@ -98,19 +98,19 @@ class Residual(AbstractResult):
 
 
 def compare(path: AbstractHodograph, track: Track) -> Residual:
-    """The residual of `path` against `track`, whose first sample is at path time 0.
+    """The residual between `path` and `track`, whose first sample is at path time 0.
 
     Differentiable in the path.
 
-    **Raises:** ValueError where the track lasts longer than the path.
+    **Raises:** ValueError if the track is longer than the path.
     """
     _require_covered(path, track)
     elapsed = elapsed_times(track)
 
-    # Padded with copies of the first sample that do not count: tracks of similar length share one executable.
+    # Padded with copies of the first sample, which are ignored: tracks of similar length share one executable.
     def padded(x: np.ndarray) -> Array:
-        spare = np.repeat(x[:1], bucket(len(x)) - len(x), axis=0)
-        return as_array(np.concatenate([x, spare]), path.duration.dtype)
+        padding = np.repeat(x[:1], bucket(len(x)) - len(x), axis=0)
+        return as_array(np.concatenate([x, padding]), path.duration.dtype)
 
     velocities = None if track.velocities is None else padded(to_float64(track.velocities))
     count = as_array(len(elapsed), int)
@@ -129,38 +129,38 @@ def _measures(
     velocities: Float[Array, "n 3"] | None,
     count: Int[Array, ""],
 ) -> dict[str, Any]:
-    """The numbers of a residual, of the first `count` samples."""
+    """The fields of the residual over the first `count` samples."""
     states = jax.vmap(lambda t: path.derivatives(t, 1))(times)
-    counts = jnp.arange(times.shape[0]) < count
-    squares = jnp.where(counts[:, None], states[:, 0] - positions, 0.0) ** 2
+    valid = jnp.arange(times.shape[0]) < count
+    squares = jnp.where(valid[:, None], states[:, 0] - positions, 0.0) ** 2
     distance = jnp.sum(squares, axis=1)
     sums = {"horizontal_rms": squares[:, 0] + squares[:, 1], "vertical_rms": squares[:, 2], "distance_rms": distance}
     if velocities is not None:
-        sums["velocity_rms"] = jnp.sum(jnp.where(counts[:, None], states[:, 1] - velocities, 0.0) ** 2, axis=1)
-        angles, moving = _angles(states[:, 1], velocities, counts)
+        sums["velocity_rms"] = jnp.sum(jnp.where(valid[:, None], states[:, 1] - velocities, 0.0) ** 2, axis=1)
+        angles, moving = _angles(states[:, 1], velocities, valid)
         sums["direction_rms"] = angles**2 * (count / moving).astype(angles.dtype)
     means = jnp.sum(jnp.stack([*sums.values()]), axis=1) / count.astype(times.dtype)
-    found: dict[str, Any] = dict.fromkeys(("velocity_rms", "direction_rms", "radius_min", "radius_max"))
-    found |= dict(zip(sums, _root(means), strict=True)) | {"maximum": _root(jnp.max(distance))}
+    measures: dict[str, Any] = dict.fromkeys(("velocity_rms", "direction_rms", "radius_min", "radius_max"))
+    measures |= dict(zip(sums, _root(means), strict=True)) | {"maximum": _root(jnp.max(distance))}
     if isinstance(path, SpiralHelix):
         radius = jax.vmap(lambda t: polynomial.evaluate(path.radius, t))(times)
-        found |= {"radius_min": jnp.min(radius), "radius_max": jnp.max(radius)}
-    return found
+        measures |= {"radius_min": jnp.min(radius), "radius_max": jnp.max(radius)}
+    return measures
 
 
 def _angles(
-    velocities: Float[Array, "n 3"], recorded: Float[Array, "n 3"], counts: Bool[Array, " n"]
+    velocities: Float[Array, "n 3"], recorded: Float[Array, "n 3"], valid: Bool[Array, " n"]
 ) -> tuple[Float[Array, " n"], Int[Array, ""]]:
-    """Angles between tangent and recorded velocity, 0 where either stands still, and how many move, at least 1."""
+    """Angles between tangent and recorded velocity, 0 where either is at rest; number of moving samples, at least 1."""
     speeds = jnp.sum(recorded**2, axis=1)
-    moving = counts & (speeds > STANDING**2 * jnp.max(speeds)) & (jnp.sum(velocities**2, axis=1) > 0)
+    moving = valid & (speeds > STANDING**2 * jnp.max(speeds)) & (jnp.sum(velocities**2, axis=1) > 0)
     along = jnp.where(moving, jnp.sum(velocities * recorded, axis=1), 1.0)
     across = jnp.where(moving[:, None], jnp.cross(velocities, recorded), 0.0)
     return jnp.arctan2(_root(jnp.sum(across**2, axis=1)), along), jnp.maximum(jnp.sum(moving), 1)
 
 
 def _root(squares: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """Square roots, whose derivative vanishes where they do."""
+    """Square roots, with derivative 0 at 0."""
     zero = squares == 0
     return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, squares)))
 
@@ -170,11 +170,11 @@ def _optional(x: ArrayInput | None) -> Scalar | None:
 
 
 def _require_covered(path: AbstractHodograph, track: Track) -> None:
-    available, wanted = concrete(path.duration), elapsed_times(track)[-1]
-    if available is None:
+    duration, track_duration = concrete(path.duration), elapsed_times(track)[-1]
+    if duration is None:
         return
-    if wanted > float(available) * (1 + OVERHANG):
+    if track_duration > float(duration) * (1 + DURATION_TOLERANCE):
         raise ValueError(
-            f"the track lasts {wanted:.9g} s, but the path only {float(available):.9g} s: "
+            f"the track lasts {track_duration:.9g} s, but the path only {float(duration):.9g} s: "
             "compare with the window of the track that the path covers, track.window(t0, t1)."
         )

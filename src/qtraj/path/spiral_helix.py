@@ -14,25 +14,26 @@ from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path import boundary_problem as problem
 from qtraj.path.boundary import BoundaryState
+from qtraj.path.components import rotated_z
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.placement import Placement
 
 
 def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
-    """Older fitted paths were stored with their residual, which now belongs to the result of a fit."""
+    """Older fitted paths were stored with their residual, which is now part of the result of a fit."""
     return {name: value for name, value in fields.items() if name != "residual"}
 
 
 @reads_older(_from_older)
 @storable
 class SpiralHelix(AbstractHodograph, AbstractResult):
-    """A spiral about an axis with a height along it.
+    """A spiral about an axis, with a height along the axis.
 
     `radius`, `angle` and `height` are ascending coefficients in t [s] of ρ [m], φ [rad] and h [m], of any degree;
     `duration` [s]; the axis is the world's z axis unless a `placement` says otherwise. Outside [0, duration] the
-    polynomials extrapolate. `mismatch` is the relative disagreement of the two V_φ/ρ that `from_boundary` was given
-    (infinite where its problem has no solution).
+    polynomials extrapolate. `mismatch` is the relative difference of V_φ/ρ between the two states of `from_boundary`
+    (infinite if its problem has no solution).
 
     **Raises:** ValueError for coefficients that are not a finite vector, or a duration that is not positive.
     """
@@ -62,13 +63,13 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         require_positive(self.duration, "the duration of a spiral-helix", "s")
 
     def record(self) -> Record:
-        """The coefficients, over `radius_power`, `angle_power` and `height_power`: what the path is, exactly.
+        """The coefficients, over `radius_power`, `angle_power` and `height_power`: the exact definition of the path.
 
-        Its samples are those of `qtraj.evaluate(path, times).to_xarray()`.
+        For samples use `qtraj.evaluate(path, times).to_xarray()`.
         """
         variables = {"duration": Quantity(self.duration, "s", "duration of the path")}
         for name, unit, symbol in (("radius", "m", "ρ"), ("angle", "rad", "φ"), ("height", "m", "h")):
-            meaning = f"coefficients of {symbol}(t), that of t^k in {unit} s^-k"
+            meaning = f"coefficients of {symbol}(t); the one of t^k is in {unit} s^-k"
             variables[name] = Quantity(getattr(self, name), unit, meaning, (f"{name}_power",))
         if self.placement is not None:
             variables["origin"] = Quantity(self.placement.origin, "m", "a point of the axis, world axes", ("world",))
@@ -76,27 +77,27 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
             variables["orientation"] = orientation
         first, last = (extent(radius, "m") for radius in _ends(self.radius, self.duration))
         turn, climb = (np.diff(_ends(x, self.duration), axis=0) for x in (self.angle, self.height))
-        over = f"turn {extent(np.rad2deg(turn))}°, climb {extent(climb, 'm')} in {extent(self.duration, 's')}"
-        shape = f"radius {first} to {last}, {over}"
-        return Record(f"{batch_prefix(self.duration.shape)}{shape}", variables, attributes={"frame": "world"})
+        change = f"turn {extent(np.rad2deg(turn))}°, climb {extent(climb, 'm')} in {extent(self.duration, 's')}"
+        summary = f"{batch_prefix(self.duration.shape)}radius {first} to {last}, {change}"
+        return Record(summary, variables, attributes={"frame": "world"})
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
+        """r and its time derivatives up to `order` at one instant, world axes; row k in [m s^-k]."""
         rows = self.rotating_derivatives(t, order)
         phi = polynomial.evaluate(self.angle, t)
-        cos, sin = jnp.cos(phi), jnp.sin(phi)
-        along, across, axial = rows[:, 0], rows[:, 1], rows[:, 2]
-        local = jnp.stack([along * cos - across * sin, along * sin + across * cos, axial], axis=-1)
+        local = jnp.stack(rotated_z((rows[:, 0], rows[:, 1], rows[:, 2]), jnp.cos(phi), jnp.sin(phi)), axis=-1)
         if self.placement is None:
             return local
         world = jnp.stack([self.placement.to_world(row) for row in local])
         return world.at[0].add(self.placement.origin.astype(world.dtype))
 
     def rotating_derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
-        """As `derivatives`, in the rotating basis (e_ρ, e_φ, k) at `t` and about the path's own axis."""
+        """Like `derivatives`, but in the basis (e_ρ, e_φ, k) at `t` about the path's own axis."""
         rows = self.polynomials().components(one_instant(t), order)
         return jnp.stack([jnp.stack([jnp.asarray(x, self.duration.dtype) for x in row]) for row in rows])
 
     def polynomials(self) -> MovingPolynomials:
+        """The coefficients ρ, 0, h and φ in the rotating basis."""
         return MovingPolynomials(self.radius, None, self.height, self.angle, self.placement)
 
     @property
@@ -110,12 +111,12 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
     ) -> "SpiralHelix":
         """The uniformly rotating spiral-helix with cubic ρ and h through two boundary states (paper S).
 
-        The turn has the sense of V_φ at the start and a magnitude in (0, 2π), plus `turns` whole turns; the duration
-        follows as turn·ρ/V_φ. Ten boundary numbers meet nine unknowns, so V_φ/ρ must be the same at both ends.
+        The turn has the sense of V_φ at the start and a magnitude in (0, 2π), plus `turns` whole turns; the duration is
+        turn·ρ/V_φ. There are ten boundary values for nine unknowns, so V_φ/ρ must be the same at both ends.
 
-        **Raises:** ValueError where V_φ/ρ disagree by more than 1e-9 relatively (both are named), a radius or V_φ is
-        zero, the azimuths are equal with `turns=0`, or an acceleration is given. Inside a trace nothing is raised:
-        the path's `mismatch` tells.
+        **Raises:** ValueError if V_φ/ρ differs between the ends by more than 1e-9 relatively, a radius or V_φ is zero,
+        the azimuths are equal with `turns=0`, or an acceleration is given. Inside a trace nothing is raised; check the
+        path's `mismatch`.
         """
         return cls(*problem.uniform(start, end, turns, placement))
 
@@ -130,11 +131,11 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
     ) -> "SpiralHelix":
         """The spiral-helix with polynomial angle that meets all boundary data in a given `duration` [s].
 
-        Cubics in ρ, φ and h; quintics where both states carry an acceleration. The turn is in (−π, π] plus `turns`
-        whole turns, signed.
+        ρ, φ and h are cubics, or quintics if both states have an acceleration. The turn is in (−π, π] plus the signed
+        number of whole turns `turns`.
 
-        **Raises:** ValueError where the duration is not positive, a state lies on the axis, or only one acceleration
-        is given.
+        **Raises:** ValueError if the duration is not positive, a state lies on the axis, or only one acceleration is
+        given.
         """
         duration = real_scalar(duration, "the duration of a spiral-helix")
         require_positive(duration, "the duration of a spiral-helix", "s")

@@ -1,9 +1,9 @@
-"""The frame of a multirotor: z along the thrust, a − g, and the yaw along the velocity or as given.
+"""The frame of a multirotor: z along the thrust, a − g, and yaw along the velocity or a given heading.
 
 Differential flatness (Mellinger and Kumar, "Minimum snap trajectory generation and control for quadrotors", ICRA 2011,
-section III): position and heading fix the attitude. With f = r'' − g and a forward reference c, the axes are
-z = f/|f|, y = z × c/|z × c| and x = y × z. For a heading ψ, c = (cos ψ, sin ψ, 0): ψ is the first of their Z-X-Y
-angles, so y stands across the heading, and x points along it as seen along the thrust.
+section III): position and heading determine the attitude. With f = r'' − g and a forward reference c, the axes are
+z = f/|f|, y = z × c/|z × c| and x = y × z. For a heading ψ, c = (cos ψ, sin ψ, 0). Then ψ is the first of their Z-X-Y
+angles: y is perpendicular to the heading, and x is the heading projected along the thrust.
 """
 
 from collections.abc import Callable
@@ -35,18 +35,18 @@ Three = tuple[Vec3, Vec3, Vec3]
 class ThrustAligned(AbstractFrame):
     """The frame of a multirotor: z along its thrust, a − g; x forward, y to the left.
 
-    `heading`: None for a yaw along the velocity, so that the vehicle never slips sideways (the velocity has no part
-    along y); a number [rad], from world x towards world y, to keep this heading; or a function of the time [s],
-    written with `jax.numpy`, that returns the heading [rad] and has two derivatives. `gravity`: its size [m/s²], along
-    −z of the world, or a vector (3,), world axes.
+    `heading`: None for yaw along the velocity, so that the vehicle never slips sideways (the velocity has no component
+    along y); a number [rad], from world x towards world y, for a constant heading; or a function of the time [s],
+    written with `jax.numpy`, that returns the heading [rad] and is twice differentiable. `gravity`: its magnitude
+    [m/s²], along −z of the world, or a vector (3,), world axes.
 
-    The x axis is not the tangent: it is the direction of the velocity, or of the heading, as seen along the thrust.
-    The frame does not exist in free fall (a = g), where the thrust is along the velocity or the heading, nor, for a yaw
-    along the velocity, where the path stops: `defined` is false there. Rate and acceleration are exact; they need the
-    third and the fourth derivative of the path. A frame with a function as its heading cannot be saved.
+    The x axis is not the tangent: it is the direction of the velocity, or the heading, projected along the thrust. The
+    frame does not exist in free fall (a = g), where the thrust is parallel to the velocity or the heading, or, for yaw
+    along the velocity, where the path stops; `defined` is false there. Rate and acceleration are exact; they use the
+    third and the fourth derivative of the path. A frame with a function as heading cannot be saved.
 
-    **Raises:** ValueError for a heading that is no number and no such function, or a gravity that is not finite or of
-    another shape.
+    **Raises:** ValueError for a heading that is neither a number nor such a function, or a gravity that is not finite
+    or has another shape.
     """
 
     heading: Any
@@ -61,18 +61,19 @@ class ThrustAligned(AbstractFrame):
 
     @property
     def name(self) -> str:
-        """What the frame is called in labelled data."""
+        """The name of the frame in labelled data."""
         return THRUST_ALIGNED
 
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
-        """The trihedral at t = 0, which matters only where the heading is a function of time."""
+        """The trihedral at t = 0; the time matters only if the heading is a function of time."""
         return self.at(jnp.zeros_like(duration), r, duration)
 
     def at(self, t: Scalar, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
-        of, duration = Invariants(r), duration.astype(r.dtype)
+        """The trihedral at the time `t` [s] from r and its first four derivatives, world axes."""
+        i, duration = Invariants(r), duration.astype(r.dtype)
         gravity = self.gravity.astype(r.dtype)
         f = (r[2] - gravity, r[3], r[4])
-        exists = has_tangent(of, duration) if self.heading is None else jnp.asarray(True)
+        exists = has_tangent(i, duration) if self.heading is None else jnp.asarray(True)
         c = (r[1], r[2], r[3]) if self.heading is None else self._level(t.astype(r.dtype))
         w = _cross(f, c)
         F, C, W = f[0] @ f[0], c[0] @ c[0], w[0] @ w[0]
@@ -80,11 +81,11 @@ class ThrustAligned(AbstractFrame):
             W, F * C
         )
         z = unit(f[0], axis(r[2], 2))
-        side = w[0] - z * (z @ w[0])  # across the thrust to round-off, also where w has lost most of its digits
-        y = unit(jnp.where(exists, side, 0.0), _sideways(z))
+        side = w[0] - z * (z @ w[0])  # orthogonal to the thrust to round-off, even where w has lost most of its digits
+        y = unit(jnp.where(exists, side, 0.0), _fallback_y(z))
         x = jnp.cross(y, z)
         rate, acceleration = _rates((x, y, z), f, w, inverse_root(F, exists), inverse_root(W, exists))
-        return with_axes(of, duration, x, y, rate, acceleration, exists)
+        return with_axes(i, duration, x, y, rate, acceleration, exists)
 
     def _level(self, t: Scalar) -> Three:
         """The direction of the heading and its time derivatives."""
@@ -106,13 +107,13 @@ def _rates(axes: Three, f: Three, w: Three, inv_f: Scalar, inv_w: Scalar) -> tup
     derivative.
     """
     x, y, z = axes
-    growth, widening = (f[1] @ z) * inv_f, (w[1] @ y) * inv_w  # the logarithmic derivatives of |f| and |w|
+    log_f_rate, log_w_rate = (f[1] @ z) * inv_f, (w[1] @ y) * inv_w  # logarithmic derivatives of |f| and |w|
     p, q, s = -(f[1] @ y) * inv_f, (f[1] @ x) * inv_f, -(w[1] @ x) * inv_w
     return jnp.stack([p, q, s]), jnp.stack(
         [
-            -(f[2] @ y) * inv_f - 2 * p * growth + q * s,
-            (f[2] @ x) * inv_f - 2 * q * growth - p * s,
-            -(w[2] @ x) * inv_w - 2 * s * widening + q * (w[1] @ z) * inv_w,
+            -(f[2] @ y) * inv_f - 2 * p * log_f_rate + q * s,
+            (f[2] @ x) * inv_f - 2 * q * log_f_rate - p * s,
+            -(w[2] @ x) * inv_w - 2 * s * log_w_rate + q * (w[1] @ z) * inv_w,
         ]
     )
 
@@ -128,19 +129,19 @@ def _direction(psi: Scalar) -> Vec3:
     return jnp.stack([jnp.cos(psi), jnp.sin(psi), jnp.zeros_like(psi)])
 
 
-def _sideways(z: Vec3) -> Vec3:
-    """A unit vector across z, for where there is no heading: that of a heading along x, or along y where z is."""
+def _fallback_y(z: Vec3) -> Vec3:
+    """The y axis used where there is no heading: for a heading along world x, or along world y if z is near x."""
     steep: Flag = z[0] ** 2 > STEEP
     side = jnp.cross(z, jnp.where(steep, axis(z, 1), axis(z, 0)))
     return unit(side, axis(z, 1))
 
 
-def _heading(given: Any) -> Any:
-    if not callable(given):
-        heading = real_scalar(given, "the heading of a thrust-aligned frame")
+def _heading(user_heading: Any) -> Any:
+    if not callable(user_heading):
+        heading = real_scalar(user_heading, "the heading of a thrust-aligned frame")
         require_finite(heading, "the heading of a thrust-aligned frame")
         return heading
-    wrapped: Any = given if isinstance(given, eqx.Module) else jax.tree_util.Partial(given)
+    wrapped: Any = user_heading if isinstance(user_heading, eqx.Module) else jax.tree_util.Partial(user_heading)
     try:
         shape = jax.eval_shape(wrapped, jax.ShapeDtypeStruct((), jnp.result_type(float))).shape
     except (jax.errors.JAXTypeError, AttributeError, TypeError) as error:
@@ -153,13 +154,13 @@ def _heading(given: Any) -> Any:
     return wrapped
 
 
-def _gravity(given: ArrayInput) -> Vec3:
-    size = as_float(given)
+def _gravity(user_gravity: ArrayInput) -> Vec3:
+    size = as_float(user_gravity)
     if size.ndim == 0:
-        known = concrete(size)
-        if known is not None and not known >= 0:
+        value = concrete(size)
+        if value is not None and not value >= 0:
             raise ValueError(
-                f"the gravity of a thrust-aligned frame is a size ≥ 0 [m/s²] or a vector, but {known} was given"
+                f"the gravity of a thrust-aligned frame must be a number ≥ 0 [m/s²] or a vector, but {value} was given"
             )
-        given = jnp.zeros_like(size, shape=3).at[2].set(-size)
-    return real_vector(given, "the gravity of a thrust-aligned frame", 3)
+        user_gravity = jnp.zeros_like(size, shape=3).at[2].set(-size)
+    return real_vector(user_gravity, "the gravity of a thrust-aligned frame", 3)

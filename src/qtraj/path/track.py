@@ -1,4 +1,4 @@
-"""Recorded tracks: where a vehicle really was, sample by sample."""
+"""Recorded tracks: the measured positions of a vehicle, sample by sample."""
 
 import numpy as np
 from jaxtyping import Array, Float
@@ -12,28 +12,30 @@ from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import labels_of
 
 MIN_SAMPLES = 4
-"""A window with fewer samples says nothing about a curve."""
+"""Fewer samples do not determine a curve."""
 
 CHORDS = 24
-"""Length, and direction of travel where no velocities are recorded, are those of about so many chords: long against the
-noise, and short enough to follow eight whole turns."""
+"""Number of chords for the length, and for the direction of travel without recorded velocities. The chords are long
+compared with the noise, and short enough to follow eight whole turns."""
 
 STANDING = 0.05
-"""Below this part of the fastest sample's speed a vehicle has no direction of travel."""
+"""Below this fraction of the maximum speed a sample has no direction of travel."""
 
 STANDSTILL = 0.1
-"""[m] A track that stays this near to its middle stands: its velocities are noise, whatever their ratio."""
+"""[m] A track that stays within this distance of its mean position is at rest: its velocities are only noise."""
 
-RECORDED_ATTITUDE = "recorded quaternion, scalar first, Hamilton, body to world, of any length"
+RECORDED_ATTITUDE = "recorded quaternion, scalar first, Hamilton, body to world, of any norm"
 
 
 @storable
 class Track(AbstractResult):
-    """A recording: `times` (n,) [s], `positions` (n, 3) [m] and, where recorded, `velocities` (n, 3) [m/s], world
-    axes, and `attitudes` (n, 4), quaternions body to world, scalar first, of any length but zero.
+    """A recording of the motion of a vehicle.
 
-    **Raises:** ValueError for wrong shapes, values that are not finite, or times that do not increase strictly; it
-    names the sample.
+    `times` (n,) [s] and `positions` (n, 3) [m]; optional are `velocities` (n, 3) [m/s] and `attitudes` (n, 4),
+    quaternions body to world, scalar first, of any nonzero norm. Positions and velocities are in world axes.
+
+    **Raises:** ValueError for wrong shapes, values that are not finite, or times that do not increase strictly; the
+    message names the sample.
     """
 
     times: Float[Array, " n"]
@@ -54,14 +56,14 @@ class Track(AbstractResult):
         self.velocities = None if velocities is None else _samples(velocities, "velocities", count, 3)
         self.attitudes = None if attitudes is None else _samples(attitudes, "attitudes", count, 4)
         if self.attitudes is not None:
-            _require_some_length(self.attitudes)
+            _require_nonzero(self.attitudes)
         warn_if_coarse(self.positions, "a recorded track")
 
     def record(self) -> Record:
         """The samples over `time`, on the recording's own clock; `qtraj.read_track` reads them as CSV."""
         columns = {"position": self.positions, "velocity": self.velocities, "quaternion": self.attitudes}
-        given = {name: x for name, x in columns.items() if x is not None}
-        variables = {name: CHANNELS[name].labelled(x, "time") for name, x in given.items()}
+        recorded = {name: x for name, x in columns.items() if x is not None}
+        variables = {name: CHANNELS[name].labelled(x, "time") for name, x in recorded.items()}
         if "quaternion" in variables:
             variables["quaternion"] = variables["quaternion"]._replace(meaning=RECORDED_ATTITUDE)
         time = Quantity(self.times, "s", "time on the recording's own clock", ("time",))
@@ -75,28 +77,27 @@ class Track(AbstractResult):
 
     @property
     def duration(self) -> Scalar:
-        """From the first to the last sample [s]."""
+        """The time from the first to the last sample [s]."""
         return self.times[-1] - self.times[0]
 
     @property
     def elapsed(self) -> Float[Array, " n"]:
-        """Times since the first sample (n,) [s]: the time of a path that is laid along the track."""
+        """Times since the first sample (n,) [s], which are the times on a path that starts with the track."""
         return self.times - self.times[0]
 
     @property
     def turn(self) -> Scalar:
-        """How far the horizontal direction of travel turns from the first to the last sample, left positive [rad].
+        """The turn of the horizontal direction of travel from the first to the last sample, left positive [rad].
 
-        From the recorded velocities, else from chords between positions. Samples at a standstill have no direction:
-        those slower than a twentieth of the fastest, and all of a track that stays within 0.1 m of its middle, whose
-        turn is 0.
+        Computed from the recorded velocities, or from chords between positions. Samples slower than a twentieth of the
+        maximum speed are ignored. The turn is 0 for a track that stays within 0.1 m of its mean position.
         """
         return as_array(travel_turn(self), self.positions.dtype)
 
     def window(self, t0: ArrayInput, t1: ArrayInput) -> "Track":
         """The samples with t0 ≤ time ≤ t1, on the recording's own clock [s].
 
-        **Raises:** ValueError where t0 ≥ t1, the window leaves the recording, or fewer than 4 samples fall into it.
+        **Raises:** ValueError if t0 ≥ t1, the window extends beyond the recording, or has fewer than 4 samples.
         """
         times = to_float64(self.times)
         start, end = float(np.asarray(t0)), float(np.asarray(t1))
@@ -108,7 +109,7 @@ class Track(AbstractResult):
         first, last = np.searchsorted(times, start, "left"), np.searchsorted(times, end, "right")
         if last - first < MIN_SAMPLES:
             raise ValueError(
-                f"the window {start:.9g} to {end:.9g} s holds {last - first} samples, but at least {MIN_SAMPLES} "
+                f"the window {start:.9g} to {end:.9g} s has {last - first} samples, but at least {MIN_SAMPLES} "
                 f"are needed. Widen it; {span}."
             )
         chosen = slice(int(first), int(last))
@@ -118,21 +119,26 @@ class Track(AbstractResult):
 
 
 def to_float64(x: Array) -> np.ndarray:
-    """The values of a recording in float64 (ValueError inside a trace, where they are not known)."""
+    """The values of a recording as NumPy array in float64.
+
+    **Raises:** ValueError inside a trace, where the values are not known.
+    """
     values = concrete(x)
     if values is None:
-        raise ValueError("this needs the values of a recorded track, which are not known inside jit, grad or vmap")
+        raise ValueError(
+            "the values of a recorded track are needed here, but they are not known inside jit, grad or vmap"
+        )
     return values.astype(np.float64)
 
 
 def elapsed_times(track: Track) -> np.ndarray:
-    """The times since the first sample [s], as `known`."""
+    """The times since the first sample [s], in float64."""
     times = to_float64(track.times)
     return times - times[0]
 
 
 def travel_turn(track: Track, standstill: float = STANDSTILL) -> float:
-    """The signed turn of the horizontal direction of travel [rad]; 0 for a track within `standstill` [m]."""
+    """The signed turn of the horizontal direction of travel [rad]; 0 if the track stays within `standstill` [m]."""
     if spread_radius(track) <= standstill:
         return 0.0
     if track.velocities is not None:
@@ -142,25 +148,25 @@ def travel_turn(track: Track, standstill: float = STANDSTILL) -> float:
     direction = directions(chords / seconds[:, None])[1]
     if len(direction) < 2:
         return 0.0
-    # A chord has the direction of its middle: the half chords at both ends are extrapolated.
-    outside = direction[1] - direction[0] + direction[-1] - direction[-2]
-    return float(direction[-1] - direction[0] + 0.5 * outside)
+    # A chord has the direction at its midpoint, so the turn is extrapolated by half a chord at both ends.
+    end_turns = direction[1] - direction[0] + direction[-1] - direction[-2]
+    return float(direction[-1] - direction[0] + 0.5 * end_turns)
 
 
 def travel_length(track: Track) -> float:
-    """The horizontal length of the track along its chords [m], hardly lengthened by noise."""
+    """The horizontal length of the track [m], along chords so that noise hardly increases it."""
     chords, _ = _chords(track)
     return float(np.hypot(*chords.T).sum())
 
 
 def spread_radius(track: Track) -> float:
-    """The largest horizontal distance of a sample from the middle of them all [m]."""
+    """The largest horizontal distance of a sample from the mean position [m]."""
     positions = to_float64(track.positions)[:, :2]
     return float(np.hypot(*(positions - positions.mean(axis=0)).T).max())
 
 
 def directions(velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which of the samples move, (m,) of n, and their continuous horizontal directions (m,) [rad]."""
+    """Indices (m,) of the samples that move, and their continuous horizontal directions (m,) [rad]."""
     speed = np.hypot(*velocities[:, :2].T)
     moving = np.flatnonzero(speed > STANDING * speed.max(initial=0.0))
     x, y = velocities[moving, :2].T
@@ -168,7 +174,7 @@ def directions(velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def chord_marks(count: int) -> np.ndarray:
-    """The ends of the chords among `count` samples."""
+    """The indices, among `count` samples, of the ends of the chords."""
     return np.linspace(0, count - 1, min(count, CHORDS + 1)).round().astype(int)
 
 
@@ -186,19 +192,19 @@ def _times(values: ArrayInput) -> Float[Array, " n"]:
             f"but an array of shape {times.shape} was given"
         )
     _require_finite(times, "times")
-    stored, given = concrete(times), np.asarray(values) if concrete(times) is not None else None
-    if stored is None or given is None:
+    stored, original = concrete(times), np.asarray(values) if concrete(times) is not None else None
+    if stored is None or original is None:
         return times
-    late = np.flatnonzero(~(np.diff(given) > 0))
-    if late.size:
-        k = int(late[0]) + 1
+    not_increasing = np.flatnonzero(~(np.diff(original) > 0))
+    if not_increasing.size:
+        k = int(not_increasing[0]) + 1
         raise ValueError(
-            f"the times of a track must increase strictly, but sample {k} has {given[k]:.17g} s "
-            f"after {given[k - 1]:.17g} s"
+            f"the times of a track must increase strictly, but sample {k} has {original[k]:.17g} s "
+            f"after {original[k - 1]:.17g} s"
         )
     if not np.all(np.diff(stored) > 0):
         raise ValueError(
-            f"the times of this track, about {stored[0]:.9g} s, cannot be told apart in {stored.dtype}. "
+            f"the times of this track, about {stored[0]:.9g} s, are not distinct in {stored.dtype}. "
             "Call jax.config.update('jax_enable_x64', True) first, or subtract the start time."
         )
     return times
@@ -226,7 +232,7 @@ def _require_finite(samples: Array, name: str) -> None:
         )
 
 
-def _require_some_length(attitudes: Array) -> None:
+def _require_nonzero(attitudes: Array) -> None:
     values = concrete(attitudes)
     if values is None:
         return

@@ -1,8 +1,8 @@
 """Trihedra along a path: the natural one (τ, n, b) of paper S and the upright one of vehicles.
 
 Let c = r' × r'', v = |r'|, D = c·r'''. Then κ = |c|/v³, χ = D/|c|², and the natural trihedral turns at
-ω⁰ = (vχ, 0, |c|/v²) in its own axes; ε⁰ is the derivative of that. Where |r'| or |c| vanishes there is no natural
-trihedral: `defined` is false there, and every number is finite, as is its gradient.
+ω⁰ = (vχ, 0, |c|/v²) in its own axes, and ε⁰ = dω⁰/dt. Where |r'| or |c| is zero there is no natural trihedral:
+`defined` is false there, and all values and gradients are finite.
 """
 
 import abc
@@ -28,18 +28,17 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.regularity import has_natural_frame, has_tangent, has_upright_frame
 
 STEEP = 0.75
-"""The square of a tangent's vertical part above which it is steep: fallback values of axes refer to x, not to z."""
+"""If the squared vertical component of a unit tangent is larger, fallback axes refer to world x instead of world z."""
 
 
 class Trihedral(AbstractResult):
     """A right-handed trihedral on a path at one instant.
 
-    `tangent`, `normal`, `binormal`: unit vectors (3,), world axes; body axes x, y, z of the trihedral, whose x axis is
-    the tangent in all frames but `ThrustAligned`. `speed` [m/s],
-    `curvature` and `torsion` [1/m] of the path. `rate` [rad/s] and `acceleration` [rad/s²]: angular, (3,), in the
-    trihedral's own axes. `defined` is false where the trihedral does not exist; the numbers there are finite fallback
-    values. Which frame it is, is not kept: trihedra of different frames are of one structure, as branches of a trace
-    must be.
+    `tangent`, `normal`, `binormal`: unit vectors (3,), world axes; they are the body axes x, y and z. The x axis is the
+    tangent of the path in all frames except `ThrustAligned`. `speed` [m/s], `curvature` and `torsion` [1/m] belong to
+    the path. `rate` [rad/s] and `acceleration` [rad/s²] are angular, (3,), in body axes. `defined` is false where the
+    trihedral does not exist; the values there are finite fallback values. The type of frame is not stored, so trihedra
+    of all frames have the same tree structure, as the branches of `jax.lax.cond` must have.
     """
 
     tangent: Vec3
@@ -61,11 +60,11 @@ class Trihedral(AbstractResult):
         return rotation.from_dcm(self.dcm())
 
     def gibbs(self) -> Vec3:
-        """The Gibbs vector G = e·tan(Φ/2), singular where Φ = π."""
+        """The Gibbs vector G = e·tan(Φ/2), singular at Φ = π."""
         return rotation.to_gibbs(self.quaternion())
 
     def record(self) -> Record:
-        """The fields, with the vectors as `dcm`, by the names of `qtraj.evaluate`; of many, batch axes in front."""
+        """The fields with the names of `qtraj.evaluate`, the axes as `dcm`; for many trihedra, batch axes first."""
         dcm = jnp.stack([self.tangent, self.normal, self.binormal], axis=-2)
         values = {
             "dcm": dcm,
@@ -79,17 +78,17 @@ class Trihedral(AbstractResult):
         }
         variables = {name: CHANNELS[name].labelled(x) for name, x in values.items()}
         exists = "" if np.all(self.defined) else ", not defined" if not np.any(self.defined) else ", partly defined"
-        shown = f"speed {extent(self.speed, 'm s-1')}, curvature {extent(self.curvature, 'm-1')}"
-        summary = f"{batch_prefix(self.speed.shape)}{shown}, torsion {extent(self.torsion, 'm-1')}{exists}"
+        values_text = f"speed {extent(self.speed, 'm s-1')}, curvature {extent(self.curvature, 'm-1')}"
+        summary = f"{batch_prefix(self.speed.shape)}{values_text}, torsion {extent(self.torsion, 'm-1')}{exists}"
         return Record(summary, variables, attributes=framed("trihedral"), labels=labels_of("trihedral"))
 
 
 class AbstractFrame(eqx.Module):
-    """A rule that hangs a trihedral on a path."""
+    """A rule that assigns a trihedral to each point of a path."""
 
     @property
     def name(self) -> str:
-        """What the frame is called in labelled data: its class in lower case, unless a class says otherwise."""
+        """The name of the frame in labelled data, by default the class name in lower case."""
         return type(self).__name__.lower()
 
     @abc.abstractmethod
@@ -97,14 +96,14 @@ class AbstractFrame(eqx.Module):
         """The trihedral from r and its first four derivatives, world axes, on a path of this duration [s]."""
 
     def at(self, t: Scalar, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
-        """The trihedral at the time `t` [s]; only a frame that depends on time itself overrides this."""
+        """The trihedral at the time `t` [s]; only frames that depend on time override this."""
         return self.trihedral(r, duration)
 
 
 def trihedral(path: AbstractHodograph, t: ScalarLike, frame: AbstractFrame | None = None) -> Trihedral:
     """The trihedral of `path` at one instant `t` [s]: the natural one, or that of another `frame`.
 
-    **Raises:** ValueError for many instants at once, or a `frame` that is none.
+    **Raises:** ValueError for an array of instants, or an invalid `frame`.
     """
     frame = Natural() if frame is None else frame
     if not isinstance(frame, AbstractFrame):
@@ -115,19 +114,20 @@ def trihedral(path: AbstractHodograph, t: ScalarLike, frame: AbstractFrame | Non
 
 @storable
 class Natural(AbstractFrame):
-    """The natural (Frenet) trihedral: tangent, principal normal, binormal (paper S, with its errata mended)."""
+    """The natural (Frenet) trihedral: tangent, principal normal, binormal (paper S, errata corrected)."""
 
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
-        of = Invariants(r)
-        defined = has_natural_frame(of, duration.astype(r.dtype))
-        known = (of, inverse_root(of.S, defined), inverse_root(of.N, defined), _torsion(of, defined))
-        rate, acceleration = natural_rate(*known), natural_acceleration(*known)
+        """The natural trihedral from r and its first four derivatives, world axes."""
+        i = Invariants(r)
+        defined = has_natural_frame(i, duration.astype(r.dtype))
+        arguments = (i, inverse_root(i.S, defined), inverse_root(i.N, defined), _torsion(i, defined))
+        rate, acceleration = natural_rate(*arguments), natural_acceleration(*arguments)
         zero = jnp.zeros_like(rate[0])
         return _trihedral(
-            of,
+            i,
             duration,
-            # n from c × r', then b = τ × n: orthonormal to round-off also where c has lost most of its digits.
-            jnp.where(defined, jnp.cross(of.c, r[1]), 0.0),
+            # n from c × r', then b = τ × n: orthonormal to round-off even where c has lost most of its digits.
+            jnp.where(defined, jnp.cross(i.c, r[1]), 0.0),
             jnp.stack([rate[0], zero, rate[1]]),
             jnp.stack([acceleration[0], zero, acceleration[1]]),
             defined,
@@ -138,77 +138,78 @@ class Natural(AbstractFrame):
 class Upright(AbstractFrame):
     """The frame of a vehicle that stays upright: x along the path, y to the left, z up.
 
-    `up` (3,), world axes, any length. It does not exist where the path runs along `up`.
+    `up` (3,), world axes, may have any length. The frame does not exist where the path is parallel to `up`.
 
-    **Raises:** ValueError for an `up` that is zero, not finite or of another shape.
+    **Raises:** ValueError for an `up` that is zero, not finite or has another shape.
     """
 
     up: Vec3
 
     def __init__(self, up: ArrayInput = (0.0, 0.0, 1.0)):
         self.up = real_vector(up, "the up direction of an upright frame", 3)
-        known = concrete(self.up)
-        if known is not None and not known.any():
+        value = concrete(self.up)
+        if value is not None and not value.any():
             raise ValueError("the up direction of an upright frame must not be zero")
 
     def __repr__(self) -> str:
         return shown(self)
 
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
-        of = Invariants(r, self.unit_up(r.dtype))
-        defined = has_upright_frame(of, duration.astype(r.dtype))
-        rates = upright_rates(of, inverse_root(of.S, defined), inverse_root(of.H, defined))
+        """The upright trihedral from r and its first four derivatives, world axes."""
+        i = Invariants(r, self.unit_up(r.dtype))
+        defined = has_upright_frame(i, duration.astype(r.dtype))
+        rates = upright_rates(i, inverse_root(i.S, defined), inverse_root(i.H, defined))
         rate, acceleration = (jnp.stack(x) for x in rates)
-        return _trihedral(of, duration, jnp.cross(of.up, r[1]), rate, acceleration, defined)
+        return _trihedral(i, duration, jnp.cross(i.up, r[1]), rate, acceleration, defined)
 
     def unit_up(self, dtype: Any) -> Vec3:
-        """The direction of `up`."""
+        """The unit vector along `up`."""
         up = self.up.astype(dtype)
         return unit(up, axis(up, 2))
 
 
 def _trihedral(
-    of: Invariants, duration: Scalar, towards: Vec3, rate: Vec3, acceleration: Vec3, defined: Flag
+    i: Invariants, duration: Scalar, direction: Vec3, rate: Vec3, acceleration: Vec3, defined: Flag
 ) -> Trihedral:
-    """The trihedral whose normal has the direction `towards`, or stands level where that vanishes."""
-    r1 = of.r[1]
+    """The trihedral whose normal has this `direction`, or is horizontal if the direction is zero."""
+    r1 = i.r[1]
     tangent = unit(r1, axis(r1, 0))
-    normal = unit(towards, jnp.cross(_across(tangent), tangent))
-    return with_axes(of, duration, tangent, normal, rate, acceleration, defined)
+    normal = unit(direction, jnp.cross(_fallback_binormal(tangent), tangent))
+    return with_axes(i, duration, tangent, normal, rate, acceleration, defined)
 
 
 def with_axes(
-    of: Invariants, duration: Scalar, x: Vec3, y: Vec3, rate: Vec3, acceleration: Vec3, defined: Flag
+    i: Invariants, duration: Scalar, x: Vec3, y: Vec3, rate: Vec3, acceleration: Vec3, defined: Flag
 ) -> Trihedral:
-    """The trihedral with these unit axes x and y, on the path whose derivatives `of` holds."""
-    moving, bending = has_tangent(of, duration.astype(x.dtype)), has_natural_frame(of, duration.astype(x.dtype))
+    """The trihedral with the unit axes x and y, on the path with the invariants `of`."""
+    moving, curved = has_tangent(i, duration.astype(x.dtype)), has_natural_frame(i, duration.astype(x.dtype))
     return Trihedral(
         tangent=x,
         normal=y,
         binormal=jnp.cross(x, y),
-        speed=norm(of.r[1]),
-        curvature=norm(of.c) * inverse_root(of.S, moving) ** 3,
-        torsion=_torsion(of, bending),
+        speed=norm(i.r[1]),
+        curvature=norm(i.c) * inverse_root(i.S, moving) ** 3,
+        torsion=_torsion(i, curved),
         rate=rate,
         acceleration=acceleration,
         defined=defined,
     )
 
 
-def _torsion(of: Invariants, bending: Flag) -> Scalar:
-    return jnp.where(bending, of.T / jnp.where(bending, of.N, 1.0), 0.0)
+def _torsion(i: Invariants, curved: Flag) -> Scalar:
+    return jnp.where(curved, i.T / jnp.where(curved, i.N, 1.0), 0.0)
 
 
 def inverse_root(x: Scalar, exists: Flag) -> Scalar:
-    """1/√x, or 0 with a derivative of 0 where it does not exist."""
+    """1/√x, or 0 with derivative 0 where `exists` is false."""
     return jnp.where(exists, jnp.where(exists, x, 1.0) ** -0.5, 0.0)
 
 
-def _across(tangent: Vec3) -> Vec3:
-    """A unit vector across the tangent: level where it can be, so that a straight level road keeps b up."""
+def _fallback_binormal(tangent: Vec3) -> Vec3:
+    """A unit vector orthogonal to the tangent: upwards if possible, so that b points up on a straight level road."""
     reference = jnp.where(tangent[2] ** 2 > STEEP, axis(tangent, 0), axis(tangent, 2))
-    across = reference - tangent * (reference @ tangent)
-    return across / norm(across)
+    orthogonal = reference - tangent * (reference @ tangent)
+    return orthogonal / norm(orthogonal)
 
 
 def axis(v: Vec3, k: int) -> Vec3:

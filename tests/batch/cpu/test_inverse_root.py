@@ -1,4 +1,4 @@
-"""1/√x by arithmetic: to the last places, with its derivatives, and 0 where it does not exist."""
+"""1/√x from products and sums: accuracy, derivatives, and 0 where it is undefined."""
 
 import jax
 import jax.numpy as jnp
@@ -7,7 +7,7 @@ import pytest
 
 from qtraj.batch.cpu.inverse_root import inverse_root, root
 
-LAST_PLACES = 2
+ULPS = 2
 
 
 def numbers(kind, count=200_000):
@@ -18,44 +18,44 @@ def numbers(kind, count=200_000):
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
-def test_it_is_right_to_the_last_places(kind):
+def test_it_is_accurate_to_two_units_in_the_last_place(kind):
     x = numbers(kind)
     exact = 1 / np.sqrt(x.astype(np.longdouble))
     eps = np.finfo(kind).eps
     y = jax.jit(inverse_root)(jnp.asarray(x))
     assert y.dtype == kind
-    assert np.max(np.abs(np.asarray(y) / exact - 1)) < LAST_PLACES * eps
-    assert np.max(np.abs(np.asarray(jax.jit(root)(jnp.asarray(x))) * exact - 1)) < LAST_PLACES * eps
+    assert np.max(np.abs(np.asarray(y) / exact - 1)) < ULPS * eps
+    assert np.max(np.abs(np.asarray(jax.jit(root)(jnp.asarray(x))) * exact - 1)) < ULPS * eps
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
-def test_it_is_zero_where_there_is_none(kind):
-    none = jnp.array([0.0, -0.0, -1.0, np.finfo(kind).tiny / 8, -np.inf], kind)
+def test_it_is_zero_where_it_is_undefined(kind):
+    undefined = jnp.array([0.0, -0.0, -1.0, np.finfo(kind).tiny / 8, -np.inf], kind)
     slope = jax.vmap(jax.grad(inverse_root))
     for f in (inverse_root, slope, jax.vmap(jax.grad(jax.grad(inverse_root))), root, jax.vmap(jax.grad(root))):
-        np.testing.assert_array_equal(f(none), np.zeros_like(none))
+        np.testing.assert_array_equal(f(undefined), np.zeros_like(undefined))
     np.testing.assert_array_equal(inverse_root(jnp.array([4.0, 4.0]), jnp.array([True, False])), [0.5, 0.0])
 
 
-def test_what_is_not_finite_stays_so():
-    odd = jnp.array([np.inf, np.nan])
-    np.testing.assert_array_equal(inverse_root(odd), [0.0, np.nan])
-    np.testing.assert_array_equal(root(odd), odd)
-    np.testing.assert_array_equal(inverse_root(odd, odd > 0), [0.0, 0.0])
+def test_infinity_and_nan():
+    x = jnp.array([np.inf, np.nan])
+    np.testing.assert_array_equal(inverse_root(x), [0.0, np.nan])
+    np.testing.assert_array_equal(root(x), x)
+    np.testing.assert_array_equal(inverse_root(x, x > 0), [0.0, 0.0])
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
-def test_derivatives_are_right_for_numbers_of_all_sizes(kind):
+def test_derivatives_are_accurate_for_numbers_of_all_sizes(kind):
     x = numbers(kind, 2000)
     exact = np.sqrt(x.astype(np.longdouble))
     slope = np.asarray(jax.vmap(jax.grad(root))(jnp.asarray(x)))
     assert np.max(np.abs(2 * exact * slope - 1)) < 4 * np.finfo(kind).eps
-    # The other's derivative −½ x^(−3/2) is itself beyond the floats for the least and the largest of them.
-    wanted = -0.5 / exact**3
-    shown = (np.abs(wanted) < np.finfo(kind).max) & (np.abs(wanted) > np.finfo(kind).tiny)
+    # The derivative of the inverse root, −½ x^(−3/2), overflows or underflows for the smallest and largest numbers.
+    expected = -0.5 / exact**3
+    normal = (np.abs(expected) < np.finfo(kind).max) & (np.abs(expected) > np.finfo(kind).tiny)
     slope = np.asarray(jax.vmap(jax.grad(inverse_root))(jnp.asarray(x)))
-    assert np.sum(shown) > 500
-    assert np.max(np.abs(slope[shown] / wanted[shown] - 1)) < 8 * np.finfo(kind).eps
+    assert np.sum(normal) > 500
+    assert np.max(np.abs(slope[normal] / expected[normal] - 1)) < 8 * np.finfo(kind).eps
 
 
 def test_second_derivatives_and_forward_mode():

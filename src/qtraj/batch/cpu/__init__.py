@@ -1,7 +1,7 @@
-"""What compilers for CPUs need to make few fast loops of much arithmetic; other devices lose nothing by it.
+"""Functions that let compilers for CPUs combine much arithmetic into few fast loops; other devices are not slower.
 
-`in_one_loop` and `derivatives_in_one_loop` are identities; `inverse_root`, `root` and `cos_sin` are what they say, of
-products and sums alone; `DIVISION` divides by them.
+`in_one_loop` and `derivatives_in_one_loop` are identities that merge loops. `inverse_root`, `root` and `cos_sin` use
+only products and sums; `DIVISION` is division by means of them.
 """
 
 from qtraj.batch.cpu.inverse_root import DIVISION, inverse_root, root

@@ -1,8 +1,8 @@
-"""One over the square root, by arithmetic alone.
+"""The inverse square root from products and sums only.
 
-A compiler for CPUs holds a root or a division too dear to be repeated: it stores each in a loop of its own, and with it
-all that the loops on both sides need. Here it is a guess from the bits of the number and Newton's iteration, which
-become part of any loop; its errors stay below two units in the last place.
+A compiler for CPUs considers roots and divisions too expensive to repeat, so it ends a loop at each of them and stores
+all intermediate results. This version starts from an estimate by the bits of the number and applies Newton's
+iteration, which compiles into any loop. Its error is below two units in the last place.
 """
 
 from functools import partial
@@ -18,40 +18,41 @@ from qtraj.path.quantity import Division
 Numbers = Float[Array, "..."]
 Choice = Bool[Array, "..."] | bool
 
-# For each type: integers as wide; the number from which half the bits are taken, such that the guess is at most 3.5 %
-# wrong (Lomont 2003, Robertson 2012); and the iterations to full precision, as an error e becomes 1.5 e².
-_GUESS = {"float64": (jnp.int64, 0x5FE6EB50C7B537A9, 4), "float32": (jnp.int32, 0x5F375A86, 3)}
+# For each type: the integer type of the same width; the constant from which half the bits are subtracted, so that the
+# estimate has an error of at most 3.5 % (Lomont 2003, Robertson 2012); and the number of iterations to full precision,
+# where an error e becomes 1.5 e².
+_ESTIMATE = {"float64": (jnp.int64, 0x5FE6EB50C7B537A9, 4), "float32": (jnp.int32, 0x5F375A86, 3)}
 
 
 @partial(jax.jit, inline=True)  # traced once for each shape
-def inverse_root(x: Numbers, there: Choice = True) -> Numbers:
-    """1/√x where `there` says so and x is a normal number; elsewhere 0 with a derivative of 0, but NaN of NaN."""
-    return _inverse_root(x, there)
+def inverse_root(x: Numbers, exists: Choice = True) -> Numbers:
+    """1/√x where `exists` is true and x is a normal number, else 0 with derivative 0; NaN stays NaN."""
+    return _inverse_root(x, exists)
 
 
 @jax.custom_jvp
-def _inverse_root(x: Numbers, there: Choice) -> Numbers:
+def _inverse_root(x: Numbers, exists: Choice) -> Numbers:
     limits = jnp.finfo(x.dtype)
-    normal = there & (x >= limits.tiny) & (x <= limits.max)
+    normal = exists & (x >= limits.tiny) & (x <= limits.max)
     safe = jnp.where(normal, x, 1.0)
-    integer, magic, iterations = _GUESS[x.dtype.name]
+    integer, magic, iterations = _ESTIMATE[x.dtype.name]
     bits = lax.shift_right_logical(lax.bitcast_convert_type(safe, integer), jnp.asarray(1, integer))
     y = lax.bitcast_convert_type(jnp.asarray(magic, integer) - bits, x.dtype)
     for _ in range(iterations):
         y = y * (1.5 - 0.5 * (safe * y * y))
-    return jnp.where(normal, y, jnp.where(there & jnp.isnan(x), x, 0.0))
+    return jnp.where(normal, y, jnp.where(exists & jnp.isnan(x), x, 0.0))
 
 
 @_inverse_root.defjvp
-def _of_inverse_root(primals: tuple[Numbers, Choice], tangents: tuple[Numbers, Any]) -> tuple[Numbers, Numbers]:
+def _inverse_root_jvp(primals: tuple[Numbers, Choice], tangents: tuple[Numbers, Any]) -> tuple[Numbers, Numbers]:
     y = inverse_root(*primals)
-    # One factor after the other: the cube alone may be too large or too small for a float.
+    # Multiplied one by one, because the cube alone may overflow or underflow.
     return y, -0.5 * (y * (y * (y * tangents[0])))
 
 
 @partial(jax.jit, inline=True)
 def root(x: Numbers) -> Numbers:
-    """√x; 0 with a derivative of 0 where x is not positive, or too small for a normal number."""
+    """√x; 0 with derivative 0 where x is not a positive normal number."""
     return _root(x)
 
 
@@ -62,10 +63,10 @@ def _root(x: Numbers) -> Numbers:
 
 
 @_root.defjvp
-def _of_root(primals: tuple[Numbers], tangents: tuple[Numbers]) -> tuple[Numbers, Numbers]:
+def _root_jvp(primals: tuple[Numbers], tangents: tuple[Numbers]) -> tuple[Numbers, Numbers]:
     (x,) = primals
     return root(x), 0.5 * (inverse_root(x, x > 0) * tangents[0])
 
 
-DIVISION = Division(lambda part, whole: part * inverse_root(whole) ** 2, inverse_root)
-"""Ratios and inverse roots of positive numbers, for the formulas of path quantities."""
+DIVISION = Division(lambda numerator, denominator: numerator * inverse_root(denominator) ** 2, inverse_root)
+"""Quotients and inverse roots with positive divisors, for the formulas of path quantities."""

@@ -1,8 +1,9 @@
-"""Several arrays worked out in one loop over their elements.
+"""Compute several arrays in one loop over their elements.
 
-XLA's compiler for CPUs gives each array a loop of its own, which repeats all that it shares with the others; only a
-reduction may have several results. Elementwise arrays become one when they are summed over an axis that is added for
-it, (x, 0) for each: what does not depend on that axis is worked out once. Other compilers need no such help.
+XLA's compiler for CPUs generates a separate loop for each array and repeats in it everything that the arrays share;
+only a reduction can have several results. So the arrays are turned into a reduction: each is summed over an added axis
+with the elements (x, 0). Everything that does not depend on that axis is computed once. Other compilers do not need
+this.
 """
 
 from collections.abc import Sequence
@@ -16,23 +17,23 @@ from jaxtyping import Array
 
 
 def in_one_loop(arrays: Sequence[Array]) -> list[Array]:
-    """The arrays, of one shape, as they are; those of floats are worked out in one loop, in which a −0 may become 0."""
+    """The arrays, of one shape, unchanged; float arrays are computed in one loop, in which −0 may become 0."""
     floats = [jnp.issubdtype(x.dtype, jnp.inexact) for x in arrays]
-    known = [x for x, is_float in zip(arrays, floats, strict=True) if is_float]
-    found = iter(_passed.bind(*known, joined="values") if known else [])
-    return [next(found) if is_float else x for x, is_float in zip(arrays, floats, strict=True)]
+    float_arrays = [x for x, is_float in zip(arrays, floats, strict=True) if is_float]
+    outputs = iter(_identity.bind(*float_arrays, joined="values") if float_arrays else [])
+    return [next(outputs) if is_float else x for x, is_float in zip(arrays, floats, strict=True)]
 
 
 def derivatives_in_one_loop(arrays: Sequence[Array]) -> list[Array]:
-    """The arrays of floats, of one shape, as they are; the reverse pass works out their cotangents in one loop."""
-    return _passed.bind(*arrays, joined="cotangents")
+    """The float arrays, of one shape, unchanged; the reverse pass computes their cotangents in one loop."""
+    return _identity.bind(*arrays, joined="cotangents")
 
 
-def _as_they_are(*arrays: Array, joined: str) -> list[Array]:
+def _unchanged(*arrays: Array, joined: str) -> list[Array]:
     return list(arrays)
 
 
-def _worked_out(*arrays: Array, joined: str) -> list[Array]:
+def _reduced(*arrays: Array, joined: str) -> list[Array]:
     if joined == "cotangents" or len(arrays) == 1:
         return list(arrays)
     first = lax.broadcasted_iota(jnp.int32, (2, *arrays[0].shape), 0) == 0
@@ -42,34 +43,34 @@ def _worked_out(*arrays: Array, joined: str) -> list[Array]:
 
 
 def _transposed(cotangents: Sequence[Any], *arrays: Any, joined: str) -> list[Any]:
-    """Cotangents of values that shared a loop pass as they are, the others share one; without those that vanish."""
-    known = [x for x in cotangents if not isinstance(x, ad.Zero)]
+    """The cotangents, joined in one loop if the values were not, and the reverse; symbolic zeros are left out."""
+    nonzero = [x for x in cotangents if not isinstance(x, ad.Zero)]
     other = "cotangents" if joined == "values" else "values"
-    found = iter(_passed.bind(*known, joined=other) if known else [])
-    wanted = [x if isinstance(x, ad.Zero) else next(found) for x in cotangents]
-    return [x if ad.is_undefined_primal(array) else None for x, array in zip(wanted, arrays, strict=True)]
+    outputs = iter(_identity.bind(*nonzero, joined=other) if nonzero else [])
+    results = [x if isinstance(x, ad.Zero) else next(outputs) for x in cotangents]
+    return [x if ad.is_undefined_primal(array) else None for x, array in zip(results, arrays, strict=True)]
 
 
 def _batched(arrays: Sequence[Array], axes: Sequence[Any], joined: str) -> tuple[list[Array], list[int]]:
     size = next(x.shape[axis] for x, axis in zip(arrays, axes, strict=True) if axis is not None)
     front = [batching.bdim_at_front(x, axis, size) for x, axis in zip(arrays, axes, strict=True)]
-    return _passed.bind(*front, joined=joined), [0] * len(front)
+    return _identity.bind(*front, joined=joined), [0] * len(front)
 
 
-def _asked_for(used: list[bool], equation: Any) -> tuple[list[bool], Any]:
-    """Without the arrays that nobody uses: once in a loop with others, no compiler finds them."""
+def _without_unused(used: list[bool], equation: Any) -> tuple[list[bool], Any]:
+    """Remove unused arrays, which no compiler can remove from the joined loop."""
     if not any(used):
         return used, None
     kept = lambda variables: [v for v, is_used in zip(variables, used, strict=True) if is_used]  # noqa: E731
     return used, equation.replace(invars=kept(equation.invars), outvars=kept(equation.outvars))
 
 
-_passed = Primitive("in_one_loop")
-_passed.multiple_results = True
-_passed.def_impl(_as_they_are)
-_passed.def_abstract_eval(lambda *arrays, joined: [x.update(weak_type=False) for x in arrays])
-ad.deflinear2(_passed, _transposed)
-batching.primitive_batchers[_passed] = _batched
-partial_eval.dce_rules[_passed] = _asked_for
-mlir.register_lowering(_passed, mlir.lower_fun(_as_they_are, multiple_results=True))
-mlir.register_lowering(_passed, mlir.lower_fun(_worked_out, multiple_results=True), platform="cpu")
+_identity = Primitive("in_one_loop")
+_identity.multiple_results = True
+_identity.def_impl(_unchanged)
+_identity.def_abstract_eval(lambda *arrays, joined: [x.update(weak_type=False) for x in arrays])
+ad.deflinear2(_identity, _transposed)
+batching.primitive_batchers[_identity] = _batched
+partial_eval.dce_rules[_identity] = _without_unused
+mlir.register_lowering(_identity, mlir.lower_fun(_unchanged, multiple_results=True))
+mlir.register_lowering(_identity, mlir.lower_fun(_reduced, multiple_results=True), platform="cpu")
