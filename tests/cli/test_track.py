@@ -25,7 +25,7 @@ from qtraj.cli.tracking.report import print_track
 from qtraj.io.scenario import TRACK, read_scenario
 from qtraj.io.tracking_model import TrackingScenario
 from qtraj.viz.report.page import report_of
-from qtraj.viz.track_figure import track_figure
+from qtraj.viz.simulation_figure import simulation_figure
 
 from .track_scenarios import LAW, TURN
 
@@ -324,7 +324,7 @@ def test_a_closed_form_that_does_not_apply_is_in_no_picture(qtraj, tmp_path):
     assert "closed form does not apply: a disturbance" in " ".join(result.stdout.split())
     [header] = [line for line in result.stdout.splitlines() if "|λ|" in line and "error" in line and "ω1" in line]
     assert "closed form" not in header
-    figure = track_figure(dataset, 0.1, None)
+    figure = simulation_figure(dataset, 0.1, None)
     assert not any("closed form" in axes.get_legend_handles_labels()[1] for axes in figure.axes)
     panels = {panel.title: panel for panel in report_of(dataset).panels}
     assert [line.name for line in panels["error angle"].series] == ["angle"]

@@ -1,4 +1,4 @@
-"""Results to report on, of closed forms and without JAX."""
+"""Datasets for reports, from closed forms and without JAX."""
 
 import numpy as np
 import xarray
@@ -24,7 +24,7 @@ def helix(time, rate):
 
 
 def two_paths(**attributes):
-    """Two helices in the form of `path_dataset`, the second one with a hostile name and a limit that it breaks."""
+    """Two helices in the form of `path_dataset`; the second one has a hostile name and violates a limit."""
     progress = np.linspace(0.0, 1.0, SAMPLES)
     times = np.stack([duration * progress for duration in TIMES.values()])
     parts = [helix(time, RATE * 20 / time[-1]) for time in times]
@@ -46,13 +46,13 @@ def two_paths(**attributes):
 
 
 def turned(angle):
-    """Quaternions of turns about z, of any length."""
+    """Quaternions of rotations about z, of different lengths."""
     zero = np.zeros_like(angle)
     return 3 * np.stack([np.cos(angle / 2), zero, zero, np.sin(angle / 2)], axis=1)
 
 
 def closed_loop():
-    """What `qtraj track` writes: a decaying error whose last quarter was not reached."""
+    """A dataset like that of `qtraj track`: a decaying error; the simulation stopped after three quarters."""
     time = np.linspace(0.0, 8.0, SAMPLES)
     error = np.where(time < 6, 0.4 * np.exp(-time), np.nan)
     columns = {

@@ -43,12 +43,12 @@ def test_every_axis_has_its_unit(figure):
     assert figure.get_suptitle() == "A turn"
 
 
-def test_large_coordinates_do_not_clutter_the_axes(figure):
+def test_large_coordinates_are_relative_to_the_centre(figure):
     space = figure.axes[0]
     assert max(map(abs, (*space.get_xlim(), *space.get_ylim(), *space.get_zlim()))) < 30
 
 
-def test_the_space_has_equal_axes(figure):
+def test_axes_in_space_are_equal(figure):
     space = figure.axes[0]
     extent = [np.ptp(limits) for limits in (space.get_xlim(), space.get_ylim(), space.get_zlim())]
     shape = np.array(space.get_box_aspect()) / extent
@@ -71,7 +71,7 @@ def test_panels_show_both_paths_and_their_limit(figure, dataset):
     assert set(limit.get_ydata()) == {0.1}
 
 
-def test_paths_are_told_apart_by_colour_and_by_style(figure):
+def test_paths_differ_in_colour_and_line_style(figure):
     before, after, _ = figure.axes[1].lines
     assert before.get_color() != after.get_color()
     assert before.get_linestyle() != after.get_linestyle()
@@ -85,10 +85,10 @@ def test_files(figure, tmp_path, suffix, start):
     first, second = (file.read_bytes() for file in files)
     assert first.startswith(start)
     assert len(first) > 10_000
-    assert first == second  # the same figure, the same bytes
+    assert first == second  # equal figures give equal bytes
 
 
-def test_a_path_without_a_trihedron_is_drawn_without_one():
+def test_a_path_without_a_trihedral_is_drawn_without_one():
     straight = qt.SpiralHelix([1.0, 2.0], [0.3, 0.0], [0.0, 0.5], 3.0, qt.Placement())
     figure = tuning_figure(path_dataset({"before": straight}, samples=65))
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["before"]

@@ -1,13 +1,14 @@
-"""The figures of a turn and of a closed loop: labels, units, limits, jumps, what was not reached."""
+"""The figures of a slew and of a closed loop: labels, units, limits, jumps, unfinished simulations."""
 
 import numpy as np
 import pytest
 
 from qtraj.io.instants import Column, instants_dataset
+from qtraj.viz import figures
 from qtraj.viz.figures import save
+from qtraj.viz.simulation_figure import simulation_figure
+from qtraj.viz.slew_figure import slew_figure
 from qtraj.viz.style import BAND
-from qtraj.viz.track_figure import track_figure
-from qtraj.viz.turn_figure import turn_figure
 
 TIMES = np.linspace(0.0, 8.0, 65)
 N = len(TIMES)
@@ -20,7 +21,7 @@ def quaternions(angle):
 
 @pytest.fixture(scope="module")
 def turn():
-    """Bang–bang: a parabola up, a parabola down."""
+    """A bang–bang slew: two parabolas."""
     rate = np.minimum(TIMES, 8.0 - TIMES) / 16
     angle = np.where(TIMES < 4, TIMES**2 / 32, 1.0 - (8.0 - TIMES) ** 2 / 32)
     columns = {
@@ -33,7 +34,7 @@ def turn():
 
 
 def loop(closed=True, unit="rad s-2"):
-    """A decaying error; the last quarter was not reached."""
+    """A decaying error; the simulation stopped after three quarters."""
     angle = np.where(TIMES < 6, 0.4 * np.exp(-TIMES), np.nan)
     moving, three = np.zeros((N, 3)) + angle[:, None], np.zeros((N, 3))
     columns = {
@@ -56,8 +57,8 @@ def legend(axes):
     return [text.get_text() for text in axes.get_legend().get_texts()]
 
 
-def test_the_turn_has_units_and_limits_in_degrees(turn):
-    figure = turn_figure(turn, {"max_rate": 0.3, "max_acceleration": 1 / 16})
+def test_the_slew_has_units_and_limits_in_degrees(turn):
+    figure = slew_figure(turn, {"max_rate": 0.3, "max_acceleration": 1 / 16})
     angle, rate, acceleration, phase, quaternion = figure.axes
     assert [axes.get_ylabel().split()[-1] for axes in figure.axes] == ["[°]", "[°/s]", "[°/s²]", "[°/s]", "[–]"]
     assert [axes.get_xlabel() for axes in (acceleration, quaternion)] == ["time [s]", "time [s]"]
@@ -65,57 +66,63 @@ def test_the_turn_has_units_and_limits_in_degrees(turn):
     assert np.allclose(angle.lines[0].get_ydata(), np.degrees(turn["angle"].values))
     assert legend(rate) == ["limit 17.19"]
     assert legend(acceleration) == ["limit 3.581"]
-    # Below zero the limit stands as well.
+    # The limit is drawn below zero as well.
     assert [line.get_ydata()[0] for line in acceleration.lines[1:]] == pytest.approx(np.degrees([1 / 16, -1 / 16]))
     assert rate.get_ylim()[1] > np.degrees(0.3)
     assert np.allclose(phase.lines[0].get_xdata(), np.degrees(turn["angle"].values))
     assert legend(quaternion) == ["λ₀", "λ₁", "λ₂", "λ₃"]
 
 
-def test_a_turn_without_limits_shows_none(turn):
-    figure = turn_figure(turn, {})
+def test_a_slew_without_limits_shows_none(turn):
+    figure = slew_figure(turn, {})
     assert [len(axes.lines) for axes in figure.axes[:3]] == [1, 1, 1]
 
 
 def test_the_loop_has_its_closed_form_and_its_limit():
-    figure = track_figure(loop(), np.radians(1.0), 0.5)
+    figure = simulation_figure(loop(), np.radians(1.0), 0.5)
     angle, error, command, virtual, rate, length = figure.axes
     assert angle.get_yscale() == "log"
     assert legend(angle) == ["simulated", "closed form", "1°"]
     assert legend(error)[-1] == "closed form"
     assert legend(command) == ["ε₁", "ε₂", "ε₃", "length", "limit 28.65"]
     assert legend(rate) == ["ω₁", "ω₂", "ω₃", "program"]
-    assert rate.lines[-1].get_linestyle() == "-"  # dots would vanish in those of ω₃
+    assert rate.lines[-1].get_linestyle() == "-"  # dots would be hidden by those of ω₃
     labels = [axes.get_ylabel() for axes in (angle, command, virtual, rate)]
     assert labels == ["error angle [°]", "command [°/s²]", "virtual command [1/s²]", "body rate [°/s]"]
-    assert figure.get_suptitle() == "loop.toml"  # of a scenario without a name
-    assert length.get_ylim() == pytest.approx((0.9, 1.1))  # round-off is no mountain range
+    assert figure.get_suptitle() == "loop.toml"  # the scenario has no name
+    assert length.get_ylim() == pytest.approx((0.9, 1.1))  # round-off is not magnified
 
 
 def test_a_rate_law_without_a_closed_form():
-    figure = track_figure(loop(closed=False, unit="rad s-1"), np.radians(2.0), None)
+    figure = simulation_figure(loop(closed=False, unit="rad s-1"), np.radians(2.0), None)
     angle, _, command, *_ = figure.axes
     assert legend(angle) == ["simulated", "2°"]
     assert legend(command) == ["ω₁", "ω₂", "ω₃", "length"]
     assert command.get_ylabel() == "command [°/s]"
 
 
-def room_above(figure):
-    """Inches between the topmost panel, its legend left aside, and the edge."""
+def space_above(figure):
+    """Inches between the topmost panel, without its legend, and the edge."""
     return (1 - max(axes.get_position().y1 for axes in figure.axes)) * figure.get_figheight()
 
 
 def test_without_a_title_there_is_no_band_for_it(turn):
-    for draw, dataset in ((lambda x: turn_figure(x, {}), turn), (lambda x: track_figure(x, 0.01, 3.0), loop())):
+    for draw, dataset in ((lambda x: slew_figure(x, {}), turn), (lambda x: simulation_figure(x, 0.01, 3.0), loop())):
         titled, plain = draw(dataset), draw(dataset.drop_attrs(deep=False))
         assert plain.get_suptitle() == ""
         assert titled.get_figheight() - plain.get_figheight() == pytest.approx(BAND)
-        assert room_above(titled) - room_above(plain) == pytest.approx(BAND)
+        assert space_above(titled) - room_above(plain) == pytest.approx(BAND)
         heights = [[axes.get_position().height * f.get_figheight() for axes in f.axes] for f in (titled, plain)]
         assert heights[0] == pytest.approx(heights[1])
 
 
 def test_files(turn, tmp_path):
-    for figure, name in ((turn_figure(turn, {}), "turn"), (track_figure(loop(), 0.01, 3.0), "track")):
+    for figure, name in ((slew_figure(turn, {}), "turn"), (simulation_figure(loop(), 0.01, 3.0), "track")):
         save(figure, tmp_path / f"{name}.svg")
         assert (tmp_path / f"{name}.svg").read_bytes().startswith(b"<?xml")
+
+
+@pytest.mark.parametrize(("former", "present"), [("turn_figure", "slew_figure"), ("track_figure", "simulation_figure")])
+def test_former_names_warn_and_work(former, present):
+    with pytest.warns(DeprecationWarning, match=f"is now called {present}"):
+        assert getattr(figures, former) is getattr(figures, present)

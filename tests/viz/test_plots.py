@@ -1,4 +1,4 @@
-"""`plot()` of paths, tables and tuned paths: what is drawn, and what is said where it cannot be."""
+"""`plot()` of paths, tables and tuned paths: the figures, and the messages if there is nothing to draw."""
 
 import importlib.util
 
@@ -17,7 +17,7 @@ TIMES = np.linspace(0.0, 6.0, 13)
 
 @pytest.fixture(scope="module")
 def tuned():
-    """An outcome put together by hand: a plot needs no search."""
+    """A hand-made result: a plot needs no search."""
     limits = qt.Limits(curvature=0.2, slope=0.2)
     start = end = qt.BoundaryState([10.0, 0.0, 0.0], [0.0, 4.0, 0.5])
     return qt.Tuned(HELIX, start, end, 0.0, qt.certify(HELIX, limits), 0, 3)
@@ -28,7 +28,7 @@ def labels(axes):
 
 
 @pytest.mark.parametrize("path", [HELIX, CURVE], ids=["helix", "curve"])
-def test_a_path_draws_itself_with_the_axes_of_its_frame(path):
+def test_a_path_is_drawn_with_the_axes_of_its_frame(path):
     natural, upright = path.plot().axes[0], path.plot(frame=qt.Upright(), trihedra=3).axes[0]
     assert labels(natural) == ["path", "τ (tangent)", "n (normal)", "b (binormal)"]
     assert labels(upright) == ["path", "forward", "left", "up"]
@@ -37,14 +37,14 @@ def test_a_path_draws_itself_with_the_axes_of_its_frame(path):
     assert labels(minimizing)[1:] == ["τ (tangent)", "u (first)", "v (second)"]
 
 
-def test_a_tuned_path_draws_itself_with_its_limits(tuned):
+def test_a_tuned_path_is_drawn_with_its_limits(tuned):
     space, *panels = tuned.plot(frame=qt.Upright()).axes
     assert labels(space) == ["after", "forward", "left", "up"]
     limits = [text for axes in panels for text in labels(axes) if text.startswith("limit")]
     assert limits == ["limit 0.2", "limit 0.2"]
 
 
-def test_a_table_draws_what_was_asked_for():
+def test_a_table_draws_the_named_outputs():
     table = qt.evaluate(HELIX, TIMES, ("position", "curvature", "rate", "dcm", "defined"), frame=qt.Upright())
     axes = table.plot().axes
     assert [a.get_ylabel() for a in axes] == ["position\n[m]", "curvature\n[1/m]", "rate\n[rad/s]"]
@@ -54,7 +54,7 @@ def test_a_table_draws_what_was_asked_for():
     assert [a.get_ylabel() for a in table.plot("rate").axes] == ["rate\n[rad/s]"]
 
 
-def test_many_paths_are_drawn_beside_each_other_also_with_times_of_their_own():
+def test_several_paths_are_drawn_together_also_with_different_times():
     stack = jax.vmap(lambda k: qt.SpiralHelix(jnp.stack([10 + k, 0 * k]), [0.2, 0.4], [1.0, 0.5], 6.0))(jnp.arange(3.0))
     for times in (TIMES, np.linspace(0.0, [5.0, 6.0, 7.0], 9, axis=1)):
         curvature, rate = qt.evaluate(stack, times, ("curvature", "rate")).plot().axes
@@ -65,24 +65,24 @@ def test_many_paths_are_drawn_beside_each_other_also_with_times_of_their_own():
     assert np.array_equal(first, qt.evaluate(stack, TIMES, ("rate",)).plot().axes[0].lines[2].get_ydata())
 
 
-def test_what_does_not_exist_is_not_drawn():
+def test_undefined_values_are_not_drawn():
     bend = qt.Curve(lambda t: jnp.stack([t, (t - 1) ** 3, 0 * t]), 2.0)  # straight at t = 1
     [axes] = qt.evaluate(bend, [0.0, 0.5, 1.0, 1.5, 2.0], ("rate", "defined")).plot().axes
     assert np.isnan(axes.lines[0].get_ydata()).tolist() == [False, False, True, False, False]
 
 
-def test_what_cannot_be_plotted_is_explained(tuned):
+def test_messages_say_why_nothing_can_be_plotted(tuned):
     table = qt.evaluate(HELIX, TIMES, ("curvature",))
     with pytest.raises(ValueError, match="no 'rate'; it has curvature"):
         table.plot("rate")
-    with pytest.raises(ValueError, match="nothing to plot in a table of dcm alone"):
+    with pytest.raises(ValueError, match="nothing to plot in a table of only dcm"):
         qt.evaluate(HELIX, TIMES, ("dcm",)).plot()
-    with pytest.raises(ValueError, match="one path was expected, but 2 stacked ones"):
+    with pytest.raises(ValueError, match="expected one path, but got a batch of 2"):
         jax.tree.map(lambda x: jnp.stack([x, x]), HELIX).plot()
     many = qt.Tuned(
         *jax.tree.map(lambda x: jnp.stack([x, x]), (HELIX, tuned.start, tuned.end)), 0.0, tuned.certificate, [0, 0], 3
     )
-    with pytest.raises(ValueError, match=r"take one of them, outcome\[k\]"):
+    with pytest.raises(ValueError, match=r"select one of them, result\[k\]"):
         many.plot()
 
 

@@ -1,4 +1,4 @@
-"""The report as a page: what is in it, what is escaped, what is refused."""
+"""The report as a page: contents, escaping, refused input."""
 
 import html.parser
 import json
@@ -11,12 +11,12 @@ import xarray
 from scipy.spatial.transform import Rotation
 
 import qtraj as qt
-from qtraj.io.dataset import MAGNITUDES, path_dataset
+from qtraj.io.dataset import LIMIT_VARIABLES, path_dataset
 from qtraj.viz.figures import limits_figure, path_figure, tuning_figure
 from qtraj.viz.report import page, report_page
 from qtraj.viz.report.angles import heading_pitch_roll
 from qtraj.viz.report.frames import cosines
-from qtraj.viz.report.model import MOST_INSTANTS
+from qtraj.viz.report.model import MAX_INSTANTS
 
 from .report_data import CENTRE, HOSTILE, IMAGE, TIMES, closed_loop, two_paths
 
@@ -89,7 +89,7 @@ def test_the_data_are_those_of_the_dataset(paths):
     assert len(data["recorded"]) == 9
 
 
-def test_the_axes_of_space_are_equal_and_hold_everything(paths):
+def test_axes_in_space_are_equal_and_contain_everything(paths):
     data = json.loads(paths.scripts[0])
     low, high = np.array(data["space"]["range"]).T
     for body in data["bodies"]:
@@ -116,17 +116,17 @@ def test_axes_and_components_are_named_after_the_frame(frame, names):
     assert [line["name"] for line in rate["series"][:3]] == [f"ω {name.split()[0]}" for name in names]
 
 
-def test_tables_say_what_was_found(paths):
+def test_tables_have_the_status_of_each_limit(paths):
     text = " ".join(paths.text)
     for expected in ("Limits", "speed [m/s]", "broken", "within", "Boundary states", "600010.0000", IMAGE, "report"):
         assert expected in text
-    assert "exceeded" not in text  # one word for it: that of the certificate, the terminal and the JSON
+    assert "exceeded" not in text  # the same word as in the certificate, on the terminal and in JSON
 
 
 def test_names_of_limits_are_words():
-    result = "; ".join([*MAGNITUDES, "max_jerk by 3 %: larger max_steps, my_angular_rate, angular_rates of end.V_h"])
+    result = "; ".join([*LIMIT_VARIABLES, "max_jerk by 3 %: larger max_steps, my_angular_rate, angular_rates of end.V_h"])
     text = " ".join(Page(report_page(two_paths(tuning_result=result, rate_convention="angular_acceleration"))).text)
-    for name in (*MAGNITUDES, "max_jerk"):
+    for name in (*LIMIT_VARIABLES, "max_jerk"):
         assert name.replace("_", " ") in text
     assert re.findall(r"\w+_\w+", text.partition("Provenance")[0]) == [
         "max_steps",
@@ -157,7 +157,7 @@ def test_a_closed_loop_is_shown_in_degrees_beside_its_closed_form():
     assert turned[0] == pytest.approx([np.cos(0.4), np.sin(0.4), 0.0], abs=NINE_DIGITS)
 
 
-def test_a_limit_far_above_is_named_and_not_drawn():
+def test_a_limit_far_above_is_listed_but_not_drawn():
     loop = closed_loop()
     loop["command"].attrs["limit"] = np.array([0.2, 1.3])
     panels = json.loads(Page(report_page(loop)).scripts[0])["panels"]
@@ -173,11 +173,11 @@ def test_axes_of_quaternions_are_those_of_scipy():
     assert np.isnan(cosines(np.array([[0.0, 0, 0, 0], [np.nan, 0, 0, 1]]))).all()
 
 
-def test_many_instants_are_thinned_and_many_paths_left_out():
+def test_many_instants_are_thinned_and_many_paths_omitted():
     loop = closed_loop()
-    long = loop.interp(time=np.linspace(0, 5, 5 * MOST_INSTANTS))
+    long = loop.interp(time=np.linspace(0, 5, 5 * MAX_INSTANTS))
     body = json.loads(Page(report_page(long)).scripts[0])["bodies"][0]
-    assert len(body["time"]) == len(body["axes"]) == MOST_INSTANTS
+    assert len(body["time"]) == len(body["axes"]) == MAX_INSTANTS
     assert (body["time"][0], body["time"][-1]) == (0.0, 5.0)
     crowd = xarray.concat([two_paths().isel(path=[0]).drop_vars("path")] * 9, "path", data_vars="minimal")
     text = Page(report_page(crowd))
@@ -191,10 +191,10 @@ def test_a_table_with_components_first_is_the_same():
     assert report_page(turned) == report_page(dataset)
 
 
-def test_what_is_no_result_is_refused():
-    with pytest.raises(ValueError, match="needs position or quaternion over time, but the dataset holds x"):
+def test_other_input_is_refused():
+    with pytest.raises(ValueError, match="needs position or quaternion over time, but the dataset has x"):
         report_page(xarray.Dataset({"x": ("time", [1.0])}))
-    with pytest.raises(ValueError, match="a dimension without entries"):
+    with pytest.raises(ValueError, match="a dimension of the dataset is empty"):
         report_page(two_paths().isel(sample=[]))
     with pytest.raises(ValueError, match="the variable quaternion, or dcm, is missing"):
         report_page(two_paths().drop_vars("dcm"))
@@ -206,7 +206,7 @@ def test_the_same_result_makes_the_same_page():
     assert report_page(closed_loop()) == report_page(closed_loop())
 
 
-def test_code_in_the_page_is_what_its_hash_says(paths):
+def test_code_in_the_page_matches_its_hash(paths):
     [policy] = [value for tag, name, value in paths.attributes if tag == "meta" and "default-src" in str(value)]
     hashes = re.findall(r"'sha256-([^']+)'", policy)
     assert hashes == [page._digest(code) for code in paths.scripts[1:]]
@@ -219,7 +219,7 @@ def shown_panels(dataset):
 
 
 def test_upright_frames_have_heading_pitch_and_roll():
-    """On a climbing helix the heading grows evenly, the pitch is the slope and nothing rolls."""
+    """On a climbing helix the heading grows linearly, the pitch is the slope angle and the roll is zero."""
     helix = qt.SpiralHelix([10.0, 0.0], [0.2, 0.4], [1.0, 0.5], 20.0)
     panels = shown_panels(path_dataset({"helix": helix}, samples=65, frame=qt.Upright()))
     heading = np.array(panels["heading, from x towards y"]["series"][0]["values"])
@@ -232,7 +232,7 @@ def test_upright_frames_have_heading_pitch_and_roll():
     assert not any("heading" in title for title in shown_panels(path_dataset({"helix": helix}, samples=65)))
 
 
-def test_roll_is_that_of_the_left_side():
+def test_roll_is_positive_with_the_left_side_up():
     tilted = Rotation.from_euler("ZYX", [30.0, -10.0, 5.0], degrees=True)  # nose up by 10°, then left side up by 5°
     found = heading_pitch_roll(tilted.as_matrix().T[None])
     assert found[0] == pytest.approx([30.0, 10.0, 5.0])
@@ -246,16 +246,16 @@ def test_one_stop_does_not_scale_an_axis():
     dataset["curvature"] = (("path", "sample"), curvature, {"units": "m-1", "limit": 0.1})
     panel = shown_panels(dataset)["curvature"]
     assert panel["range"] == pytest.approx([0.0, 0.15])
-    assert panel["note"] == "values up to 1e+07 lie outside the picture"
+    assert panel["note"] == "values up to 1e+07 are not shown"
     assert panel["limits"][0]["drawn"]
-    assert max(panel["series"][0]["values"]) == 1e7  # the numbers stay what they are
+    assert max(panel["series"][0]["values"]) == 1e7  # the values themselves are unchanged
     assert shown_panels(two_paths())["speed"]["range"] is None
     figure = limits_figure(path_dataset({"stop": STOP}, samples=513), ["curvature"])
     assert figure.axes[0].get_ylim()[1] < 1.0
 
 
 STOP = qt.Curve(lambda t: jnp.stack([20 * t**3, 0.5 * jnp.sin(t), 0 * t]) - jnp.stack([0.01 * t, 0.5 * t, 0 * t]), 4.0)
-"""It nearly stops at its start, where it bends sharply."""
+"""A path that nearly stops at its start, where the curvature is large."""
 
 
 def test_a_component_near_one_does_not_flatten_the_others():
@@ -282,7 +282,7 @@ def test_a_closed_form_that_does_not_apply_is_not_drawn():
 
 
 def results():
-    """One of each result that has a path or attitudes over time."""
+    """One result of each type that has a path or attitudes over time."""
     helix = qt.SpiralHelix([10.0, 0.0], [0.2, 0.4], [1.0, 0.5], 6.0, qt.Placement([3.0, 2.0, 1.0]))
     limits = qt.Limits(curvature=0.2, slope=0.1)
     tuned = qt.Tuned(helix, helix.state(0.0), helix.state(6.0), 0.0, qt.certify(helix, limits), 0, 3)
@@ -312,11 +312,13 @@ def test_figures_take_results_and_explain_what_they_cannot_draw(made):
     labels = path_figure(made["tuned"]).axes[0].get_legend_handles_labels()[1]
     assert labels[0] == "after"
     assert len(limits_figure(made["tuned"].to_xarray()).axes) == len(tuning_figure(made["helix"]).axes)
-    with pytest.raises(ValueError, match=r"a figure of paths needs path, sample, dcm, defined.*draws itself with plot"):
+    with pytest.raises(
+        ValueError, match=r"a figure of paths needs path, sample, dcm, defined.*to draw a table, call its plot"
+    ):
         path_figure(made["table"])
     for wrong in (3, "paths.nc", {"helix": made["helix"]}):
         with pytest.raises(
-            ValueError, match=rf"a path, a result or a dataset .* but a {type(wrong).__name__} was given"
+            ValueError, match=rf"expected a path, a result or a dataset .* but got {type(wrong).__name__}"
         ):
             path_figure(wrong)
     with pytest.raises(ValueError, match="a report needs position or quaternion over time"):
@@ -324,7 +326,7 @@ def test_figures_take_results_and_explain_what_they_cannot_draw(made):
 
 
 def test_a_peak_between_two_samples_has_its_own_time():
-    """At coarse samples the page and the certificate would differ; the page has what the certificate says."""
+    """With coarse samples the sampled peak differs from the certificate; the page shows the certificate."""
     path = qt.SpiralHelix([10.0, 0.3, -0.2], [0.0, 0.5], [0.0, 0.4], 5.0)
     limits = qt.Limits(lateral_acceleration=2.0)
     found = qt.certify(path, limits)

@@ -1,4 +1,4 @@
-"""The report in a real browser, headless: no errors, no network, a trihedral that moves."""
+"""The report in a real headless browser: no errors, no network, a moving trihedral."""
 
 import base64
 import json
@@ -37,7 +37,7 @@ OPTIONS = [
     "--enable-unsafe-swiftshader",  # draws WebGL without a graphics card
     "--window-size=1400,1000",
 ]
-PATIENCE = 30  # [s] a loaded machine draws slowly
+PATIENCE = 30  # [s] a busy machine draws slowly
 MILLIMETRE = 1e-3
 CORNERS = """
 const { model, view, projection } = document.getElementById('space')._fullLayout.scene._scene.glplot.cameraParams;
@@ -69,7 +69,7 @@ def browser(tmp_path_factory):
 
 
 def opened(browser, file):
-    """Errors of the console, and addresses asked for, while a page opens."""
+    """Errors of the console, and requested addresses, while a page opens."""
     browser.get("about:blank")
     for log in ("browser", "performance"):
         browser.get_log(log)
@@ -82,7 +82,7 @@ def errors(browser):
 
 
 def requests(browser):
-    """Addresses asked for over any network, or from any file."""
+    """Requested addresses, on any network or of any file."""
     events = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
     asked = [event["params"] for event in events if event["method"] == "Network.requestWillBeSent"]
     sockets = [event["params"]["url"] for event in events if event["method"] == "Network.webSocketCreated"]
@@ -90,7 +90,7 @@ def requests(browser):
 
 
 def shown(browser, folder, dataset):
-    """A report, drawn to the end."""
+    """A completely drawn report."""
     file = folder / "report.html"
     file.write_text(report_page(dataset), encoding="utf-8")
     opened(browser, file)
@@ -135,7 +135,7 @@ def test_it_opens_without_errors_and_without_any_request(report):
     assert [address for address in asked if not address.startswith(("data:", "blob:"))] == [file.as_uri()]
 
 
-def test_the_checks_see_errors_and_requests(browser, tmp_path):
+def test_the_checks_detect_errors_and_requests(browser, tmp_path):
     file = tmp_path / "bad.html"
     file.write_text("<img src='http://127.0.0.1:9/x.png'><script>console.error('oh'); throw new Error('no')</script>")
     opened(browser, file)
@@ -217,7 +217,7 @@ def test_the_cursor_and_the_numbers_follow(page):
     assert float(speed.split()[1]) == pytest.approx(np.hypot(RADIUS * RATE, CLIMB), rel=1e-4)
 
 
-def test_another_path_can_be_looked_at_and_its_gap_is_told(page):
+def test_another_path_can_be_selected_and_its_gap_is_reported(page):
     Select(page.find_element(By.ID, "body")).select_by_index(1)
     page.execute_script(
         "const slider = document.getElementById('slider'); slider.value = arguments[0];"
@@ -249,7 +249,7 @@ def test_play_runs_and_pause_stops(page):
     assert 0.3 < stopped < 20.0
     button.click()
     until(page, f"return Number(document.getElementById('slider').value) > {stopped + 0.2}")
-    page.find_element(By.ID, "slider").send_keys(Keys.END)  # a hand on the slider stops it
+    page.find_element(By.ID, "slider").send_keys(Keys.END)  # moving the slider stops it
     says("Play")
 
 
@@ -278,7 +278,7 @@ def test_the_picture_shows_the_arrows(page, tmp_path):
 
 
 def arrow_colours(browser):
-    """How many points of the picture for paper have the colour of each arrow."""
+    """Number of pixels of the printed picture with the colour of each arrow."""
     pixels = browser.execute_script(
         "const p = document.getElementById('picture');"
         "return Array.from(p.getContext('2d').getImageData(0, 0, p.width, p.height).data);"
@@ -295,13 +295,13 @@ def test_paper_shows_a_picture_of_the_scene(page):
     width = page.execute_script("return document.getElementById('picture').width")
     assert width == 2 * page.execute_script("return document.getElementById('space').clientWidth")
     assert min(arrow_colours(page)) > 80
-    assert not page.find_element(By.ID, "picture").is_displayed()  # on paper alone
+    assert not page.find_element(By.ID, "picture").is_displayed()  # only in print
     page.execute_script("window.print = window.printing; window.dispatchEvent(new Event('afterprint'))")
 
 
 @pytest.mark.slow
-def test_paper_shows_it_also_where_the_browser_prints_by_itself(browser, report, tmp_path):
-    """By its own menu or keys: there is no click on the button."""
+def test_paper_shows_it_also_when_the_browser_prints_by_its_own_command(browser, report, tmp_path):
+    """Without a click on the button of the page."""
     _, file, *_ = report
     opened(browser, file)
     until(browser, "return document.documentElement.dataset.ready === 'yes'")
@@ -314,8 +314,8 @@ def test_paper_shows_it_also_where_the_browser_prints_by_itself(browser, report,
     assert errors(browser) == []
 
 
-def test_the_letters_of_the_ends_keep_apart(page):
-    """That of the upper one stands above it."""
+def test_the_letters_of_the_ends_do_not_overlap(page):
+    """The letter of the upper end is above it."""
     ends = page.execute_script(
         "return document.getElementById('space').data.filter((t) => ['<b>A</b>', '<b>B</b>'].includes(t.text?.[0]))"
         ".map((t) => [t.text[0], t.textposition, t.z[0]])"
@@ -324,7 +324,7 @@ def test_the_letters_of_the_ends_keep_apart(page):
 
 
 def test_numbers_of_the_axes_do_not_reach_into_their_titles(page):
-    """Upright ones are as high everywhere as their letters; along an axis, long ones reached as far as its title."""
+    """Upright numbers have the height of a line; rotated along an axis, long ones overlapped its title."""
     angles = page.execute_script(
         "const { xaxis, yaxis, zaxis } = document.getElementById('space')._fullLayout.scene;"
         "return [xaxis, yaxis, zaxis].map((axis) => [axis.tickangle, axis.title.font.size - axis.tickfont.size])"
@@ -359,7 +359,7 @@ def test_numbers_beside_a_panel_are_not_cut_off(browser, tmp_path, size):
 
 @pytest.mark.parametrize("size", [1400, 900])
 def test_the_axes_fill_the_picture_and_no_more(browser, report, size):
-    """Their corners, in plotly's own projection, stay inside with room for the labels."""
+    """Their corners, in plotly's own projection, stay inside, with space for the labels."""
     _, file, *_ = report
     browser.set_window_size(size, 1000)
     opened(browser, file)
@@ -371,7 +371,7 @@ def test_the_axes_fill_the_picture_and_no_more(browser, report, size):
 
 
 def plan(browser):
-    """The traces of the plan view by name, and the pixels of a metre along both axes."""
+    """The traces of the plan view by name, and the pixels per metre along both axes."""
     return browser.execute_script(
         "const plot = document.getElementById('plan'), { xaxis, yaxis } = plot._fullLayout;"
         "const traces = Object.fromEntries(plot.data.map((t) => [t.name, [Array.from(t.x), Array.from(t.y)]]));"
@@ -380,7 +380,7 @@ def plan(browser):
     )
 
 
-def test_a_plan_view_stands_beside_the_scene_and_follows_the_slider(page):
+def test_a_plan_view_is_beside_the_scene_and_follows_the_slider(page):
     boxes = [page.find_element(By.ID, name).rect for name in ("space", "planview")]
     assert boxes[0]["x"] + boxes[0]["width"] <= boxes[1]["x"]  # beside
     assert abs(boxes[0]["y"] - boxes[1]["y"]) < 2
@@ -407,7 +407,7 @@ def test_a_closed_loop_has_no_plan(browser, tmp_path):
 
 @pytest.mark.parametrize("dataset", [two_paths, closed_loop])
 def test_a_page_fits_a_telephone(browser, tmp_path, dataset):
-    """390 pixels: only tables in boxes of their own are wider than the screen, and the views stand below each other."""
+    """At 390 pixels only scrollable tables are wider than the screen, and the views are below each other."""
     size = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     try:
@@ -436,10 +436,10 @@ def test_a_long_path_fills_the_picture_whichever_way_it_runs(browser, tmp_path, 
     low, high = browser.execute_script(CORNERS)
     assert max(*np.abs(low), *np.abs(high)) < 0.95
     assert max(high[0] - low[0], high[1] - low[1]) > 1.4
-    assert min(high[0] - low[0], high[1] - low[1]) > 1.1  # it is seen from the side that suits it
+    assert min(high[0] - low[0], high[1] - low[1]) > 1.1  # the view direction suits the path
 
 
-def test_a_spike_is_told_and_the_numbers_stay_true(browser, tmp_path):
+def test_a_spike_is_reported_and_the_numbers_are_unchanged(browser, tmp_path):
     dataset = two_paths()
     curvature = np.full((2, 65), 0.05)
     curvature[0, 0] = 1e7
@@ -448,7 +448,7 @@ def test_a_spike_is_told_and_the_numbers_stay_true(browser, tmp_path):
     Select(browser.find_element(By.ID, "body")).select_by_index(0)
     panels = browser.find_elements(By.CSS_SELECTOR, ".panel")
     [panel] = [p for p in panels if p.find_element(By.TAG_NAME, "h2").text.startswith("curvature")]
-    assert "values up to 1e+07 lie outside the picture" in panel.text
+    assert "values up to 1e+07 are not shown" in panel.text
     top = browser.execute_script("return arguments[0].querySelector('.plot')._fullLayout.yaxis.range[1]", panel)
     assert top == pytest.approx(0.15)
     [row] = [r for r in browser.find_elements(By.CSS_SELECTOR, "#now tr") if r.text.startswith("curvature")]

@@ -1,4 +1,4 @@
-"""The figures of studies: what is drawn is what was given; singular points, limits and closed forms are marked."""
+"""The figures of studies draw their input, and mark singular points, limits and closed forms."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +16,7 @@ from qtraj.viz.figures import (
     save,
 )
 
-DRAWN = 1e-12  # degrees and back
+DRAWN = 1e-12  # rounding of the conversion to degrees and back
 
 TIMES = np.linspace(0.0, 4.0, 81)
 
@@ -29,7 +29,7 @@ def dataset():
 
 @pytest.fixture(scope="module")
 def loop():
-    """A made-up loop of three instants: an error of 0.4 rad that halves."""
+    """A hand-made loop of three instants: an error of 0.4 rad that halves."""
     angle = jnp.array([0.4, 0.2, 0.1])
     zero = jnp.zeros(3)
     error = jnp.stack([jnp.cos(angle / 2), jnp.sin(angle / 2), zero, zero], axis=1)
@@ -42,7 +42,7 @@ def labels(axes):
 
 
 def turning(rate, flip=False):
-    """A turn about z; with a flip, half-way the frame jumps by 180° about its x axis."""
+    """A rotation about z; with `flip` the frame jumps by 180° about its x axis at half time."""
     half = 0.5 * rate * TIMES
     zero = np.zeros_like(half)
     quaternions = np.stack([np.cos(half), zero, zero, np.sin(half)], axis=1)
@@ -60,8 +60,8 @@ def test_the_path_is_drawn_about_its_centre_with_equal_axes(dataset):
     assert labels(axes) == ["turn", "τ (tangent)", "n (normal)", "b (binormal)"]
 
 
-def test_heads_of_arrows_are_seen_from_any_side(dataset):
-    """Looked at along any direction, some barb of each stands off its shaft by near a fifth of its own length."""
+def test_heads_of_arrows_are_visible_from_any_side(dataset):
+    """From any direction, some barb of each arrow is off its shaft by nearly a fifth of the barb's length."""
     arrows = path_figure(dataset, velocities=True, reference=True).axes[0].collections
     assert [len(lines._segments3d) for lines in arrows] == [6 * 5] * 3 + [5] * 3 + [5] * 2
     for segments in np.concatenate([np.reshape(lines._segments3d, (-1, 5, 2, 3)) for lines in arrows]):
@@ -74,7 +74,7 @@ def test_heads_of_arrows_are_seen_from_any_side(dataset):
         assert seen.min() > 0.19 * np.linalg.norm(barbs[0])
 
 
-def test_the_reference_stands_at_the_origin(dataset):
+def test_the_reference_is_drawn_at_the_origin(dataset):
     axes = path_figure(dataset, trihedra=0, velocities=True, reference=True, view=(20, 30)).axes[0]
     assert labels(axes) == ["turn", "radius vectors", "velocity"]
     assert axes.get_xlabel() == "x [m]"
@@ -94,7 +94,7 @@ def test_a_quantity_is_shown_with_its_limit(dataset):
 
 
 def test_an_unknown_quantity_is_refused(dataset):
-    with pytest.raises(ValueError, match="unknown path quantity 'colour'; known are curvature"):
+    with pytest.raises(ValueError, match="unknown path quantity 'colour'; choose from curvature"):
         limits_figure(dataset, ["colour"])
 
 
@@ -105,7 +105,7 @@ def marked(axes, label):
     return [x.get_xdata()[0] for x in same]
 
 
-def test_half_turns_are_marked_where_the_gibbs_vector_is_infinite():
+def test_instants_of_an_infinite_gibbs_vector_are_marked():
     quaternion, gibbs, angle = orientation_figure(TIMES, turning(2.0)).axes
     assert [x for x in labels(quaternion) if x[0] == "λ"] == ["λ₀", "λ₁", "λ₂", "λ₃"]
     assert marked(gibbs, "Φ = 180°: G infinite") == pytest.approx([np.pi / 2], abs=1e-3)
@@ -129,7 +129,7 @@ def test_a_flip_is_marked_and_not_bridged():
     assert all(np.isnan(line.get_ydata()).sum() == 1 for line in quaternion.lines[:4])
 
 
-def test_a_lasting_half_turn_is_shaded_and_has_no_gibbs_vector():
+def test_an_interval_at_180_degrees_is_shaded_and_has_no_gibbs_vector():
     over = np.stack([0 * TIMES, np.cos(TIMES), np.sin(TIMES), 0 * TIMES], axis=1)
     _, gibbs, _ = orientation_figure(TIMES, over).axes
     assert labels(gibbs)[-1] == "Φ = 180° throughout"
@@ -142,7 +142,7 @@ def test_nothing_is_drawn_where_there_is_no_attitude():
     assert quaternion.figure.get_suptitle() == "half"
 
 
-def test_turns_keep_their_limits_in_time_and_in_the_phase_plane():
+def test_profiles_show_their_limits_over_time_and_in_the_phase_plane():
     profile = qt.TimeOptimal(0.5, 0.25).profile(1.5)
     angle, rate, acceleration, phase = profiles_figure({"fast": profile}, 0.5, 0.25).axes
     assert angle.lines[0].get_ydata().max() == pytest.approx(np.degrees(1.5), rel=DRAWN)
@@ -150,7 +150,7 @@ def test_turns_keep_their_limits_in_time_and_in_the_phase_plane():
     assert [x.get_ydata()[0] for x in acceleration.lines[1:]] == pytest.approx([np.degrees(0.25), -np.degrees(0.25)])
     assert np.array_equal(phase.lines[0].get_xdata(), angle.lines[0].get_ydata())
     assert labels(phase) == ["fast", "limit"]
-    # Full acceleration stands until the switch itself.
+    # Full acceleration lasts until the switch itself.
     values = acceleration.lines[0]
     before = values.get_ydata()[values.get_xdata() < 2.0]
     assert before == pytest.approx(np.full(len(before), np.degrees(0.25)), rel=DRAWN)
@@ -195,7 +195,7 @@ def test_what_cannot_be_drawn_is_refused(loop, make, message):
         make(loop)
 
 
-def test_curves_are_told_apart_in_grey(loop):
+def test_curves_can_be_distinguished_in_grey(loop):
     axes = loops_figure(dict.fromkeys("abcd", loop)).axes[0]
     styles = {(line.get_color(), str(line.get_linestyle()), str(line._dash_pattern)) for line in axes.lines}
     assert len(styles) == 4

@@ -1,1 +1,1 @@
-"""Floor 6: figures."""
+"""Layer 6: figures and reports."""

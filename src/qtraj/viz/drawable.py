@@ -1,4 +1,4 @@
-"""From anything that a user wants drawn to the dataset that figures and reports draw."""
+"""Converts paths and results to the dataset that figures and reports draw."""
 
 from typing import Any
 
@@ -17,76 +17,77 @@ from qtraj.path.quantity import QUANTITIES
 from qtraj.path.spiral_helix import SpiralHelix
 
 COEFFICIENTS = ("radius", "angle", "height", "duration")
-"""What a dataset holds that is a spiral-helix itself, not its samples."""
+"""The variables of a dataset that stores a spiral-helix by its coefficients, not by samples."""
 
 
-def drawable(given: Any, frame: Frame | None = None) -> xarray.Dataset:
-    """Samples of a path, a tuned or a fitted one, or the dataset of any other result; a dataset of samples as it is.
+def drawable(source: Any, frame: Frame | None = None) -> xarray.Dataset:
+    """The dataset of samples of a path, a tuned or a fitted path, or the dataset of any other result.
 
-    The dataset of a path itself, which holds its coefficients (`tuned.to_xarray()`, `helix.to_xarray()`), becomes that
-    of its samples. `frame` is that of the trihedra where samples are made here: the natural one without it.
+    A dataset of samples is returned unchanged. A dataset of path coefficients (`tuned.to_xarray()`,
+    `helix.to_xarray()`) is evaluated. `frame` chooses the trihedra of paths that are evaluated here, by default the
+    natural ones.
 
-    **Raises:** ValueError for many paths, and for what is none of these.
+    **Raises:** ValueError for several paths, or an object of another type.
     """
-    if isinstance(given, xarray.Dataset):
-        whole = all(name in given for name in COEFFICIENTS) and "time" not in given.variables
-        return _sampled(given, frame) if whole else given
-    if isinstance(given, Tuned):
-        path, limits = _one(given.path), limits_of(given)
-        notes = {"tuning_result": given.result}
+    if isinstance(source, xarray.Dataset):
+        whole = all(name in source for name in COEFFICIENTS) and "time" not in source.variables
+        return _sampled(source, frame) if whole else source
+    if isinstance(source, Tuned):
+        path, limits = _one(source.path), limits_of(source)
+        notes = {"tuning_result": source.result}
         return path_dataset(
-            {"after": path}, limits, attributes=notes, frame=frame, findings={"after": given.certificate}
+            {"after": path}, limits, attributes=notes, frame=frame, findings={"after": source.certificate}
         )
-    if isinstance(given, Fitted):
-        return path_dataset({"fitted": _one(given.path)}, frame=frame, fitted=given)
-    if isinstance(given, AbstractHodograph):
-        return path_dataset({"path": _one(given)}, frame=frame)
-    if isinstance(given, AbstractResult):
-        return given.to_xarray()
+    if isinstance(source, Fitted):
+        return path_dataset({"fitted": _one(source.path)}, frame=frame, fitted=source)
+    if isinstance(source, AbstractHodograph):
+        return path_dataset({"path": _one(source)}, frame=frame)
+    if isinstance(source, AbstractResult):
+        return source.to_xarray()
     raise ValueError(
-        "a path, a result or a dataset of samples, such as that of qtraj.io.dataset.path_dataset, was expected, but a "
-        f"{type(given).__name__} was given"
+        "expected a path, a result or a dataset of samples, such as that of qtraj.io.dataset.path_dataset, but got "
+        f"{type(source).__name__}"
     )
 
 
-def of_paths(given: Any) -> xarray.Dataset:
+def path_samples(source: Any) -> xarray.Dataset:
     """Samples over the dimensions `path` and `sample`, as `qtraj.io.dataset.path_dataset` makes them.
 
-    **Raises:** ValueError for a dataset without them, naming what is missing.
+    **Raises:** ValueError for a dataset without them; the message names what is missing.
     """
-    dataset = drawable(given)
+    dataset = drawable(source)
     missing = [name for name in ("path", "sample") if name not in dataset.dims]
     missing += [name for name in ("time", "position", "dcm", "defined") if name not in dataset.variables]
     if missing:
         raise ValueError(
-            f"a figure of paths needs {', '.join(missing)}, which this dataset has not: pass the path itself, or "
-            "qtraj.io.dataset.path_dataset({name: path}); a table draws itself with plot()"
+            f"a figure of paths needs {', '.join(missing)}, which this dataset does not have: pass the path itself, or "
+            "qtraj.io.dataset.path_dataset({name: path}); to draw a table, call its plot()"
         )
     return dataset
 
 
 def limits_of(tuned: Tuned) -> Limits:
-    """The limits that a tuning was given, as its certificate knows them; a corridor is none of a path alone."""
+    """The limits of a tuning, from its certificate, without the corridor, which needs a second path."""
     return Limits(**{name: limit for name, (_, _, limit) in tuned.certificate.worst.items() if name in QUANTITIES})
 
 
 def _one(path: AbstractHodograph) -> Any:
     if jnp.ndim(path.duration):
         raise ValueError(
-            f"one path was expected, but {path.duration.shape[0]} stacked ones were given: take one of them, "
-            "outcome[k] or jax.tree.map(lambda x: x[k], paths), or the table of qtraj.evaluate"
+            f"expected one path, but got a batch of {path.duration.shape[0]}: select one of them, "
+            "result[k] or jax.tree.map(lambda x: x[k], paths), or draw the table of qtraj.evaluate"
         )
     return path
 
 
 def _sampled(dataset: xarray.Dataset, frame: Frame | None) -> xarray.Dataset:
-    """The samples of the path whose coefficients a dataset holds, with the limits that stand beside them."""
+    """Samples of the path whose coefficients are in a dataset, with the limits of the dataset."""
     placement = None
     if "origin" in dataset:
         placement = Placement(dataset["origin"].values, dataset["orientation"].values)
     if dataset["duration"].ndim:
         count = dataset["duration"].size
-        raise ValueError(f"one path was expected, but the dataset holds {count}: select one of them first")
+        raise ValueError(f"expected one path, but the dataset has {count}: select one of them first")
     radius, angle, height, duration = (dataset[name].values for name in COEFFICIENTS)
     path = SpiralHelix(radius, angle, height, duration, placement)
     limits = None

@@ -1,19 +1,22 @@
-"""Figures for documents: each a pure function that returns a matplotlib Figure, without matplotlib's global state.
+"""Figures for documents: pure functions that return a matplotlib Figure and do not use matplotlib's global state.
 
-Equal axes in space, units on every axis, colours and line styles told apart with any colour vision and in grey; `save`
-writes png, svg or pdf.
+Axes in space are equal, and every axis has a unit. Colours and line styles can be distinguished with any colour vision
+and in grey. `save` writes png, svg or pdf.
 """
+
+import warnings
+from typing import Any
 
 from qtraj.viz.history import limits_figure, tuning_figure
 from qtraj.viz.loops_figure import loops_figure
 from qtraj.viz.orientation_figure import orientation_figure
 from qtraj.viz.precision_figure import precision_figure
 from qtraj.viz.profiles_figure import profiles_figure
+from qtraj.viz.simulation_figure import simulation_figure
+from qtraj.viz.slew_figure import slew_figure
 from qtraj.viz.space import path_figure
 from qtraj.viz.style import save
 from qtraj.viz.table_figure import table_figure
-from qtraj.viz.track_figure import track_figure
-from qtraj.viz.turn_figure import turn_figure
 
 __all__ = [
     "limits_figure",
@@ -23,8 +26,19 @@ __all__ = [
     "precision_figure",
     "profiles_figure",
     "save",
+    "simulation_figure",
+    "slew_figure",
     "table_figure",
-    "track_figure",
     "tuning_figure",
-    "turn_figure",
 ]
+
+_RENAMED = {"turn_figure": "slew_figure", "track_figure": "simulation_figure"}
+"""Former names, which warn until 1.0, and their present ones."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _RENAMED:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    present = _RENAMED[name]
+    warnings.warn(f"qtraj.viz.figures.{name} is now called {present}", DeprecationWarning, stacklevel=2)
+    return globals()[present]

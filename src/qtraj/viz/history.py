@@ -1,4 +1,4 @@
-"""Magnitudes of paths against time, with their limits; the figure of a tuning."""
+"""Path quantities against time with their limits, and the figure of a tuning."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,32 +10,32 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D  # registers the projection
 
 from qtraj.foundation.units import symbol
-from qtraj.io.dataset import MAGNITUDES
-from qtraj.viz.drawable import of_paths
+from qtraj.io.dataset import LIMIT_VARIABLES
+from qtraj.viz.drawable import path_samples
 from qtraj.viz.report.ranges import spike
 from qtraj.viz.space import draw_space
 from qtraj.viz.style import BAND, BOUND, LIMIT, RC, WIDTH, head, path_line, title
 
 ALWAYS = ("curvature", "lateral_acceleration")
 PANEL = 1.7  # [inch] of height
-FLAT = 0.85  # of the largest value: where the least is larger, the zero would only squeeze what there is to see
+FLAT = 0.85  # of the largest value: if all values are larger, an axis from zero would flatten the curves
 
 
 def tuning_figure(dataset: Any) -> Figure:
     """Paths in space with trihedra and recorded points; curvature, lateral acceleration and limits against time.
 
-    `dataset` is one of `qtraj.io.dataset.path_dataset`, or a path or a result that has one: every path in it is drawn,
-    trihedra stand on the last, and each variable with a limit has its own panel.
+    `dataset` is one of `qtraj.io.dataset.path_dataset`, or a path or a result that converts to one. Every path is
+    drawn, trihedra are drawn on the last one, and each variable with a limit has its own panel.
 
-    **Raises:** ValueError for a dataset without paths, or something else.
+    **Raises:** ValueError for a dataset without paths, or an object of another type.
     """
-    dataset = of_paths(dataset)
+    dataset = path_samples(dataset)
     panels, name = _panels(dataset), dataset.attrs.get("title", "")
     with mpl.rc_context(RC):
         band = BAND if name else 0.0
         height = max(4.65, PANEL * len(panels) + 0.45) + band
         figure = Figure(figsize=(WIDTH, height))
-        # The space keeps its own shape however many panels stand beside it, and hangs below the title.
+        # The axes in space keep their shape for any number of panels, and begin below the title.
         space: Any = figure.add_axes((-0.045, 1 - (4.65 + band) / height, 0.575, 4.6 / height), projection=Axes3D.name)
         draw_space(space, dataset)
         margins = {"left": 0.63, "right": 0.985, "top": 1 - (0.15 + band) / height, "bottom": 0.55 / height}
@@ -46,18 +46,18 @@ def tuning_figure(dataset: Any) -> Figure:
 
 
 def limits_figure(dataset: Any, names: Sequence[str] | None = None) -> Figure:
-    """Magnitudes of every path against its own time, one panel each, with the limits that the dataset holds.
+    """Path quantities of every path against its own time, one panel each, with the limits of the dataset.
 
-    `dataset` is one of `qtraj.io.dataset.path_dataset`, or a path or a result that has one. `names` are
-    those of `qtraj.Limits`; without them curvature, lateral acceleration and whatever is limited.
+    `dataset` is one of `qtraj.io.dataset.path_dataset`, or a path or a result that converts to one. `names` are
+    names of `qtraj.Limits`; the default is curvature, lateral acceleration and all limited quantities.
 
-    **Raises:** ValueError for an unknown name, a dataset without paths, or something else.
+    **Raises:** ValueError for an unknown name, a dataset without paths, or an object of another type.
     """
-    dataset = of_paths(dataset)
-    unknown = set(names or ()) - set(MAGNITUDES)
+    dataset = path_samples(dataset)
+    unknown = set(names or ()) - set(LIMIT_VARIABLES)
     if unknown:
-        raise ValueError(f"unknown path quantity {min(unknown)!r}; known are {', '.join(MAGNITUDES)}")
-    panels = _panels(dataset) if names is None else [MAGNITUDES[name] for name in names]
+        raise ValueError(f"unknown path quantity {min(unknown)!r}; choose from {', '.join(LIMIT_VARIABLES)}")
+    panels = _panels(dataset) if names is None else [LIMIT_VARIABLES[name] for name in names]
     with mpl.rc_context(RC):
         band = BAND if title(dataset) else 0.0
         height = PANEL * len(panels) + 0.65 + band
@@ -69,8 +69,8 @@ def limits_figure(dataset: Any, names: Sequence[str] | None = None) -> Figure:
 
 
 def _panels(dataset: xarray.Dataset) -> list[str]:
-    """Variables to show against time: those with a limit, and two in any case."""
-    return [name for name in MAGNITUDES.values() if name in ALWAYS or "limit" in dataset[name].attrs]
+    """Variables to show against time: those with a limit, and always those of `ALWAYS`."""
+    return [name for name in LIMIT_VARIABLES.values() if name in ALWAYS or "limit" in dataset[name].attrs]
 
 
 def _draw_panels(figure: Figure, dataset: xarray.Dataset, panels: list[str], margins: dict[str, float]) -> None:
@@ -83,7 +83,7 @@ def _draw_panels(figure: Figure, dataset: xarray.Dataset, panels: list[str], mar
 
 
 def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> None:
-    """One magnitude of every path against its own time, with its limit."""
+    """One quantity of every path against its own time, with its limit."""
     variable = dataset[name]
     for k, path in enumerate(dataset["path"].values):
         values = variable.isel(path=k).values
@@ -92,14 +92,14 @@ def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> 
         axes.axhline(limit, label=f"limit {limit:.4g}", **BOUND)
     drawn = [y for line in axes.lines for y in line.get_ydata()]
     sampled = [y for line in axes.lines if len(line.get_ydata()) > 2 for y in line.get_ydata()]
-    if (cut := spike([np.asarray(sampled)])) is not None:  # one stop would else scale the axis
+    if (cut := spike([np.asarray(sampled)])) is not None:  # otherwise one stop would scale the axis
         top = max(cut[0], 1.08 * (limit or 0.0))
         axes.set_ylim(-0.03 * top, top)
         if max(sampled) > top:
-            note = f"values up to {max(sampled):.3g} lie outside"
+            note = f"values up to {max(sampled):.3g} are not shown"
             axes.text(0.99, 0.97, note, transform=axes.transAxes, ha="right", va="top", fontsize="x-small")
     elif min(drawn) < FLAT * max(drawn):
-        axes.set_ylim(-0.03 * max(drawn), 1.08 * max(drawn))  # lines at both ends are seen
+        axes.set_ylim(-0.03 * max(drawn), 1.08 * max(drawn))  # keeps lines at both ends visible
     if limit is not None:
         top = axes.get_ylim()[1]
         axes.axhspan(limit, top, color=LIMIT, alpha=0.05, lw=0)

@@ -1,4 +1,4 @@
-"""The figure of closed loops beside each other: error angles with their closed form, what differs, commands."""
+"""The figure that compares closed loops: error angles, their deviation from the closed form, commands."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,10 +9,10 @@ from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 
 from qtraj.motion.simulation.solution import Solution
-from qtraj.viz.style import CLOSED, LEAST_ANGLE, LIMIT, RC, WIDTH, above, frame, head, series
+from qtraj.viz.style import CLOSED, LIMIT, MIN_ANGLE, RC, WIDTH, above, frame, head, series
 
 PANEL = 2.3  # [inch] of height
-LEAST_GAP, LEAST_TOP = 1e-17, 1e-13  # the panel of differences shows at least these: round-off is no mountain range
+MIN_DEVIATION, MIN_TOP = 1e-17, 1e-13  # smallest range of the panel of deviations, so that round-off looks flat
 
 
 def loops_figure(
@@ -21,19 +21,19 @@ def loops_figure(
     settled: float | None = None,
     title: str = "",
 ) -> Figure:
-    """Error angle (log) and length of the physical command of some closed loops, by name.
+    """Error angle (logarithmic) and norm of the physical command of closed loops, by name.
 
-    `solutions` are those of `qtraj.simulate`. `closed_forms`, for some of the names: the error quaternion (n, 4) of
-    `qtraj.error_response` at the solution's times, of a body or inertial error; it is drawn over the simulation, and a
-    panel shows the largest component of the difference. `settled` [rad] is marked.
+    `solutions` are results of `qtraj.simulate`. `closed_forms` may have, for some of the names, the error quaternion
+    (n, 4) of `qtraj.error_response` at the times of the solution, for a body or inertial error. It is drawn over the
+    simulation, and a panel shows the largest component of the deviation. `settled` [rad] draws a line at this angle.
 
-    **Raises:** ValueError for no loop, one without commands, or a closed form without a loop.
+    **Raises:** ValueError if there is no solution, a solution has no commands, or a closed form has no solution.
     """
     closed = dict(closed_forms or {})
     if not solutions or any(solution.command is None for solution in solutions.values()):
-        raise ValueError("a figure of loops needs solutions of qtraj.simulate, which have commands")
+        raise ValueError("a figure of closed loops needs solutions with commands, from qtraj.simulate")
     if unknown := closed.keys() - solutions.keys():
-        raise ValueError(f"there is a closed form for {min(unknown)!r}, but no solution of that name")
+        raise ValueError(f"there is a closed form named {min(unknown)!r}, but no solution of that name")
     panels = 3 if closed else 2
     with mpl.rc_context(RC):
         height = PANEL * panels + 0.8
@@ -48,13 +48,13 @@ def loops_figure(
             length = np.linalg.norm(np.degrees(np.asarray(solution.physical_command)), axis=1)
             others[-1].plot(times, length, **series(k))
             if name in closed:
-                gap = np.abs(np.asarray(solution.error) - np.asarray(closed[name])).max(axis=1)
-                others[0].plot(times, np.maximum(gap, LEAST_GAP), **series(k))
+                deviation = np.abs(np.asarray(solution.error) - np.asarray(closed[name])).max(axis=1)
+                others[0].plot(times, np.maximum(deviation, MIN_DEVIATION), **series(k))
         _draw_closed(angle, solutions, closed)
         _draw_settled(angle, settled)
         if closed:
             others[0].set_yscale("log")
-            others[0].set_ylim(LEAST_GAP, max(LEAST_TOP, 2 * others[0].get_ylim()[1]))
+            others[0].set_ylim(MIN_DEVIATION, max(MIN_TOP, 2 * others[0].get_ylim()[1]))
             others[0].set_ylabel("simulated − closed form [–]")
         others[-1].set_ylabel("command [°/s²]")
         others[-1].set_xlabel("time [s]")
@@ -85,4 +85,4 @@ def _draw_settled(axes: Any, settled: float | None) -> None:
 
 
 def _visible(degrees: np.ndarray) -> np.ndarray:
-    return np.where(degrees > LEAST_ANGLE, degrees, np.nan)
+    return np.where(degrees > MIN_ANGLE, degrees, np.nan)

@@ -1,4 +1,4 @@
-"""The figure of an orientation over time: quaternion, Gibbs vector, angle, and the points where they are singular."""
+"""The figure of an orientation over time: quaternion, Gibbs vector, angle, and their singular points."""
 
 from typing import Any
 
@@ -15,8 +15,8 @@ SIZE = (7.6, 6.05)  # [inch] without a title
 JUMP = np.cos(np.pi / 4)
 """Neighbours whose |⟨λ, λ⟩| is smaller differ by more than 90°: the frame flips between them."""
 HALF_TURN = 1e-9
-"""A smaller λ0 of a unit quaternion is that of a half turn: where it lasts, the Gibbs vector is infinite throughout."""
-SHOWN = 4.0  # of a Gibbs component; it is infinite at a half turn
+"""A unit quaternion with a smaller |λ0| is a rotation by 180°, at which the Gibbs vector is infinite."""
+MAX_GIBBS = 4.0  # of the axis: a Gibbs component is infinite at 180°
 INFINITE = {"color": MARK, "lw": 1.0, "ls": (0, (4, 2)), "zorder": 1.2}
 FLIP = {"color": "0.35", "lw": 1.0, "ls": (0, (1, 1)), "zorder": 1.2}
 
@@ -24,11 +24,11 @@ FLIP = {"color": "0.35", "lw": 1.0, "ls": (0, (1, 1)), "zorder": 1.2}
 def orientation_figure(
     times: ArrayLike, quaternions: ArrayLike, defined: ArrayLike | None = None, title: str = ""
 ) -> Figure:
-    """λ, G = λ_v/λ0 and the angle of the shorter turn over `times` (n,) [s], with singular points marked.
+    """λ, G = λ_v/λ0 and the angle of the shorter rotation over `times` (n,) [s], with singular points marked.
 
-    `quaternions` (n, 4), of any length and sign: signs are made continuous. Marked are the instants at which the Gibbs
-    vector is infinite (λ0 = 0, Φ = 180°) and at which the attitude jumps by more than 90°; where `defined` (n,) is
-    false there is no attitude, and nothing is drawn.
+    `quaternions` (n, 4) may have any length and sign; signs are made continuous. The figure marks instants at which
+    the Gibbs vector is infinite (λ0 = 0, Φ = 180°), and at which the attitude jumps by more than 90°. Where `defined`
+    (n,) is false there is no attitude, and nothing is drawn.
     """
     t, q = np.asarray(times, float), np.asarray(quaternions, float)
     q = np.asarray(rotation.continuous(as_float(q))) / np.linalg.norm(q, axis=1, keepdims=True)
@@ -47,7 +47,7 @@ def orientation_figure(
         _draw_components(axes[0], t, q, "wxyz", "λ", flips)
         _draw_gibbs(axes[1], t, q, flips | crossings)
         angle = np.degrees(2 * np.arctan2(np.linalg.norm(q[:, 1:], axis=1), np.abs(q[:, 0])))
-        axes[2].plot(*_broken(t, angle, flips), color="#0072B2", lw=1.6)
+        axes[2].plot(*_interrupted(t, angle, flips), color="#0072B2", lw=1.6)
         axes[2].set_ylim(0, 190)
         axes[2].set_yticks([0, 45, 90, 135, 180])
         for panel, label in zip(axes, ("quaternion [–]", "Gibbs vector [–]", r"angle $\Phi$ [°]"), strict=True):
@@ -68,7 +68,7 @@ def orientation_figure(
 
 def _draw_components(axes: Any, t: np.ndarray, values: np.ndarray, labels: str, symbol: str, breaks: Any) -> None:
     for label, column in zip(labels, values.T, strict=True):
-        axes.plot(*_broken(t, column, breaks), label=symbol + SUBSCRIPTS[label], **component(label))
+        axes.plot(*_interrupted(t, column, breaks), label=symbol + SUBSCRIPTS[label], **component(label))
 
 
 def _draw_gibbs(axes: Any, t: np.ndarray, q: np.ndarray, breaks: np.ndarray) -> None:
@@ -76,18 +76,18 @@ def _draw_gibbs(axes: Any, t: np.ndarray, q: np.ndarray, breaks: np.ndarray) -> 
     gibbs = q[:, 1:] / scalar[:, None]
     _draw_components(axes, t, gibbs, "xyz", "G", breaks)
     size = np.nanmax(np.abs(gibbs), initial=0.0)
-    if size > SHOWN:
-        axes.set_ylim(-SHOWN, SHOWN)
+    if size > MAX_GIBBS:
+        axes.set_ylim(-MAX_GIBBS, MAX_GIBBS)
 
 
-def _broken(t: np.ndarray, values: np.ndarray, breaks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A curve that is interrupted after the samples at which `breaks` (n−1,) is true."""
+def _interrupted(t: np.ndarray, values: np.ndarray, breaks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A curve with gaps after the samples at which `breaks` (n−1,) is true."""
     places = np.flatnonzero(breaks) + 1
     return np.insert(t, places, t[places - 1]), np.insert(values, places, np.nan)
 
 
 def _crossing_times(t: np.ndarray, scalar: np.ndarray, crossings: np.ndarray) -> np.ndarray:
-    """Where λ0 vanishes, by the chord."""
+    """The instants at which λ0 vanishes, by linear interpolation."""
     k = np.flatnonzero(crossings)
     return t[k] + (t[k + 1] - t[k]) * scalar[k] / (scalar[k] - scalar[k + 1])
 
@@ -98,7 +98,7 @@ def _mark(axes: Any, times: np.ndarray, line: dict[str, Any], label: str) -> Non
 
 
 def _shade(axes: Any, t: np.ndarray, lasting: np.ndarray) -> None:
-    """Grounds for stretches of two samples and more."""
+    """Shade intervals of two or more samples."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], lasting, [False]]).astype(int)))
     for k, (first, last) in enumerate(zip(edges[::2], edges[1::2] - 1, strict=True)):
         if last > first:

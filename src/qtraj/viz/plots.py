@@ -1,4 +1,4 @@
-"""What `plot()` of a path, a table or a tuned path draws."""
+"""The figures of `plot()` of a path, a table or a tuned path."""
 
 from collections.abc import Sequence
 
@@ -17,15 +17,15 @@ from qtraj.viz.table_figure import table_figure
 def path_plot(path: AbstractHodograph, frame: Frame | None = None, trihedra: int = 6) -> Figure:
     """One path in space.
 
-    **Raises:** ValueError for many paths.
+    **Raises:** ValueError for a batch of paths.
     """
     return path_figure(drawable(path, frame), trihedra)
 
 
 def tuned_plot(tuned: Tuned, frame: Frame | None = None) -> Figure:
-    """The path of one tuning, with its limits.
+    """The tuned path, with its limits.
 
-    **Raises:** ValueError for the outcome of many problems.
+    **Raises:** ValueError for the results of a batch of problems.
     """
     return tuning_figure(drawable(tuned, frame))
 

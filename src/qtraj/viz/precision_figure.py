@@ -1,4 +1,4 @@
-"""The figure of work against precision."""
+"""The work-precision figure."""
 
 from collections.abc import Mapping
 
@@ -12,7 +12,7 @@ from qtraj.viz.style import BAND, MARKERS, RC, above, head, series
 
 SIZE = (6.4, 4.6)  # [inch]
 COLUMNS, ROW = 3, 0.17  # of the legend; [inch] of height
-FEW = 8  # works that are named on the axis
+FEW = 8  # so many different works are ticks of the axis
 
 
 def precision_figure(
@@ -24,13 +24,13 @@ def precision_figure(
 ) -> Figure:
     """Errors against work, one line with markers for each method, both axes logarithmic.
 
-    `series_by_name`: (works, errors) of each method, positive; a straight line of slope −p is order p. `work` and
-    `error` are the labels, with units; errors below `round_off` are drawn at it.
+    `series_by_name` has (works, errors) of each method, all positive; a method of order p has slope −p. `work` and
+    `error` are the axis labels, with units. Errors below `round_off` are drawn at `round_off`.
 
-    **Raises:** ValueError for no method, or numbers that are not positive.
+    **Raises:** ValueError if there is no method, or a number is not positive.
     """
     if not series_by_name:
-        raise ValueError("a figure of work against precision needs at least one method")
+        raise ValueError("a work-precision figure needs at least one method")
     entries = len(series_by_name) + (round_off is not None)
     with mpl.rc_context(RC):
         top = 1 - (0.1 + ROW * -(-entries // COLUMNS) + (BAND if title else 0.0)) / SIZE[1]

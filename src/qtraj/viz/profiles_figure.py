@@ -1,4 +1,4 @@
-"""The figure of turn laws: angle, rate and acceleration against time, and the phase plane."""
+"""The figure of slew profiles: angle, rate and acceleration against time, and the phase plane."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from qtraj.foundation.arrays import as_float
 from qtraj.motion.profiles.profile import Profile
-from qtraj.viz.style import ANGLE_LABEL, BAND, BEND_LABEL, BOUND, RATE_LABEL, RC, WIDTH, frame, head, series
+from qtraj.viz.style import ACCELERATION_LABEL, ANGLE_LABEL, BAND, BOUND, RATE_LABEL, RC, WIDTH, frame, head, series
 
 HEIGHT = 5.3  # [inch] without a title
 SAMPLES = 1001
@@ -26,14 +26,14 @@ def profiles_figure(
     max_acceleration: float | None = None,
     title: str = "",
 ) -> Figure:
-    """Φ, Φ̇ and Φ̈ of some turns in degrees against time, Φ̇ against Φ, and the limits [rad/s, rad/s²] they keep.
+    """Φ, Φ̇ and Φ̈ of slews in degrees against time, Φ̇ against Φ, and their limits [rad/s, rad/s²].
 
-    `profiles`: by name, such as `qtraj.EulerTurn(...).profile`.
+    `profiles` are profiles by name, such as `qtraj.EulerTurn(...).profile`.
 
-    **Raises:** ValueError for no profile.
+    **Raises:** ValueError if there is no profile.
     """
     if not profiles:
-        raise ValueError("a figure of turns needs at least one profile")
+        raise ValueError("a figure of profiles needs at least one profile")
     with mpl.rc_context(RC):
         band = BAND if title else 0.0
         height = HEIGHT + band
@@ -49,7 +49,7 @@ def profiles_figure(
             for order, axes in enumerate(histories):
                 axes.plot(times, values[:, order], label=name, **series(k))
             phase.plot(values[:, 0], values[:, 1], label=name, **series(k))
-        for axes, label in zip(histories, (ANGLE_LABEL, RATE_LABEL, BEND_LABEL), strict=True):
+        for axes, label in zip(histories, (ANGLE_LABEL, RATE_LABEL, ACCELERATION_LABEL), strict=True):
             axes.set_ylabel(label)
             axes.tick_params(labelbottom=axes is histories[2])
         histories[2].set_xlabel("time [s]")
@@ -68,9 +68,10 @@ def profiles_figure(
 
 
 def _sampled(profile: Profile) -> tuple[np.ndarray, np.ndarray]:
-    """Times (n,) and Φ, Φ̇, Φ̈ (n, 3) in degrees; just before and at each switch as well, so that jumps stay upright.
+    """Times (n,) and Φ, Φ̇, Φ̈ (n, 3) in degrees.
 
-    The last sample is just before the duration: the turn's own end, not the rest that follows.
+    The times include each switch and the instant just before it, so that jumps are drawn vertically. The last sample
+    is just before the duration, so that the final value is that of the slew, not of the rest after it.
     """
     switches = np.asarray(profile.switches, float)
     before = np.nextafter(switches, 0.0)
@@ -84,7 +85,7 @@ def _derivatives(profile: Profile, times: Float[Array, " n"]) -> Float[Array, "n
 
 
 def _bound(axes: Any, limit: float | None) -> None:
-    """Dotted lines at ± `limit`, the lower one only where something is drawn below zero."""
+    """Dotted lines at ± `limit`, the lower one only if a curve is below zero."""
     if limit is None:
         return
     top = float(np.degrees(limit))

@@ -1,4 +1,4 @@
-"""Paths in space, with equal axes: lines, recorded points, trihedra, what is known at the ends."""
+"""Paths in space, with equal axes: lines, recorded points, trihedra, boundary values."""
 
 from typing import Any
 
@@ -10,13 +10,13 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D  # registers the projection
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from qtraj.viz.drawable import of_paths
+from qtraj.viz.drawable import path_samples
 from qtraj.viz.style import AXIS_COLOURS, RC, RECORD, body_axes, head, path_line, title
 
 TRIHEDRA = 6
-LEAST_HEIGHT = 0.3  # of the extent of the path: a flat path leaves room for the ticks of z
+MIN_HEIGHT = 0.3  # of the extent of the path, so that the z axis of a flat path has space for ticks
 ARROW = 0.16  # of the extent of the path
-BARB = np.sin(np.radians(16))  # of an arrow's head, to its side
+BARB = np.sin(np.radians(16))  # sine of the angle between an arrow and the barbs of its head
 SIZE = (7.6, 5.6)  # [inch]
 WORLD_COLOUR, VELOCITY_COLOUR, RADIUS_COLOUR = "0.1", "#D55E00", "0.35"
 VIEW = {"elev": 38, "azim": -60}
@@ -31,13 +31,13 @@ def path_figure(
 ) -> Figure:
     """Paths in space, with equal axes, and `trihedra` of the last one at equal steps of time (0 for none).
 
-    `dataset` is one of `qtraj.io.dataset.path_dataset`, or a path or a result that has one. `velocities`
-    draws V_A and V_B at the ends; `reference` the world axes i, j, k at the origin and the radius vectors of the ends;
-    `view` is (elevation, azimuth) [°].
+    `dataset` is one of `qtraj.io.dataset.path_dataset`, or a path or a result that converts to one. `velocities`
+    draws V_A and V_B at the ends, and `reference` the world axes i, j, k at the origin and the radius vectors of the
+    ends. `view` is (elevation, azimuth) [°].
 
-    **Raises:** ValueError for a dataset without paths, or something else.
+    **Raises:** ValueError for a dataset without paths, or an object of another type.
     """
-    dataset = of_paths(dataset)
+    dataset = path_samples(dataset)
     with mpl.rc_context(RC):
         figure = Figure(figsize=SIZE)
         axes: Any = figure.add_axes((-0.05, 0.0, 1.08, 0.98), projection=Axes3D.name)
@@ -52,7 +52,7 @@ def path_figure(
 def draw_space(
     axes: Any, dataset: xarray.Dataset, trihedra: int = TRIHEDRA, velocities: bool = False, reference: bool = False
 ) -> None:
-    """All paths about their common centre, so that large world coordinates do not clutter the axes."""
+    """Draw all paths relative to their common centre, so that tick labels stay short for large world coordinates."""
     positions = dataset["position"].values
     flat = positions.reshape(-1, 3)
     if reference:
@@ -77,10 +77,10 @@ def draw_space(
 
 
 def _frame(axes: Any, centre: np.ndarray, extent: float) -> None:
-    """Equal axes, few ticks, labels that say where the centre is."""
+    """Set equal axes, few ticks, and labels that give the offset of the centre."""
     low, high = axes.get_zlim()
-    room = max(LEAST_HEIGHT * extent - (high - low), 0.0)
-    axes.set_zlim(low - room / 2, high + room / 2)
+    margin = max(MIN_HEIGHT * extent - (high - low), 0.0)
+    axes.set_zlim(low - margin / 2, high + margin / 2)
     axes.set_aspect("equal", adjustable="box")
     for axis, ticks in ((axes.xaxis, 6), (axes.yaxis, 6), (axes.zaxis, 3)):
         axis.set_major_locator(MaxNLocator(ticks))
@@ -103,14 +103,14 @@ def _draw_trihedra(axes: Any, path: xarray.Dataset, centre: np.ndarray, count: i
 
 
 def _arrows(axes: Any, origins: np.ndarray, arrows: np.ndarray, head: float, **style: Any) -> None:
-    """Arrows (n, 3), their heads `head` of their length: four barbs, two of which are seen from any side.
+    """Arrows (n, 3) with four barbs, at least two of which are visible from any side; `head` is their relative length.
 
-    Those of matplotlib have two barbs, and seen edge-on no head.
+    The arrows of matplotlib have two barbs, which are invisible edge-on.
     """
     length = np.linalg.norm(arrows, axis=1, keepdims=True)
     along = arrows / np.where(length > 0, length, 1.0)
-    least = np.eye(3)[np.argmin(np.abs(along), axis=1)]
-    side = np.cross(along, least)
+    most_orthogonal = np.eye(3)[np.argmin(np.abs(along), axis=1)]
+    side = np.cross(along, most_orthogonal)
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     tips = origins + arrows
     ends = [origins] + [
@@ -133,10 +133,10 @@ def _draw_reference(axes: Any, positions: np.ndarray, extent: float) -> None:
 
 
 def _draw_velocities(axes: Any, path: xarray.Dataset, centre: np.ndarray, extent: float) -> None:
-    """V at the ends; the faster of the two is a third of the path's extent long."""
-    speeds = path["velocity"].values[[0, -1]]
-    scale = extent / 3 / max(np.linalg.norm(speeds, axis=1).max(), 1e-300)
+    """The velocities at the ends; the longer arrow has a third of the path's extent."""
+    velocities = path["velocity"].values[[0, -1]]
+    scale = extent / 3 / max(np.linalg.norm(velocities, axis=1).max(), 1e-300)
     origin = path["position"].values[[0, -1]] - centre
-    for point, velocity, letter, label in zip(origin, scale * speeds, "AB", ("velocity", None), strict=True):
+    for point, velocity, letter, label in zip(origin, scale * velocities, "AB", ("velocity", None), strict=True):
         _arrows(axes, point[None], velocity[None], 0.15, color=VELOCITY_COLOUR, lw=1.6, label=label)
         axes.text(*(point + 1.08 * velocity), f"V$_{letter}$", color=VELOCITY_COLOUR)

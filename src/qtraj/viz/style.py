@@ -1,4 +1,4 @@
-"""What all figures share: colours told apart with any colour vision, line styles, units, files."""
+"""The style of all figures: colours, line styles, labels; and writing figures to files."""
 
 import os
 from typing import Any
@@ -9,30 +9,30 @@ from matplotlib.figure import Figure
 
 from qtraj.path.frame_axes import NATURAL, FrameAxes, axes_of
 
-# Okabe and Ito's colours, told apart with any colour vision; line styles tell them apart in grey.
+# Okabe and Ito's colours can be distinguished with any colour vision, the line styles also in grey.
 COLOURS = {"before": "#D55E00", "after": "#0072B2"}
 STYLES = {"before": (0, (5, 2)), "after": "solid"}
-SPARE = ("#0072B2", "#D55E00", "#56B4E9", "#000000")  # of paths of other names; not those of the axes below
+SPARE = ("#0072B2", "#D55E00", "#56B4E9", "#000000")  # for paths of other names; differ from AXIS_COLOURS
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 DASHES = ("solid", (0, (5, 2)), (0, (3, 1, 1, 1)), (0, (7, 1.5, 1.5, 1.5)), (0, (2, 1)), (0, (5, 1, 1, 1, 1, 1)))
 MARKERS = "os^Dvx+"
 AXIS_COLOURS = ("#009E73", "#CC79A7", "#E69F00")
-"""Of the body axes x, y, z."""
+"""For the body axes x, y, z."""
 RECORD, LIMIT, MARK = "0.45", "0.1", "#B00020"
 COMPONENTS = {"w": "#000000", "x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
 LINES = {"w": (0, (5, 2)), "x": "solid", "y": (0, (3, 1, 1, 1)), "z": (0, (1, 1))}
-"""Of the components of quaternions and vectors."""
+"""For the components of quaternions and vectors."""
 SUBSCRIPTS = {"w": "₀", "x": "₁", "y": "₂", "z": "₃"}
 CLOSED = {"color": "0.0", "lw": 1.1, "ls": (0, (1, 1.6)), "zorder": 3}
-"""Of a closed form over what was computed."""
+"""For a closed form, drawn over a simulation."""
 BOUND = {"color": LIMIT, "lw": 1.0, "ls": (0, (1, 1.5))}
-"""Of a limit."""
+"""For a limit."""
 
 WIDTH = 10.0  # [inch]
 BAND = 0.35  # [inch] of height for a title
-LEAST_ANGLE = 1e-7  # [°] below it there is round-off only
+MIN_ANGLE = 1e-7  # [°] smaller angles are round-off
 ANGLE_LABEL, RATE_LABEL = r"angle $\Phi$ [°]", r"rate $\dot\Phi$ [°/s]"
-BEND_LABEL = r"acceleration $\ddot\Phi$ [°/s²]"
+ACCELERATION_LABEL = r"acceleration $\ddot\Phi$ [°/s²]"
 
 RC: Any = {
     "font.size": 9,
@@ -45,7 +45,7 @@ RC: Any = {
 
 
 def save(figure: Figure, file: str | os.PathLike[str]) -> None:
-    """Write a figure in the format of the suffix (png, svg, pdf), the same bytes for the same figure."""
+    """Write a figure in the format of the suffix (png, svg, pdf); equal figures give equal bytes."""
     suffix = os.fspath(file).rpartition(".")[2]
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(suffix)
     with mpl.rc_context(RC):
@@ -53,29 +53,29 @@ def save(figure: Figure, file: str | os.PathLike[str]) -> None:
 
 
 def title(dataset: xarray.Dataset) -> str:
-    """The name of the scenario, or of its file."""
+    """The name of the scenario, or else of its file."""
     return dataset.attrs.get("title") or dataset.attrs.get("scenario_file", "")
 
 
 def body_axes(dataset: xarray.Dataset) -> FrameAxes:
-    """What the axes of the frame in a dataset are called; of one that does not say, those of the natural trihedral."""
+    """The names of the frame axes of a dataset; those of the natural trihedral if the dataset names no frame."""
     return axes_of(str(dataset.attrs.get("frame", NATURAL)))
 
 
 def frame(axes: Any) -> None:
-    """A light grid, and the horizontal axis no longer than what is drawn."""
+    """Add a light grid, and fit the horizontal axis to the data."""
     axes.grid(alpha=0.25, lw=0.5)
     axes.margins(x=0)
 
 
 def head(figure: Figure, text: str, y: float = 0.985) -> None:
-    """The title of a figure, if there is one."""
+    """Add the title of a figure, if it has one."""
     if text:
         figure.suptitle(text, y=y, va="top", fontsize=11, fontweight="bold")
 
 
 def above(axes: Any, columns: int = 6, handle: float = 1.7) -> None:
-    """A legend above the panel, so that it hides nothing."""
+    """Add a legend above the panel, where it hides nothing."""
     axes.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
@@ -89,7 +89,7 @@ def above(axes: Any, columns: int = 6, handle: float = 1.7) -> None:
 
 
 def path_line(name: str, k: int) -> dict[str, Any]:
-    """Colour and style of the k-th path: those of "before" and "after" are the same everywhere."""
+    """Colour and style of the k-th path; "before" and "after" look the same in all figures."""
     return {
         "color": COLOURS.get(name, SPARE[k % len(SPARE)]),
         "ls": STYLES.get(name, DASHES[k % len(DASHES)]),
@@ -98,7 +98,7 @@ def path_line(name: str, k: int) -> dict[str, Any]:
 
 
 def series(k: int) -> dict[str, Any]:
-    """Colour and style of the k-th of several curves that are compared."""
+    """Colour and style of the k-th curve of a comparison."""
     return {"color": SERIES[k % len(SERIES)], "ls": DASHES[k % len(DASHES)], "lw": 1.6}
 
 

@@ -11,28 +11,29 @@ from matplotlib.figure import Figure
 from qtraj.foundation.units import symbol
 from qtraj.viz.style import AXIS_COLOURS, COMPONENTS, RC, SERIES, WIDTH, above, frame
 
-PANEL, REST = 1.55, 0.75  # [inch] of height: of a panel, and of all else
-MOST_PATHS = 8
-LEFT_OUT = ("dcm", "defined")
-"""Outputs that make no picture of their own, unless they are asked for."""
+PANEL, MARGINS = 1.55, 0.75  # [inch] of height: of a panel, and of both margins
+MAX_PATHS = 8
+NOT_DRAWN = ("dcm", "defined")
+"""Outputs without a panel, unless they are named."""
 PALE = 0.55
 
 
 def table_figure(dataset: xarray.Dataset, names: Sequence[str] = ()) -> Figure:
     """Outputs of `qtraj.evaluate` against time, one panel each: `names`, or all but `dcm` and `defined`.
 
-    `dataset` is a table's `to_xarray()`. Components are labelled as its frame is; of many paths the first eight are
-    drawn, the components of all but the first pale. Where the frame does not exist, what hangs on it is not drawn.
+    `dataset` is the `to_xarray()` of a table. Components have the labels of its frame. Of many paths the first eight
+    are drawn, the components of all but the first pale. Where the frame does not exist, outputs that depend on it are
+    not drawn.
 
-    **Raises:** ValueError for an output that is not in the dataset, or where nothing is left to draw.
+    **Raises:** ValueError for an output that is not in the dataset, or if there is nothing to draw.
     """
     if unknown := [name for name in names if name not in dataset.data_vars]:
         raise ValueError(f"the table has no {unknown[0]!r}; it has {', '.join(map(str, dataset.data_vars))}")
-    drawn = list(names) or [str(name) for name in dataset.data_vars if name not in LEFT_OUT]
+    drawn = list(names) or [str(name) for name in dataset.data_vars if name not in NOT_DRAWN]
     if not drawn:
-        raise ValueError(f"there is nothing to plot in a table of {', '.join(map(str, dataset.data_vars))} alone")
+        raise ValueError(f"there is nothing to plot in a table of only {', '.join(map(str, dataset.data_vars))}")
     with mpl.rc_context(RC):
-        height = PANEL * len(drawn) + REST
+        height = PANEL * len(drawn) + MARGINS
         figure = Figure(figsize=(0.75 * WIDTH, height))
         grid = figure.add_gridspec(
             len(drawn), 1, hspace=0.35, left=0.12, right=0.98, top=1 - 0.3 / height, bottom=0.45 / height
@@ -52,7 +53,7 @@ def _panel(axes: Any, dataset: xarray.Dataset, name: str) -> None:
     along = dataset["time"].dims[-1]
     inner = [dim for dim in variable.dims if dim not in ("path", along)]
     labels = _labels(dataset, inner)
-    paths = range(min(dataset.sizes.get("path", 1), MOST_PATHS))
+    paths = range(min(dataset.sizes.get("path", 1), MAX_PATHS))
     for k in paths:
         one, time = (x.isel(path=k) if "path" in x.dims else x for x in (variable, dataset["time"]))
         values = one.transpose(along, *inner).values.reshape(time.size, -1).astype(float)
@@ -81,9 +82,9 @@ def _colour(label: str, column: int) -> str:
 
 
 def _exists(dataset: xarray.Dataset, variable: xarray.DataArray, k: int) -> np.ndarray:
-    """Where the frame exists, for what has components along its axes; everywhere for what has not."""
-    hangs = {"body", "quaternion_component"} & set(variable.dims)
-    if "defined" not in dataset or not hangs:
+    """Where the frame exists, if the variable depends on it; otherwise everywhere."""
+    depends_on_frame = {"body", "quaternion_component"} & set(variable.dims)
+    if "defined" not in dataset or not depends_on_frame:
         return np.ones(dataset["time"].shape[-1], bool)
-    known = dataset["defined"]
-    return (known.isel(path=k) if "path" in known.dims else known).values.astype(bool)
+    defined = dataset["defined"]
+    return (defined.isel(path=k) if "path" in defined.dims else defined).values.astype(bool)

@@ -13,7 +13,7 @@ from qtraj.cli.tracking.job import Job, prepare
 from qtraj.io.instants import instants_dataset
 from qtraj.io.scenario import TRACK, ScenarioFile, read_scenario
 from qtraj.io.tracking_model import TrackingScenario
-from qtraj.viz.track_figure import track_figure
+from qtraj.viz.simulation_figure import simulation_figure
 
 
 def run(file: Path | None, out: Path, samples: int | None, frame: str | None = None) -> tuple[dict[str, Any], bool]:
@@ -38,7 +38,7 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
         limit, saturation = content["command_limit"], content["saturation"]
         notes |= {} if saturation is None else {"saturation": saturation}
         dataset = instants_dataset(job.times, columns, notes, {} if limit is None else {"command": limit})
-        figure = track_figure(dataset, content["findings"]["settled"]["angle"], limit)
+        figure = simulation_figure(dataset, content["findings"]["settled"]["angle"], limit)
         writers: dict[str, Writer] = {
             "solution.toml": course.tabulated().save,
             **result_writers(dataset, figure, "track"),

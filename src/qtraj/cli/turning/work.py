@@ -15,7 +15,7 @@ from qtraj.cli.turning.job import legs, turn_limits, turn_program
 from qtraj.io.instants import instants_dataset
 from qtraj.io.scenario import TURN, read_scenario
 from qtraj.io.turn_model import TurnScenario
-from qtraj.viz.turn_figure import turn_figure
+from qtraj.viz.slew_figure import slew_figure
 
 BOUNDED = {"max_rate": "angle_rate", "max_acceleration": "angle_acceleration"}
 """The column that each limit bounds."""
@@ -50,7 +50,7 @@ def run(file: Path | None, out: Path, samples: int) -> tuple[dict[str, Any], boo
         if body is not None and body.max_torque is not None:
             bounds["torque"] = body.max_torque
         dataset = instants_dataset(times, columns, notes, bounds)
-        figure = turn_figure(instants_dataset(fine, drawn, notes), limits)
+        figure = slew_figure(instants_dataset(fine, drawn, notes), limits)
         writers: dict[str, Writer] = {"program.toml": program.save, **result_writers(dataset, figure, "turn")}
         content["files"] = [str(file) for file in write_all(out, writers)]
     return content, content["met"]

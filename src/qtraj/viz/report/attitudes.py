@@ -1,4 +1,4 @@
-"""The report of attitudes over time: of a turn, of a closed loop, of anything with a quaternion over `time`."""
+"""The report of attitudes over time: a slew, a closed loop, or any dataset with a quaternion over `time`."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,7 +16,7 @@ from qtraj.viz.style import COMPONENTS, SUBSCRIPTS, title
 DASHES = {"w": "dash", "x": "solid", "y": "dashdot", "z": "dot"}
 PLAIN = "#0072B2"
 REFERENCE = "#777777"
-LEAST_ANGLE = 1e-7  # [°] below it there is round-off only, which a logarithmic axis would show as a mountain range
+MIN_ANGLE = 1e-7  # [°] smaller angles are round-off, which a logarithmic axis would magnify
 
 BESIDE = {
     "angle": ("closed_form_angle", "closed form"),
@@ -24,7 +24,7 @@ BESIDE = {
     "rate": ("program_rate", "program"),
     "quaternion": ("program_quaternion", "program"),
 }
-"""What a variable is compared with in its own panel."""
+"""The variable that each variable is compared with in its panel, and its label."""
 
 ORDER = (
     "angle",
@@ -38,7 +38,7 @@ ORDER = (
     "quaternion",
     "norm",
 )
-"""The first panels; other variables over time follow."""
+"""The order of the first panels; other variables over time follow."""
 
 TITLES = {
     "error": "error quaternion",
@@ -49,19 +49,19 @@ TITLES = {
     "norm": "length of the quaternion",
 }
 APPLIES = "applies"
-"""What the attribute `closed_form` of a dataset says where the motion has it; else why it has not."""
+"""The attribute `closed_form` of a dataset if the closed form applies; otherwise the attribute is the reason."""
 LETTERS = {"quaternion": "λ", "error": "μ", "rate": "ω", "acceleration": "ε", "command": "u", "torque": "M"}
 
 
 def is_of_attitudes(dataset: xarray.Dataset) -> bool:
-    """Whether a dataset holds quaternions over `time`."""
+    """Whether a dataset has quaternions over `time`."""
     if not {"quaternion", "time"} <= set(map(str, dataset.variables)):
         return False
     return dataset["quaternion"].dims[:1] == ("time",) and dataset["quaternion"].shape[1:] == (4,)
 
 
 def attitude_report(dataset: xarray.Dataset) -> Report:
-    """The attitudes of a dataset over `time`: `quaternion`, and `program_quaternion` as a ghost beside it."""
+    """The report of `quaternion` over `time`, with `program_quaternion` drawn pale for comparison."""
     time = dataset["time"].values
     bodies = [Body("body", time, None, cosines(dataset["quaternion"].values), PLAIN)]
     if "program_quaternion" in dataset:
@@ -80,17 +80,17 @@ def attitude_report(dataset: xarray.Dataset) -> Report:
 
 
 def _facts(notes: Mapping[str, Any]) -> list[str]:
-    """How it ended, and why there is no closed form beside the motion."""
-    reason, found = notes.get("closed_form", APPLIES), [words(str(notes["result"]))] if "result" in notes else []
-    return found if reason == APPLIES else [*found, f"The closed form is not drawn, as it {reason}."]
+    """The result of the computation, and the reason if the closed form is not drawn."""
+    reason, facts = notes.get("closed_form", APPLIES), [words(str(notes["result"]))] if "result" in notes else []
+    return facts if reason == APPLIES else [*facts, f"The closed form is not drawn, because it {reason}."]
 
 
 def _shown(dataset: xarray.Dataset) -> list[str]:
     """Variables with a panel of their own."""
-    beside = {name for name, _ in BESIDE.values()}
-    found = [str(name) for name, variable in dataset.data_vars.items() if variable.dims[:1] == ("time",)]
-    found = [name for name in found if name not in beside and dataset[name].ndim <= 2]
-    return sorted(found, key=lambda name: ORDER.index(name) if name in ORDER else len(ORDER))
+    references = {name for name, _ in BESIDE.values()}
+    names = [str(name) for name, variable in dataset.data_vars.items() if variable.dims[:1] == ("time",)]
+    names = [name for name in names if name not in references and dataset[name].ndim <= 2]
+    return sorted(names, key=lambda name: ORDER.index(name) if name in ORDER else len(ORDER))
 
 
 def _panel(dataset: xarray.Dataset, name: str) -> Panel:
@@ -110,11 +110,11 @@ def _panel(dataset: xarray.Dataset, name: str) -> Panel:
         other, text = BESIDE[name]
         compared, _ = _in_degrees(dataset, other)
         series += [
-            Series(text, 0, column - apart, REFERENCE, "dot", reference=True, offset=apart)
-            for column, apart in zip(compared.T, near, strict=True)
+            Series(text, 0, column - offset, REFERENCE, "dot", reference=True, offset=offset)
+            for column, offset in zip(compared.T, near, strict=True)
         ]
     if error:
-        series = [replace(line, values=np.where(line.values > LEAST_ANGLE, line.values, np.nan)) for line in series]
+        series = [replace(line, values=np.where(line.values > MIN_ANGLE, line.values, np.nan)) for line in series]
     bounds = _limits(dataset, name)
     text = "limit " + ", ".join(f"{bound:.4g}" for bound in bounds)
     limits = [(sign * bound, text) for bound in bounds for sign in _signs(values)]
@@ -123,17 +123,17 @@ def _panel(dataset: xarray.Dataset, name: str) -> Panel:
 
 
 def _applies(dataset: xarray.Dataset, beside: str) -> bool:
-    """Whether the closed form is that of this motion; of a disturbed one it is another's."""
+    """Whether a reference applies to this motion; the closed form does not with a disturbance."""
     return not beside.startswith("closed_form") or dataset.attrs.get("closed_form", APPLIES) == APPLIES
 
 
 def _of_each_axis(dataset: xarray.Dataset) -> bool:
-    """Whether the limit of the command is that of each component, not of the length."""
+    """Whether the limit of the command applies to each component, not to the norm."""
     return dataset.attrs.get("saturation") == "axis"
 
 
 def _signs(values: np.ndarray) -> tuple[float, ...]:
-    """A limit is drawn below zero where something goes there."""
+    """The signs with which a limit is drawn: also negative if values are negative."""
     low = np.nanmin(values, initial=0.0)
     return (1.0, -1.0) if low < -1e-9 * max(np.nanmax(values, initial=0.0), 1e-300) else (1.0,)
 
@@ -150,16 +150,16 @@ def _index(label: str) -> str:
 
 
 def _in_degrees(dataset: xarray.Dataset, name: str) -> tuple[np.ndarray, str]:
-    """Values (n, m) and their unit, degrees in place of radians."""
+    """Values (n, m) and their unit, with degrees instead of radians."""
     values = dataset[name].values.astype(float)
     symbol = unit(dataset[name].attrs.get("units", ""))
     return _scale(dataset, name) * values.reshape(len(values), -1), symbol.replace("rad", "°")
 
 
 def _limits(dataset: xarray.Dataset, name: str) -> list[float]:
-    """The limits of a variable, in degrees in place of radians, each once."""
-    given = np.ravel(dataset[name].attrs.get("limit", [])).astype(float)
-    return np.unique(_scale(dataset, name) * given).tolist()
+    """The different limits of a variable, in degrees instead of radians."""
+    limits = np.ravel(dataset[name].attrs.get("limit", [])).astype(float)
+    return np.unique(_scale(dataset, name) * limits).tolist()
 
 
 def _scale(dataset: xarray.Dataset, name: str) -> float:
@@ -167,7 +167,7 @@ def _scale(dataset: xarray.Dataset, name: str) -> float:
 
 
 def _peaks(dataset: xarray.Dataset) -> Table:
-    """The largest length or magnitude of each quantity, and when."""
+    """The largest norm or magnitude of each quantity, and its time."""
     rows = []
     for name in _shown(dataset):
         values, symbol = _in_degrees(dataset, name)
@@ -179,12 +179,12 @@ def _peaks(dataset: xarray.Dataset) -> Table:
         when = number(float(dataset["time"].values[worst]))
         largest, heading = number(float(size[worst])), name.replace("_", " ")
         if name == "command" and _of_each_axis(dataset):
-            given = np.ravel(dataset[name].attrs.get("limit", [])).astype(float)
-            bound = ", ".join(number(x) for x in _scale(dataset, name) * given) or "–"
+            limits = np.ravel(dataset[name].attrs.get("limit", [])).astype(float)
+            bound = ", ".join(number(x) for x in _scale(dataset, name) * limits) or "–"
             largest, heading = ", ".join(number(x) for x in np.nanmax(np.abs(values), axis=0)), f"{heading}, each axis"
             when = "–"
         rows.append([f"{heading} [{symbol}]", largest, when, bound])
-    note = "Of vectors their length, unless each axis has its limit; at the instants of the table alone."
+    note = "Lengths of vectors, unless each axis has its own limit; only the instants of the table are considered."
     return Table("Largest values", ["quantity", "largest", "at [s]", "limit"], rows, note=note)
 
 

@@ -1,4 +1,4 @@
-// The clock and the controls, and the start of it all.
+// The clock and the controls; starts the page.
 let busy = false;
 async function show() {
   byId("slider").value = state.time;
@@ -93,7 +93,7 @@ function controls() {
   window.addEventListener("afterprint", () => (pictured = false));
 }
 
-// A browser prints no WebGL: a picture takes the place of the scene on paper.
+// Browsers do not print WebGL: on paper a picture replaces the scene.
 let pictured = false;
 function picture(source, width, height, copied) {
   const paper = byId("picture");
@@ -103,7 +103,7 @@ function picture(source, width, height, copied) {
   document.body.classList.toggle("copied", copied);
 }
 
-/** The button draws the scene anew, twice as fine as on the screen, before it prints. */
+/** Draw the scene at twice the resolution of the screen, then print (the button). */
 async function print() {
   play(false);
   const { clientWidth: width, clientHeight: height } = byId("space");
@@ -115,11 +115,11 @@ async function print() {
   window.print();
 }
 
-/** Where the browser prints by itself it waits for nothing: the scene is copied as it stands, without its legend. */
+/** The browser's own print command does not wait: copy the scene as it is, without its legend. */
 function copySpace() {
   if (pictured) return;
   play(false);
-  const scene = byId("space")._fullLayout?.scene?._scene; // plotly has no public way to draw at once
+  const scene = byId("space")._fullLayout?.scene?._scene; // plotly has no public function to draw immediately
   if (!scene?.glplot) return;
   scene.glplot.redraw();
   const { canvas } = scene.glplot.gl;
@@ -160,7 +160,7 @@ controls();
 legend();
 drawPanels();
 drawNow();
-drawPlan(); // first: it takes its part of the width from the scene
+drawPlan(); // first, because it reduces the width of the scene
 drawSpace()
   .then(() => setTime(start))
   .then(() => {

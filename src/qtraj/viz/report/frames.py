@@ -1,10 +1,10 @@
-"""Axes of bodies from quaternions, for drawing."""
+"""Body axes from quaternions, for drawing."""
 
 import numpy as np
 
 
 def cosines(quaternions: np.ndarray) -> np.ndarray:
-    """Direction cosines (n, 3, 3) of quaternions (n, 4) of any length: row k is body axis k in outer components.
+    """Direction cosines (n, 3, 3) of quaternions (n, 4) of any length: row k is body axis k in inertial components.
 
     NaN where the quaternion is zero or not finite.
     """

@@ -1,4 +1,4 @@
-"""What a report consists of, as plain data that JSON can hold: bodies that move, panels over time, tables."""
+"""The parts of a report as plain data: moving bodies, panels over time, tables."""
 
 import math
 import re
@@ -9,16 +9,16 @@ import numpy as np
 
 from qtraj.foundation import units
 
-MOST_INSTANTS = 2001
-"""Instants of one body that are drawn; of more, equally spaced ones with both ends."""
+MAX_INSTANTS = 2001
+"""Maximum number of instants drawn of one body; longer series are thinned evenly, keeping both ends."""
 
 NAMES = re.compile(r"\b(lateral|longitudinal|angular|yaw|max)_(?=(acceleration|rate|jerk)\b)")
-"""How the names of limits begin that consist of several words."""
+"""The first parts of limit names that consist of two words."""
 
 
 @dataclass(frozen=True)
 class Arrow:
-    """An axis of a body: its letter, its meaning, its colour."""
+    """An axis of a body: its symbol, its meaning and its colour."""
 
     symbol: str
     meaning: str
@@ -27,9 +27,9 @@ class Arrow:
 
 @dataclass(frozen=True)
 class Body:
-    """Something that moves: instants (n,) [s], positions (n, 3) or None, axes (n, 3 axes, 3 components).
+    """A moving body: instants (n,) [s], positions (n, 3) or None, axes (n, 3 axes, 3 components).
 
-    NaN stands where there is no position or no axis. A ghost is drawn pale, beside the body that is looked at.
+    Missing positions and axes are NaN. A ghost is drawn pale, for comparison with the selected body.
     """
 
     name: str
@@ -45,9 +45,9 @@ class Body:
 class Series:
     """One line of a panel: values (n,) over the instants of body number `body`.
 
-    `offset` was taken from the values, to show what would be a flat line near it. A series that `follows` is shown
-    while its body is the one looked at; a `reference` is drawn thin, to compare with, and only the first of several has
-    its name in the legend.
+    `offset` was subtracted from the values, which would otherwise be a flat line near it. A series that `follows` is
+    shown while its body is selected. A `reference` is drawn thin, for comparison; only the first of several is in the
+    legend.
     """
 
     name: str
@@ -73,7 +73,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Table:
-    """Texts in rows; columns from number `numbers` on are aligned as numbers. A row may end with a verdict."""
+    """Rows of texts; columns from index `numbers` on are aligned as numbers. A row may end with a status."""
 
     title: str
     header: list[str]
@@ -84,9 +84,9 @@ class Table:
 
 @dataclass(frozen=True)
 class Report:
-    """All of a report; `kind` is "path" or "attitude"; `recorded` (m, 3) are points beside the paths.
+    """A complete report; `kind` is "path" or "attitude"; `recorded` (m, 3) are recorded points.
 
-    `warnings` stand in red above the `notes`.
+    `warnings` are shown in red above the `notes`.
     """
 
     title: str
@@ -102,27 +102,27 @@ class Report:
 
 
 def unit(text: str) -> str:
-    """A unit as people write it: "m s-2" is "m/s²"."""
+    """A unit in the usual notation: "m s-2" becomes "m/s²"."""
     return units.symbol(text) or "–" if text else ""
 
 
 def words(text: str) -> str:
-    """A text with the names of limits as words: "lateral_acceleration binds" is "lateral acceleration binds"."""
+    """A text with names of limits as words: "lateral_acceleration" becomes "lateral acceleration"."""
     return NAMES.sub(r"\1 ", text)
 
 
 def number(value: float, digits: int = 6) -> str:
-    """A number, or a dash where there is none."""
+    """A number, or a dash if it is not finite."""
     return f"{value + 0.0:.{digits}g}" if math.isfinite(value) else "–"
 
 
 def thinned(count: int) -> np.ndarray:
-    """Which of `count` instants are drawn."""
-    return np.unique(np.linspace(0, count - 1, min(count, MOST_INSTANTS)).round().astype(int))
+    """Indices of the drawn instants out of `count`."""
+    return np.unique(np.linspace(0, count - 1, min(count, MAX_INSTANTS)).round().astype(int))
 
 
 def plain(values: np.ndarray) -> list[Any]:
-    """Numbers with nine digits, nested as the array is, with None for what is not finite."""
+    """Numbers rounded to nine digits as nested lists, with None for values that are not finite."""
     if values.ndim > 1:
         return [plain(row) for row in values]
     return [float(f"{v:.9g}") if math.isfinite(v) else None for v in values.tolist()]

@@ -1,4 +1,4 @@
-// What all parts of the page share: the data, the state, and where a body is at an instant.
+// Shared by all parts of the page: the data, the state, and the pose of a body at an instant.
 const data = JSON.parse(document.getElementById("data").textContent);
 const byId = (id) => document.getElementById(id);
 const { bodies, panels, arrows, space } = data;
@@ -18,7 +18,7 @@ function lastReal() {
   return found;
 }
 
-// Plotly reads markup in texts: names from the input must not be taken for it.
+// Plotly interprets markup in texts: escape names from the input.
 const text = (name) => String(name).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
 
 // vectors
@@ -32,7 +32,7 @@ const unit = (a) => {
 const known = (a) => a !== null && a.every((x) => x !== null && Number.isFinite(x));
 
 // a body at an instant
-/** Index k and fraction f of an instant: between k and k + 1, held at the ends. */
+/** Index k and fraction f of an instant between k and k + 1, clamped to the ends. */
 function place(times, t) {
   const last = times.length - 1;
   if (last < 1 || t <= times[0]) return [0, 0];

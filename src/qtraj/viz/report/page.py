@@ -1,8 +1,7 @@
-"""A report as one HTML file: its script, its style, plotly and the data all inside, and no network needed.
+"""A report as one HTML file that contains script, style, plotly and data, and needs no network.
 
-What comes from the input is escaped: in HTML by `html.escape`, in the data by JSON without `<`, `>` and `&`. Besides, a
-content security policy lets the browser run no other script than the two that belong to the page (by their hashes), and
-load nothing from anywhere.
+All input is escaped: in HTML by `html.escape`, in the data by JSON without `<`, `>` and `&`. In addition, a content
+security policy allows only the two scripts of the page (by their hashes), and no loading from any server.
 """
 
 import base64
@@ -20,7 +19,7 @@ from qtraj.viz.report.paths import is_of_paths, path_report
 from qtraj.viz.report.payload import payload
 
 FIRST, LAST = ("path", "sample", "time", "record"), ("body", "world")
-"""The order of dimensions that the report relies on."""
+"""The order of dimensions that the report needs."""
 SCRIPTS = ("motion.js", "arrows.js", "scene.js", "plan.js", "panels.js", "clock.js")
 VERDICTS = {
     "proved": "good",
@@ -31,34 +30,33 @@ VERDICTS = {
     "undecided": "fair",
     "undefined": "bad",
 }
-"""How a verdict in a table is coloured; its text says it as well."""
+"""The colour class of each status in a table; the text has the same information."""
 
 
 def report_page(dataset: Any, tuned: Tuned | None = None) -> str:
-    """The HTML of a report on paths, a turn, or a closed loop (extras `io` and `viz`).
+    """The HTML of a report on paths, a slew, or a closed loop (extras `io` and `viz`).
 
-    `dataset` is one that the commands write, of `qtraj.io.dataset.path_dataset`, or the `to_xarray()` of a table, a
-    solution, a path, or a result of `tune` or `fit`; or one of these themselves. `tuned` adds the certificate of the
-    path called "after".
+    `dataset` is a dataset of the commands or of `qtraj.io.dataset.path_dataset`, a table, a solution, a path, a result
+    of `tune` or `fit`, or the `to_xarray()` of one of these. `tuned` adds the certificate of the path named "after".
 
-    **Raises:** ValueError for what holds neither a path, positions nor a quaternion over time; ModuleNotFoundError
-    where plotly is missing.
+    **Raises:** ValueError for an input without a path, positions or a quaternion over time; ModuleNotFoundError if
+    plotly is missing.
     """
     return html(report_of(dataset, tuned))
 
 
-def report_of(given: Any, tuned: Tuned | None = None) -> Report:
-    """What there is to report on a dataset, or on a result, as data."""
-    tuned, dataset = given if isinstance(given, Tuned) else tuned, drawable(given)
+def report_of(source: Any, tuned: Tuned | None = None) -> Report:
+    """The report on a dataset or a result, as data."""
+    tuned, dataset = source if isinstance(source, Tuned) else tuned, drawable(source)
     if any(size == 0 for size in dataset.sizes.values()):
-        raise ValueError("there is nothing to report: the dataset has a dimension without entries")
+        raise ValueError("there is nothing to report: a dimension of the dataset is empty")
     ordered = dataset.transpose(*FIRST, ..., *LAST, missing_dims="ignore")
     if is_of_paths(ordered):
         return path_report(ordered, tuned)
     if is_of_attitudes(ordered):
         return attitude_report(ordered)
     raise ValueError(
-        "a report needs position or quaternion over time, but the dataset holds "
+        "a report needs position or quaternion over time, but the dataset has "
         f"{', '.join(sorted(map(str, dataset.data_vars))) or 'no variables'}"
     )
 
@@ -66,7 +64,7 @@ def report_of(given: Any, tuned: Tuned | None = None) -> Report:
 def html(report: Report) -> str:
     """The whole page.
 
-    **Raises:** ModuleNotFoundError where plotly is missing.
+    **Raises:** ModuleNotFoundError if plotly is missing.
     """
     plotly, script, style = _plotly(), _script(), _beside("report.css")
     hashes = " ".join(f"'sha256-{_digest(code)}'" for code in (plotly, script))
@@ -113,13 +111,13 @@ def _class(column: int, text: str, table: Table) -> str:
 
 
 def _json(value: Any) -> str:
-    """JSON that may stand inside a script element."""
+    """JSON that is safe inside a script element."""
     text = json.dumps(value, allow_nan=False, separators=(",", ":"))
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def _plotly() -> str:
-    """The code of plotly.js, which comes with the Python package."""
+    """The code of plotly.js, from the Python package plotly."""
     try:
         from plotly.offline import get_plotlyjs
     except ModuleNotFoundError as error:
@@ -128,7 +126,7 @@ def _plotly() -> str:
 
 
 def _script() -> str:
-    """The report's own code: its parts, in a scope of their own."""
+    """The scripts of the report, joined in one function scope."""
     return "\n".join(['"use strict";', "(() => {", *map(_beside, SCRIPTS), "})();"])
 
 
@@ -137,7 +135,7 @@ def _beside(name: str) -> str:
 
 
 def _inline(code: str) -> str:
-    """Code as a browser reads it back from the page, so that its hash is the same."""
+    """Code exactly as a browser reads it from the page, so that its hash is the same."""
     return code.replace("\r\n", "\n").replace("</script", "<\\/script")
 
 

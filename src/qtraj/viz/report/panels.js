@@ -58,7 +58,7 @@ function drawPanels() {
 const LIMIT = { color: "#1c2733", width: 1.3, dash: "dot" };
 const STROKES = { solid: "", dash: "6 4", dashdot: "7 3 2 3", dot: "2 3" };
 
-/** The legend of a panel: what it shows now, each line once. */
+/** The legend of a panel: the lines shown now, each once. */
 function drawKey(panel, key) {
   const lines = panel.series
     .filter((series) => series.listed && shown(series))
@@ -129,7 +129,7 @@ function panelLayout(panel, drawn) {
   };
 }
 
-/** Whether zero belongs into the picture: where the least value is below half of the largest, or all are equal. */
+/** Whether the axis includes zero: if the smallest value is below half of the largest, or all are equal. */
 function levelled(panel) {
   const values = panel.series.flatMap((series) => series.values).filter((value) => value !== null);
   const low = values.reduce((a, b) => Math.min(a, b), Infinity),
@@ -151,7 +151,7 @@ function follow(source, change) {
   moveCursors();
 }
 
-/** Panels as wide as there is room, also when a scroll bar appears. */
+/** Fit the width of the panels, also when a scroll bar appears. */
 function refit() {
   Promise.all(plots.map(({ plot }) => Plotly.Plots.resize(plot))).then(moveCursors);
 }

@@ -8,7 +8,7 @@ import xarray
 from qtraj.design.fitting.facts import FACTS, TITLE, fact_rows
 from qtraj.design.proof.certificate import BINDING
 from qtraj.design.tuning.outcome import Tuned
-from qtraj.io.dataset import MAGNITUDES
+from qtraj.io.dataset import LIMIT_VARIABLES
 from qtraj.path.boundary import BoundaryState, cylindrical
 from qtraj.path.deviation import max_deviation
 from qtraj.path.quantity import CORRIDOR
@@ -18,47 +18,47 @@ from qtraj.viz.report.provenance import provenance_table
 
 PROOFS = {
     "proved": "proved on the whole path",
-    "sampled": "met on a refined grid whose peaks were polished; evidence, no proof",
-    "broken": "the limit does not hold at the time given",
-    "undecided": "too near to the limit to be decided in float64",
-    "undefined": "the quantity does not exist at the time given",
+    "sampled": "satisfied on a refined grid with refined maxima; evidence, not a proof",
+    "broken": "the limit is violated at the time shown",
+    "undecided": "too close to the limit to be decided in float64",
+    "undefined": "the quantity does not exist at the time shown",
 }
-"""What the findings of a certificate mean."""
+"""The meaning of each status of a certificate."""
 
 
 def path_tables(dataset: xarray.Dataset, paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> list[Table]:
-    """All tables, those without rows left out."""
+    """All tables that have rows."""
     velocities, provenance = _cylindrical(paths, tuned), provenance_table(dataset)
-    found = [_fit(dataset), _limits(paths, tuned), _boundary(paths), velocities, _extent(paths), provenance]
-    return [table for table in found if table.rows]
+    tables = [_fit(dataset), _limits(paths, tuned), _boundary(paths), velocities, _extent(paths), provenance]
+    return [table for table in tables if table.rows]
 
 
 def _fit(dataset: xarray.Dataset) -> Table:
-    """The fitted path against its recording, as the terminal shows it; without rows where nothing was fitted."""
+    """The fitted path compared with its recording, as on the terminal; without rows if nothing was fitted."""
     if "fit_axis" not in dataset:
         return Table(TITLE, ["", ""], [], 2)
     numbers = {name: float(dataset[f"fit_{name}"]) if f"fit_{name}" in dataset else None for name in FACTS}
-    known = numbers | {"axis": dataset["fit_axis"].values[:2].tolist()}
-    return Table(TITLE, ["", ""], [list(row) for row in fact_rows(known)], 2, str(dataset.attrs.get("fit_result", "")))
+    facts = numbers | {"axis": dataset["fit_axis"].values[:2].tolist()}
+    return Table(TITLE, ["", ""], [list(row) for row in fact_rows(facts)], 2, str(dataset.attrs.get("fit_result", "")))
 
 
 def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
-    """Largest value of each limited magnitude: of the tuned path as certified, of others at the instants known."""
+    """Largest value of each limited quantity: from the certificate, or else at the sampled instants."""
     rows = []
-    for limit_name, name in MAGNITUDES.items():
+    for limit_name, name in LIMIT_VARIABLES.items():
         for label, path in paths.items():
             if name in path and "limit" in path[name].attrs:
                 certified = tuned is not None and label == "after" and limit_name in tuned.certificate.names
-                found = _certified(tuned, limit_name) if tuned is not None and certified else _known(path, name)
+                cells = _certified(tuned, limit_name) if tuned is not None and certified else _stored(path, name)
                 heading = f"{limit_name.replace('_', ' ')} [{unit(path[name].attrs['units'])}]"
-                rows.append([heading, label, *found])
+                rows.append([heading, label, *cells])
     for label, path in paths.items():
         finding = f"finding_{CORRIDOR.name}"
         if finding in path and str(path[finding].values):
-            rows.append([f"{CORRIDOR.name} [{CORRIDOR.label}]", label, *_known(path, CORRIDOR.name)])
-    known = [f"{status}: {PROOFS[status]}" for status in dict.fromkeys(row[-1] for row in rows) if status in PROOFS]
+            rows.append([f"{CORRIDOR.name} [{CORRIDOR.label}]", label, *_stored(path, CORRIDOR.name)])
+    meanings = [f"{status}: {PROOFS[status]}" for status in dict.fromkeys(row[-1] for row in rows) if status in PROOFS]
     note = "; ".join(
-        [*known, "without a certificate the largest value, within and broken are those of the sampled instants"]
+        [*meanings, "without a certificate the largest value, within and broken refer to the sampled instants"]
     )
     return Table("Limits", ["limit", "path", "largest", "limit", "margin", "at [s]", ""], rows, 2, note + ".")
 
@@ -70,8 +70,8 @@ def _certified(tuned: Tuned, name: str) -> list[str]:
     return [number(value), number(limit), margin, number(time, 4), certificate.status[name]]
 
 
-def _known(path: xarray.Dataset, name: str) -> list[str]:
-    """By the findings that stand in the dataset; of a path without, at the sampled instants."""
+def _stored(path: xarray.Dataset, name: str) -> list[str]:
+    """The status stored in the dataset, or else the judgement at the sampled instants."""
     finding = str(path[f"finding_{name}"].values) if f"finding_{name}" in path else ""
     if finding not in PROOFS:
         return _sampled(path, name)
@@ -107,29 +107,29 @@ def _boundary(paths: Mapping[str, xarray.Dataset]) -> Table:
 
 
 def _cylindrical(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
-    """Boundary velocities about the axis of the tuned path: its own, and those of the path before where it is known."""
+    """Boundary velocities about the axis of the tuned path, also of the path before if the dataset has it."""
     rows = []
     if tuned is not None and isinstance(tuned.path, SpiralHelix):
         states = {"after A": tuned.start, "after B": tuned.end}
         before = paths.get("before")
         if before is not None and "velocity" in before:
             position, velocity = before["position"].values, before["velocity"].values
-            known = {f"before {letter}": BoundaryState(position[k], velocity[k]) for letter, k in (("A", 0), ("B", -1))}
-            states = known | states
+            ends = {f"before {letter}": BoundaryState(position[k], velocity[k]) for letter, k in (("A", 0), ("B", -1))}
+            states = ends | states
         for label, state in states.items():
-            found = cylindrical(state, tuned.path.placement)
-            rows.append([label, *(f"{float(v) + 0.0:.4f}" for v in (found.radius, *found.velocity))])
+            components = cylindrical(state, tuned.path.placement)
+            rows.append([label, *(f"{float(v) + 0.0:.4f}" for v in (components.radius, *components.velocity))])
     header = ["state", "ρ [m]", "V_ρ [m/s]", "V_φ [m/s]", "V_h [m/s]"]
     return Table("Boundary velocities about the axis of the path", header, rows)
 
 
 def _extent(paths: Mapping[str, xarray.Dataset]) -> Table:
-    """Duration, length, and how far each path leaves the first one."""
+    """Duration, length, and largest distance of each path from the first one."""
     rows, (first, line) = [], next(iter(paths.items()))
     for label, path in paths.items():
         time = path["time"].values
         length = np.trapezoid(path["speed"].values, time) if "speed" in path else np.nan
-        apart = max_deviation(path["position"].values, line["position"].values)
-        rows.append([label, number(float(time[-1])), number(float(length), 5), number(apart, 3), str(len(time))])
+        distance = max_deviation(path["position"].values, line["position"].values)
+        rows.append([label, number(float(time[-1])), number(float(length), 5), number(distance, 3), str(len(time))])
     header = ["path", "duration [s]", "length [m]", f"farthest from {first} [m]", "instants"]
     return Table("Duration and length", header, rows)

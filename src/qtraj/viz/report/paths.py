@@ -1,4 +1,4 @@
-"""The report of paths: trihedra along them, limited magnitudes, rates, attitude."""
+"""The report of paths: trihedra, limited quantities, rates, attitude."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,7 @@ import numpy as np
 import xarray
 
 from qtraj.design.tuning.outcome import Tuned
-from qtraj.io.dataset import MAGNITUDES
+from qtraj.io.dataset import LIMIT_VARIABLES
 from qtraj.path.frame_axes import AXES, THRUST_ALIGNED, UPRIGHT, FrameAxes
 from qtraj.viz.report.angles import heading_pitch_roll
 from qtraj.viz.report.frames import cosines
@@ -16,14 +16,14 @@ from qtraj.viz.report.ranges import offsets, shifted
 from qtraj.viz.style import AXIS_COLOURS, COLOURS, COMPONENTS, SPARE, STYLES, SUBSCRIPTS, body_axes, title
 
 ALWAYS = ("speed", "curvature", "lateral_acceleration", "angular_rate")
-"""Panels of every report of paths, where the variable is there."""
-MOST_PATHS = 8
-"""More paths than this cannot be told apart."""
+"""Panels of every report of paths, if the dataset has the variable."""
+MAX_PATHS = 8
+"""More paths cannot be distinguished."""
 ONLY, ALONE = "path", "#0072B2"
-"""Name and colour of a path that has no others beside it."""
+"""Name and colour of a single path."""
 DASHES = {"w": "dash", "x": "solid", "y": "dashdot", "z": "dot"}
 AXIS_DASHES = ("solid", "dash", "dashdot")
-"""Of the body axes x, y, z."""
+"""For the body axes x, y, z."""
 SYMBOL_OF = {"rate": "ω", "angular_acceleration": "ε"}
 ANGLES = ("heading", "pitch", "roll")
 TITLES = {
@@ -34,7 +34,7 @@ TITLES = {
 
 
 def is_of_paths(dataset: xarray.Dataset) -> bool:
-    """Whether a dataset holds positions over time: of `path_dataset`, or of a table of `evaluate`."""
+    """Whether a dataset has positions over time, as those of `path_dataset` and of a table of `evaluate`."""
     if not {"position", "time"} <= set(map(str, dataset.variables)):
         return False
     sizes = [
@@ -44,14 +44,14 @@ def is_of_paths(dataset: xarray.Dataset) -> bool:
 
 
 def path_report(dataset: xarray.Dataset, tuned: Tuned | None = None) -> Report:
-    """The paths of a dataset, the last one looked at first; `tuned` adds its certificate.
+    """The report of the paths of a dataset, the last one selected; `tuned` adds its certificate.
 
-    **Raises:** ValueError where the attitude is missing.
+    **Raises:** ValueError if the attitude is missing.
     """
     if not {"dcm", "quaternion"} & set(dataset.data_vars):
         raise ValueError("a report needs the attitude along the path: the variable quaternion, or dcm, is missing")
     paths, frame = separate(dataset), body_axes(dataset)
-    drawn = dict(list(paths.items())[:MOST_PATHS])
+    drawn = dict(list(paths.items())[:MAX_PATHS])
     notes = [str(dataset.attrs["tuning_warning"])] if "tuning_warning" in dataset.attrs else []
     notes += [f"{len(drawn)} of {len(paths)} paths are shown."] if len(drawn) < len(paths) else []
     bodies = [_body(name, k, path) for k, (name, path) in enumerate(drawn.items())]
@@ -71,7 +71,7 @@ def path_report(dataset: xarray.Dataset, tuned: Tuned | None = None) -> Report:
 
 
 def separate(dataset: xarray.Dataset) -> dict[str, xarray.Dataset]:
-    """Each path by its name, its own `time` a variable over the one dimension of its instants."""
+    """Each path by its name, as a dataset over its own instants."""
     if "path" not in dataset.dims:
         return {ONLY: dataset}
     labels = dataset["path"].values if "path" in dataset.coords else np.arange(dataset.sizes["path"]) + 1
@@ -96,9 +96,9 @@ def _body(name: str, k: int, path: xarray.Dataset) -> Body:
 
 
 def _panels(bodies: list[Body], paths: list[xarray.Dataset], frame: FrameAxes) -> list[Panel]:
-    """Magnitudes of every path: what a limit bounds, and some in any case; then components of the one looked at."""
+    """Limited quantities and those of `ALWAYS`, of every path; then components for the selected path."""
     first = paths[0]
-    limited = [name for name in MAGNITUDES.values() if name in first and "limit" in first[name].attrs]
+    limited = [name for name in LIMIT_VARIABLES.values() if name in first and "limit" in first[name].attrs]
     others = [name for name in ALWAYS if name in first and name not in limited]
     panels = [_magnitude(name, bodies, paths) for name in (*limited, *others)]
     for name, symbol in SYMBOL_OF.items():
@@ -114,13 +114,13 @@ def _panels(bodies: list[Body], paths: list[xarray.Dataset], frame: FrameAxes) -
 
 
 def _angles(bodies: list[Body]) -> list[Panel]:
-    """Heading, and pitch with roll, of the upright or thrust-aligned frame that is looked at."""
-    found = [heading_pitch_roll(body.axes) for body in bodies]
+    """Heading, and pitch with roll, of the selected upright or thrust-aligned frame."""
+    angles_of_bodies = [heading_pitch_roll(body.axes) for body in bodies]
 
     def lines(columns: Sequence[int]) -> list[Series]:
         return [
             Series(ANGLES[c], k, angles[:, c], AXIS_COLOURS[c], AXIS_DASHES[c], follows=True)
-            for k, angles in enumerate(found)
+            for k, angles in enumerate(angles_of_bodies)
             for c in columns
         ]
 
@@ -141,7 +141,7 @@ def _magnitude(name: str, bodies: list[Body], paths: list[xarray.Dataset]) -> Pa
 
 
 def _components(name: str, lines: list[tuple[str, str, str]], paths: list[xarray.Dataset]) -> Panel:
-    """Components of one variable, of the path that is looked at."""
+    """Components of one variable, for the selected path."""
     series = []
     for k, path in enumerate(paths):
         here = _where_defined(path, path[name].values)

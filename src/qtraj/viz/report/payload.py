@@ -1,4 +1,4 @@
-"""From a report to what its script reads: JSON's types only, thinned, about a common origin."""
+"""The data of a report for its script: JSON types only, thinned, relative to a common origin."""
 
 from typing import Any
 
@@ -8,14 +8,14 @@ from qtraj.viz.report.model import Body, Panel, Report, plain, thinned
 from qtraj.viz.report.ranges import HEADROOM, spike
 
 ARROW = 0.17
-"""Length of a trihedron's arrows, of the largest extent of the paths."""
+"""Length of the arrows of a trihedral, relative to the largest extent of the paths."""
 THICK, THIN = 2.0, 1.3
-LEAST_HEIGHT = 0.3
-"""Least extent of a coordinate, of the largest: a flat path leaves room for its arrows."""
+MIN_EXTENT = 0.3
+"""Minimal range of a coordinate relative to the largest, so that a flat path has space for its arrows."""
 
 
 def payload(report: Report) -> dict[str, Any]:
-    """Everything that the script of the page needs."""
+    """All data for the script of the page."""
     drawn = [thinned(len(body.time)) for body in report.bodies]
     space = _paths_space(report) if report.kind == "path" else {"length": 1.0, "range": [[-1.2, 1.2]] * 3}
     centre = np.array(space.get("centre", [0.0, 0.0, 0.0]))
@@ -30,7 +30,7 @@ def payload(report: Report) -> dict[str, Any]:
 
 
 def _paths_space(report: Report) -> dict[str, Any]:
-    """The common centre in whole metres, the ranges of the axes about it, and the length of arrows."""
+    """The common centre in whole metres, the axis ranges relative to it, and the length of arrows."""
     points = np.concatenate([body.position for body in report.bodies if body.position is not None])
     if report.recorded is not None:
         points = np.concatenate([points, report.recorded])
@@ -40,7 +40,7 @@ def _paths_space(report: Report) -> dict[str, Any]:
     size = float(extent.max()) or 1.0
     centre = np.round(middle) if np.abs(middle).max() > 10 * size else np.zeros(3)
     length = ARROW * size
-    half = np.maximum(extent, LEAST_HEIGHT * size) / 2 + 1.1 * length
+    half = np.maximum(extent, MIN_EXTENT * size) / 2 + 1.1 * length
     ranges = np.stack([middle - centre - half, middle - centre + half], axis=1)
     return {"centre": plain(centre), "range": plain(ranges), "length": length}
 
@@ -66,7 +66,7 @@ def _panel(panel: Panel, drawn: list[np.ndarray]) -> dict[str, Any]:
         "unit": panel.unit,
         "logarithmic": panel.logarithmic,
         "range": None if cut is None else _shown(panel, cut[0]),
-        "note": "" if cut is None else f"values up to {cut[1]:.3g} lie outside the picture",
+        "note": "" if cut is None else f"values up to {cut[1]:.3g} are not shown",
         "limits": [
             {"value": value, "text": text, "drawn": abs(value) <= HEADROOM * peak} for value, text in panel.limits
         ],
@@ -88,7 +88,7 @@ def _panel(panel: Panel, drawn: list[np.ndarray]) -> dict[str, Any]:
     }
 
 
-def _shown(panel: Panel, most: float) -> list[float]:
-    """The range of an axis that holds all but the spikes."""
+def _shown(panel: Panel, top: float) -> list[float]:
+    """The range of an axis that shows everything but the spikes."""
     negative = any(float(np.nanmin(line.values, initial=0.0)) < 0 for line in panel.series)
-    return [-most if negative else 0.0, most]
+    return [-top if negative else 0.0, top]

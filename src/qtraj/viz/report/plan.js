@@ -1,4 +1,4 @@
-// The plan view: the paths from above, with equal axes, and where each body is and points.
+// The plan view: the paths from above, with equal axes, and position and direction of each body.
 
 const planned = data.kind === "path";
 
@@ -29,7 +29,7 @@ function planStill() {
   return traces;
 }
 
-/** The axes of the body that is looked at, seen from above, and a dot for every body. */
+/** The axes of the selected body, seen from above, and a dot for every body. */
 function planMoving() {
   const { origin, axes } = pose(bodies[state.looked], state.time);
   const updates = arrows.map((_, k) => {

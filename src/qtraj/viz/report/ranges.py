@@ -1,40 +1,40 @@
-"""What of a panel is shown: the range of its axis, and components that stand near one apart from the others."""
+"""The range of a panel's axis, and offsets of components that stay near one."""
 
 import numpy as np
 
-MOST = 0.95
-"""A peak is a spike where this part of the values stay far below it."""
+QUANTILE = 0.95
+"""A peak is a spike if it is far above this quantile of the values."""
 SPIKE = 10.0
-"""How far: a spike is more than so many times as high."""
+"""Ratio of a spike to that quantile."""
 HEADROOM = 3.0
-"""How far the picture goes above what most values reach, where there is a spike, or for a limit to be drawn."""
+"""Top of the axis relative to the quantile if there is a spike, and relative to the peak for limits to be drawn."""
 NEAR_ONE = 0.9
-"""Of a component of a unit quaternion: the others are then all below 0.44, and would be flat lines beside it."""
+"""If a component of a unit quaternion is larger, the others are below 0.44 and would look like flat lines."""
 
 
 def spike(values: list[np.ndarray]) -> tuple[float, float] | None:
-    """The greatest magnitude that is shown, and the one that is there, where a few values dwarf all others.
+    """The top of the axis and the actual peak, if a few values dwarf all others; otherwise None.
 
-    A single stop makes rates of 1e7 of a trihedron: the axis keeps to what the rest of the path has.
+    A single stop can cause rates of 1e7 of a trihedral; the axis then shows the rest of the path.
     """
     sizes = np.abs(np.concatenate([np.ravel(x) for x in values])) if values else np.zeros(0)
     sizes = sizes[np.isfinite(sizes)]
     if not sizes.size:
         return None
-    most, peak = float(np.quantile(sizes, MOST)), float(sizes.max())
-    return (HEADROOM * most, peak) if 0 < SPIKE * most < peak else None
+    usual, peak = float(np.quantile(sizes, QUANTILE)), float(sizes.max())
+    return (HEADROOM * usual, peak) if 0 < SPIKE * usual < peak else None
 
 
 def offsets(values: np.ndarray) -> list[float]:
-    """For each component of quaternions (n, m) the 1 or −1 that it stays near, else 0."""
-    found = []
+    """For each column of (n, m) quaternions, 1 or −1 if it stays near that value, otherwise 0."""
+    result = []
     for column in values.T:
-        known = column[np.isfinite(column)]
-        near = known.size > 0 and float(np.abs(known).min()) >= NEAR_ONE
-        found.append(float(np.sign(known[0])) if near and np.ptp(np.sign(known)) == 0 else 0.0)
-    return found
+        finite = column[np.isfinite(column)]
+        near = finite.size > 0 and float(np.abs(finite).min()) >= NEAR_ONE
+        result.append(float(np.sign(finite[0])) if near and np.ptp(np.sign(finite)) == 0 else 0.0)
+    return result
 
 
 def shifted(symbol: str, offset: float) -> str:
-    """The name of a component that is drawn less its offset: "λ₀ − 1"."""
+    """The label of a component minus its offset: "λ₀ − 1"."""
     return symbol if offset == 0 else f"{symbol} {'−' if offset > 0 else '+'} 1"

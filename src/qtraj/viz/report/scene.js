@@ -1,15 +1,15 @@
-// The scene: bodies, their arrows, what lies still and what moves.
+// The scene: static and moving traces of the bodies and their arrows.
 
 const RECORDED = "#737373";
-/** Whether the picture has a legend of its paths. */
-const VISIBLE = 2; // of plotly's units between the lower and the upper edge of the picture
-const ROOM = narrow ? 130 : 90; // [px] for the labels of the axes
+/** Whether the scene has a legend of its paths. */
+const VISIBLE = 2; // plotly's units between the lower and the upper edge of the scene
+const LABEL_SPACE = narrow ? 130 : 90; // [px] for the labels of the axes
 const listed = data.kind === "path" && (bodies.length > 1 || data.recorded !== null);
 
-// Where the scene is first looked at from: from above, and from the side from which it fills its picture best.
+// The first view direction: from above, and from the side from which the scene is largest.
 const HEIGHT_OF_EYE = 1.3,
   DISTANCE_OF_EYE = 1.33;
-const SIDES_SEEN = [-105, -120, -135, -150, -165, -75, -60, -45, -30, -15]; // [°]; along no axis: else nothing has depth
+const SIDES_SEEN = [-105, -120, -135, -150, -165, -75, -60, -45, -30, -15]; // [°]; never along an axis, where there is no impression of depth
 const extentOf = () => space.range.map(([low, high]) => high - low);
 const eyeAt = (degrees) => {
   const turn = (degrees * Math.PI) / 180;
@@ -24,7 +24,7 @@ const UP = upOf(EYE);
 function bestEye() {
   const found = SIDES_SEEN.map(eyeAt);
   const zooms = found.map((eye) => zoom(extentOf(), rightOf(eye), upOf(eye)));
-  return found[zooms.findIndex((z) => z >= 0.98 * Math.max(...zooms))]; // the first of those that are nearly the best
+  return found[zooms.findIndex((z) => z >= 0.98 * Math.max(...zooms))]; // the first that is nearly the best
 }
 
 const column = (rows, k) => rows.map((row) => (row === null ? null : row[k]));
@@ -35,7 +35,7 @@ const line3d = (rows, style) =>
   );
 
 function sphere() {
-  const circle = [], // of one trace, with gaps between the circles: each trace takes its time to draw
+  const circle = [], // one trace with gaps between the circles, because each trace takes time to draw
     rows = [];
   for (let k = 0; k <= 72; k++) circle.push([Math.cos((k * Math.PI) / 36), Math.sin((k * Math.PI) / 36)]);
   for (const z of [-0.5, 0, 0.5]) {
@@ -99,7 +99,7 @@ function still() {
   ].filter(([, k]) => known(body.position[k]));
   const heights = ends.map(([, k]) => dot(body.position[k], UP));
   ends.forEach(([name, k], n) => {
-    // The upper letter stands above its end, the lower one below: they keep apart where the ends meet.
+    // The upper letter is above its end, the lower one below, so that they do not overlap where the ends meet.
     const upper = heights.length > 1 && n === heights.indexOf(Math.max(...heights));
     const place = { text: ["<b>" + name + "</b>"], textposition: upper ? "top center" : "bottom center" };
     traces.push(line3d([body.position[k]], { mode: "text", showlegend: false, ...place }));
@@ -107,7 +107,7 @@ function still() {
   return traces;
 }
 
-/** What changes with time, in this order: the arrows, their letters, dots and pale axes of the other bodies. */
+/** The traces that change with time, in this order: arrows, their letters, dots and pale axes of the other bodies. */
 function moving() {
   const { origin, axes } = pose(bodies[state.looked], state.time);
   const updates = arrows.map((arrow, k) => arrowPoints(origin, axes === null ? null : axes[k], space.length));
@@ -188,15 +188,15 @@ function movingTraces() {
   return traces;
 }
 
-/** What the box of the axes is multiplied by to fill the picture, first seen, with room for labels; a sphere is round. */
+/** The factor by which the box of the axes fills the scene in the first view, with space for labels; a sphere stays round. */
 function zoom(extent, right = RIGHT, up = UP) {
   const { clientWidth: width, clientHeight: height } = byId("space");
   const seen = (side) =>
     data.kind === "attitude" ? extent[0] : extent.reduce((sum, size, k) => sum + size * Math.abs(side[k]), 0);
-  return (VISIBLE / height) * Math.min((width - ROOM) / seen(right), (height - ROOM) / seen(up));
+  return (VISIBLE / height) * Math.min((width - LABEL_SPACE) / seen(right), (height - LABEL_SPACE) / seen(up));
 }
 
-/** The name of an axis of the world, which says where the common centre is. */
+/** The label of a world axis, with the offset of the common centre. */
 function titleOf(letter, k) {
   const offset = space.centre[k];
   return letter + (offset === 0 ? "" : offset > 0 ? " − " + offset : " + " + -offset) + " [m]";
@@ -212,7 +212,7 @@ function spaceLayout() {
       title: { text: titleOf(letter, k) },
       range: space.range[k],
       nticks: 6,
-      tickangle: 0, // along the axis long numbers reach into its title
+      tickangle: 0, // rotated along the axis, long numbers would overlap its title
       tickfont: { size: 11 },
       gridcolor: "#e6ebf0",
       zerolinecolor: "#c9d2da",

@@ -1,4 +1,4 @@
-"""The figure of a turn: angle, rate and acceleration against their limits, phase plane, quaternion."""
+"""The figure of a slew: angle, rate and acceleration with their limits, phase plane, quaternion."""
 
 from typing import Any
 
@@ -8,9 +8,9 @@ import xarray
 from matplotlib.figure import Figure
 
 from qtraj.viz.style import (
+    ACCELERATION_LABEL,
     ANGLE_LABEL,
     BAND,
-    BEND_LABEL,
     BOUND,
     RATE_LABEL,
     RC,
@@ -24,14 +24,14 @@ from qtraj.viz.style import (
 
 HEIGHT = 6.25  # [inch] without a title
 ANGLE = "#0072B2"
-HEADROOM = 1.12  # of a limit or a peak, so that neither lies on the frame
+HEADROOM = 1.12  # relative to a limit or a peak, so that neither is on the border
 
 
-def turn_figure(dataset: xarray.Dataset, limits: dict[str, float]) -> Figure:
-    """Φ, Φ̇ and Φ̈ in degrees against time with their limits; Φ̇ against Φ; the quaternion's components.
+def slew_figure(dataset: xarray.Dataset, limits: dict[str, float]) -> Figure:
+    """Φ, Φ̇ and Φ̈ in degrees against time with their limits; Φ̇ against Φ; the components of the quaternion.
 
-    `dataset` holds angle, angle_rate, angle_acceleration [rad…] and quaternion over time; `limits` are max_rate and
-    max_acceleration [rad…], where there are any.
+    `dataset` has angle [rad], angle_rate [rad/s], angle_acceleration [rad/s²] and quaternion over time; `limits` may
+    have max_rate [rad/s] and max_acceleration [rad/s²].
     """
     with mpl.rc_context(RC):
         band = BAND if title(dataset) else 0.0
@@ -45,7 +45,7 @@ def turn_figure(dataset: xarray.Dataset, limits: dict[str, float]) -> Figure:
         phase, quaternion = (figure.add_subplot(right[row]) for row in (0, 1))
         _history(angle, dataset, "angle", ANGLE_LABEL, None)
         _history(rate, dataset, "angle_rate", RATE_LABEL, limits.get("max_rate"))
-        _history(acceleration, dataset, "angle_acceleration", BEND_LABEL, limits.get("max_acceleration"))
+        _history(acceleration, dataset, "angle_acceleration", ACCELERATION_LABEL, limits.get("max_acceleration"))
         acceleration.set_xlabel("time [s]")
         for axes in (angle, rate):
             axes.tick_params(labelbottom=False)
@@ -68,7 +68,7 @@ def _quaternion(axes: Any, dataset: xarray.Dataset) -> None:
 
 
 def _bound(axes: Any, limit: float, peak: float, text: str) -> None:
-    """Dotted lines at ± `limit`, the lower one only where something is drawn below zero."""
+    """Dotted lines at ± `limit`, the lower one only if a curve is below zero."""
     low = min(float(np.nanmin(line.get_ydata())) for line in axes.lines)
     axes.axhline(limit, label=text, **BOUND)
     top = HEADROOM * max(limit, peak)

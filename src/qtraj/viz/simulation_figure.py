@@ -1,4 +1,4 @@
-"""The figure of a closed loop: error, rate and command over time, with the closed form and the limit."""
+"""The figure of a simulated closed loop: error, rate and command over time, with closed form and limit."""
 
 from typing import Any
 
@@ -12,8 +12,8 @@ from qtraj.viz.style import (
     BOUND,
     CLOSED,
     COMPONENTS,
-    LEAST_ANGLE,
     LIMIT,
+    MIN_ANGLE,
     RC,
     SUBSCRIPTS,
     WIDTH,
@@ -29,10 +29,11 @@ PROGRAM = {"color": "0.55", "lw": 0.8, "ls": "solid", "zorder": 1.5}
 LENGTH = {"color": "0.2", "lw": 1.2, "alpha": 0.8}
 
 
-def track_figure(dataset: xarray.Dataset, settled: float, limit: float | list[float] | None) -> Figure:
-    """Error angle (log) and error quaternion against the closed form; rates; physical and virtual command; |λ|.
+def simulation_figure(dataset: xarray.Dataset, settled: float, limit: float | list[float] | None) -> Figure:
+    """Error angle (logarithmic) and error quaternion with the closed form; rates; physical and virtual command; |λ|.
 
-    `dataset` is the table of `qtraj track`; `settled` [rad] is marked, and so is the limit of the command [rad…].
+    `dataset` is the table of `qtraj track`. Lines mark the angle `settled` [rad] and the `limit` of the command
+    [rad/s or rad/s²].
     """
     with mpl.rc_context(RC):
         band = BAND if title(dataset) else 0.0
@@ -61,7 +62,7 @@ def track_figure(dataset: xarray.Dataset, settled: float, limit: float | list[fl
 
 
 def _applies(dataset: xarray.Dataset) -> bool:
-    """Whether the closed form is that of this motion; of a disturbed one it is another's, and is not drawn."""
+    """Whether the closed form applies to this motion, and is drawn; it does not apply with a disturbance."""
     return dataset.attrs.get("closed_form", "applies") == "applies"
 
 
@@ -73,7 +74,7 @@ def _draw_angle(axes: Any, dataset: xarray.Dataset, settled: float) -> None:
     ):
         if name in dataset and (name == "angle" or _applies(dataset)):
             values = np.degrees(dataset[name].values)
-            axes.plot(time, np.where(values > LEAST_ANGLE, values, np.nan), label=label, **line)
+            axes.plot(time, np.where(values > MIN_ANGLE, values, np.nan), label=label, **line)
     axes.axhline(np.degrees(settled), color=LIMIT, lw=0.8, ls=(0, (4, 3)), label=f"{np.degrees(settled):.4g}°")
     axes.set_yscale("log")
     axes.set_ylabel("error angle [°]")
@@ -94,7 +95,7 @@ def _draw_command(axes: Any, dataset: xarray.Dataset, limit: float | list[float]
     unit = _unit(dataset)
     _draw_components(axes, dataset, "command", "ω" if unit == "°/s" else "ε", "xyz", degrees=True)
     values = np.degrees(dataset["command"].values)
-    if dataset.attrs.get("saturation") != "axis":  # else the limits are those of components
+    if dataset.attrs.get("saturation") != "axis":  # otherwise the limits apply to components
         axes.plot(dataset["time"].values, np.linalg.norm(values, axis=1), label="length", **LENGTH)
     bounds = np.unique(np.degrees([] if limit is None else limit))
     peak = np.nanmax(np.abs(values), initial=0.0)
@@ -126,7 +127,7 @@ def _draw_norm(axes: Any, dataset: xarray.Dataset) -> None:
     values = dataset["norm"].values
     axes.plot(dataset["time"].values, values, color=COMPONENTS["w"], lw=1.5)
     middle, spread = np.nanmean(values), np.nanmax(values) - np.nanmin(values)
-    if spread < 1e-6 * middle:  # else matplotlib would show round-off as a mountain range
+    if spread < 1e-6 * middle:  # otherwise the axis would magnify round-off
         axes.set_ylim(0.9 * middle, 1.1 * middle)
     axes.set_ylabel("length |λ| [–]")
 
