@@ -1,6 +1,6 @@
-"""Stored documents of any class of the library: `load` where it is not known beforehand what a file holds.
+"""Loads stored documents of any class of the library.
 
-`foundation.document` reads the classes that have been imported; importing this module imports all that can be stored.
+`foundation.document` reads only classes that have been imported; this module imports all that can be stored.
 """
 
 import importlib
