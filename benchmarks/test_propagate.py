@@ -66,7 +66,7 @@ def with_scipy(tolerance):
 
 
 def peers(target):
-    """Name → call, each with the loosest setting (in whole decades, or in steps) that keeps the target."""
+    """Name → call, each with the loosest setting (in whole decades, or in steps) that reaches the target."""
     tight = target == 1e-10
     term = AttitudeTerm(rate)
     return {
@@ -105,7 +105,7 @@ def test_one_attitude(benchmark, target, name):
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_ratios(target):
-    """All in turn, round after round: the best of each relative to Gauss–Legendre with fixed steps."""
+    """All alternate, round by round: the best time of each relative to Gauss–Legendre with fixed steps."""
     calls = peers(target)
     found = {name: error(jax.block_until_ready(call())) for name, call in calls.items()}
     spent = {name: [] for name in calls}

@@ -1,4 +1,4 @@
-"""Gradients against central differences, as the tests take them."""
+"""Gradients compared with central differences, as in the tests."""
 
 from tests.motion import test_gradients as tests
 

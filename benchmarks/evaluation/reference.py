@@ -1,4 +1,4 @@
-"""What `qtraj.evaluate` is compared with: NumPy with SciPy's Rotation, and a kernel in C where gcc is there."""
+"""References for `qtraj.evaluate`: NumPy with SciPy's Rotation, and a kernel in C if gcc is installed."""
 
 import ctypes
 import shutil

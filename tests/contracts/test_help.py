@@ -1,4 +1,4 @@
-"""What a user sees first in a terminal: names, signatures, values."""
+"""Names, signatures and values, as shown in an interactive session."""
 
 import inspect
 import io
@@ -17,7 +17,7 @@ LONGEST = 750
 NAMES = [n for n in qt.__all__ if callable(getattr(qt, n)) and not isinstance(getattr(qt, n), types.ModuleType)]
 
 
-def test_dir_lists_the_public_names_alone():
+def test_dir_lists_only_the_public_names():
     assert dir(qt) == sorted(qt.__all__)
     assert not {"Any", "importlib", "TYPE_CHECKING", "_HOMES"} & set(dir(qt))
 
@@ -29,7 +29,7 @@ def test_signatures_name_their_types(name):
     assert len(text) <= LONGEST
 
 
-def test_help_of_tune_begins_with_what_it_takes():
+def test_help_of_tune_begins_with_its_arguments():
     out = io.StringIO()
     pydoc.Helper(output=out).help(qt.tune)
     head = out.getvalue().partition("fixed:")[0]
@@ -43,7 +43,7 @@ def test_limits_show_values_and_units():
     assert repr(qt.Limits()) == "Limits()"
 
 
-def test_stacked_and_traced_limits_can_be_shown():
+def test_batched_and_traced_limits_can_be_shown():
     stacked = jax.vmap(lambda k: qt.Limits(curvature=k))(jnp.array([0.1, 0.2]))
     assert repr(stacked) == "Limits(curvature=[0.1, 0.2] 1/m)"
     seen = []

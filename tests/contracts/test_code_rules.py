@@ -1,4 +1,4 @@
-"""The manners of the code that no linter rule states in one place: see CONTRIBUTING.md."""
+"""Rules for the code that no linter checks: see CONTRIBUTING.md."""
 
 import ast
 import io
@@ -19,20 +19,20 @@ VERSION = "_version.py"  # one line, which the build reads
 
 
 def faults(code):
-    """What is wrong with a module, as a list of 'line: fault'."""
-    found = [(1, f"more than {MAXIMUM_LINES} lines")] if len(code.splitlines()) > MAXIMUM_LINES else []
+    """The violations of the rules in a module, as a list of 'line: fault'."""
+    result = [(1, f"more than {MAXIMUM_LINES} lines")] if len(code.splitlines()) > MAXIMUM_LINES else []
     tree = ast.parse(code)
     if not ast.get_docstring(tree):
-        found.append((1, "no docstring"))
+        result.append((1, "no docstring"))
     for node in ast.walk(tree):
-        found += [(getattr(node, "lineno", 1), fault) for fault in _faults_of(node)]
+        result += [(getattr(node, "lineno", 1), fault) for fault in _node_faults(node)]
     for token in tokenize.generate_tokens(io.StringIO(code).readline):
         if token.type in {tokenize.COMMENT, tokenize.STRING} and UNFINISHED.search(token.string):
-            found.append((token.start[0], "unfinished"))
-    return [f"{line}: {fault}" for line, fault in sorted(found)]
+            result.append((token.start[0], "unfinished"))
+    return [f"{line}: {fault}" for line, fault in sorted(result)]
 
 
-def _faults_of(node):
+def _node_faults(node):
     match node:
         case ast.Assert():
             yield "assert"
@@ -51,11 +51,11 @@ def _faults_of(node):
 
 
 @pytest.mark.parametrize("name", sorted(FILES.keys() - {VERSION}))
-def test_module_has_manners(name):
+def test_modules_follow_the_rules(name):
     assert faults(FILES[name].read_text(encoding="utf-8")) == []
 
 
-def test_the_source_is_found():
+def test_the_sources_are_found():
     assert "foundation/types.py" in {name.replace("\\", "/") for name in FILES}
 
 
@@ -77,11 +77,11 @@ def test_the_source_is_found():
         ("x = 1\n" * MAXIMUM_LINES, f"more than {MAXIMUM_LINES} lines"),
     ],
 )
-def test_the_check_sees_a_fault(body, fault):
-    [found] = faults(f'"""A module."""\n{body}')
-    assert found.partition(": ")[2] == fault
+def test_the_check_detects_a_fault(body, fault):
+    [result] = faults(f'"""A module."""\n{body}')
+    assert result.partition(": ")[2] == fault
 
 
-def test_the_check_sees_a_missing_docstring_and_passes_good_code():
+def test_the_check_detects_a_missing_docstring_and_accepts_good_code():
     assert faults("x = 1\n") == ["1: no docstring"]
     assert faults('"""A module."""\n\n\ndef evaluate(x):\n    return model.eval(x)\n') == []
