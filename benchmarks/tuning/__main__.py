@@ -108,7 +108,7 @@ def best_of(given: Problems, starts: int, solve) -> tuple[np.ndarray, float]:
             for _ in range(slsqp.EXCHANGES):
                 if found.ratio <= FEASIBLE or found.ratio > 1.01 or found.cost > costs[k]:
                     break
-                found = solve(problem, limit, found.z, np.asarray(slsqp.summits(problem, limit, found.z)[0]))
+                found = solve(problem, limit, found.z, np.asarray(slsqp.refined_peak(problem, limit, found.z)[0]))
             if found.ratio <= FEASIBLE:
                 costs[k] = min(costs[k], found.cost)
     return costs, float(np.mean(seconds))

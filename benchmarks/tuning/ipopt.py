@@ -5,7 +5,7 @@ from functools import cache
 import casadi
 import numpy as np
 
-from benchmarks.tuning.slsqp import INSTANTS, Solved, functions, summits
+from benchmarks.tuning.slsqp import INSTANTS, Solved, functions, refined_peak
 from qtraj.design.tuning.problem import Problem
 
 PARAMETERS = 13  # ρ, h, V_ρ, V_φ, V_h at both ends, the turn, T₀ and V_ref
@@ -44,7 +44,7 @@ def solve(problem: Problem, limit: float, start: np.ndarray, added: np.ndarray) 
     z = np.where(np.isfinite(z), z, start)
     # IPOPT's cost is not always the cost of the returned point, for example after a failed evaluation.
     cost = float(functions(problem, limit, added, z)[0])
-    return Solved(z, cost, float(summits(problem, limit, z)[1]))
+    return Solved(z, cost, float(refined_peak(problem, limit, z)[1]))
 
 
 def _cubic(a: casadi.SX, b: casadi.SX, va: casadi.SX, vb: casadi.SX, period: casadi.SX) -> tuple[casadi.SX, ...]:

@@ -46,7 +46,7 @@ def functions(problem: Problem, limit: Any, added: Any, z: Any) -> tuple[Any, An
 
 
 @jax.jit
-def summits(problem: Problem, limit: Any, z: Any) -> tuple[Any, Any]:
+def refined_peak(problem: Problem, limit: Any, z: Any) -> tuple[Any, Any]:
     """The instant of the peak among many, and the largest curvature relative to the limit."""
     path = problem.path(z)
     u = jnp.linspace(0.0, 1.0, 20001)
@@ -88,7 +88,7 @@ def solve(problem: Problem, limit: float, start: np.ndarray, added: np.ndarray |
 def outcome(problem: Problem, limit: float, z: np.ndarray) -> Solved:
     """Cost and curvature for given variables, checked at many instants."""
     cost = functions(problem, limit, np.zeros(ADDED), z)[0]
-    return Solved(z, float(cost), float(summits(problem, limit, z)[1]))
+    return Solved(z, float(cost), float(refined_peak(problem, limit, z)[1]))
 
 
 def exchanged(problem: Problem, limit: float, found: Solved) -> Solved:
@@ -96,7 +96,7 @@ def exchanged(problem: Problem, limit: float, found: Solved) -> Solved:
     for _ in range(EXCHANGES):
         if found.ratio <= 1 + 1e-10:
             break
-        found = solve(problem, limit, found.z, np.asarray(summits(problem, limit, found.z)[0]))
+        found = solve(problem, limit, found.z, np.asarray(refined_peak(problem, limit, found.z)[0]))
     return found
 
 
@@ -127,4 +127,4 @@ def _least_peak(problem: Problem, limit: float) -> float:
         options={"ftol": 1e-10, "maxiter": 100},
     )
     z = np.where(np.isfinite(found.x[:size]), found.x[:size], 0.0)
-    return limit * float(summits(problem, limit, z)[1])
+    return limit * float(refined_peak(problem, limit, z)[1])

@@ -40,14 +40,14 @@ def test_the_names_agree_with_those_for_the_type_checker():
     [block] = [node for node in TREE.body if isinstance(node, ast.If) and isinstance(node.test, ast.Name)]
     seen = {alias.name: node.module for node in block.body for alias in node.names}
     lazy = {name: home for home, names in qt._HOMES.items() for name in names}
-    modules = {name: home.rpartition(".")[0] for name, home in qt._MODULES.items() if name not in qt._ROOMS}
+    modules = {name: home.rpartition(".")[0] for name, home in qt._MODULES.items() if name not in qt._PACKAGES}
     assert lazy | modules == seen
     assert {*seen, "__version__"} == set(qt.__all__) <= set(dir(qt))
     assert all(getattr(qt, name) is getattr(importlib.import_module(lazy[name]), name) for name in lazy)
 
 
 def test_the_packages_are_the_folders():
-    assert set(qt._ROOMS) == {file.parent.name for file in Path(inspect.getfile(qt)).parent.glob("*/__init__.py")}
+    assert set(qt._PACKAGES) == {file.parent.name for file in Path(inspect.getfile(qt)).parent.glob("*/__init__.py")}
 
 
 def test_an_unknown_name_is_refused():
