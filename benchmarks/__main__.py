@@ -1,12 +1,12 @@
-"""Run the races, print their tables, save them as JSON with the machine and the versions, and draw the figures.
+"""Runs the benchmarks, prints their tables, saves them as JSON with machine and versions, and draws the figures.
 
-    python -m benchmarks                        all races: some minutes, on a machine that does nothing else
-    python -m benchmarks evaluation bandwidth   these only; the others are kept as the file has them
-    python -m benchmarks --quick                small sizes and few rounds: does it run?
-    python -m benchmarks --write                and put tables and figures into docs/performance.md
+    python -m benchmarks                        all benchmarks: some minutes, on an otherwise idle machine
+    python -m benchmarks evaluation bandwidth   only these; the file keeps the others
+    python -m benchmarks --quick                small sizes and few rounds, to check that everything runs
+    python -m benchmarks --write                also update tables and figures of docs/performance.md
 
-The file is benchmarks/results/<name>.json, with --quick one in a fresh temporary folder, written after each race; the
-name is the kind of device unless given. The documents are made of benchmarks/results/cpu.json alone.
+The file is benchmarks/results/<name>.json (with --quick in a temporary folder), written after each benchmark; the
+default name is the type of device. The documents use only benchmarks/results/cpu.json.
 """
 
 import argparse

@@ -1,6 +1,6 @@
-"""What the benchmarks share: the loosest setting that is accurate enough, and a race in one run.
+"""Shared by the benchmarks: the loosest setting that is accurate enough, and comparisons of run time.
 
-Machines are noisy, so the runners take turns, round after round, and medians are compared; the best are printed too.
+Machines are noisy, so the candidates alternate round by round, and medians are compared; best times are printed too.
 """
 
 import time

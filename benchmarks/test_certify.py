@@ -1,7 +1,7 @@
-"""Proofs on 1000 turns against checking 10⁴ samples of each, compiled and blocking, in one run.
+"""Proofs on 1000 turns compared with checks of 10⁴ samples of each, compiled and blocking, in one run.
 
-`pytest benchmarks/test_certify.py -n 0 -s -k ratios` prints the race; `-k random` judges 10 000 random turns and
-`-k tuned` 1000 tuned ones, and checks every answer in 50 digits.
+`pytest benchmarks/test_certify.py -n 0 -s -k ratios` prints the ratios; `-k random` certifies 10 000 random turns and
+`-k tuned` 1000 tuned ones, and both check every status in 50 digits.
 """
 
 import jax

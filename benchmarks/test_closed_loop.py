@@ -1,6 +1,6 @@
-"""The closed loop of 6 s against a hand-written one with SciPy's DOP853: same tolerances, same instants, same outputs.
+"""A closed loop of 6 s compared with a hand-written one with SciPy's DOP853: same tolerances, instants and outputs.
 
-The program is coning, the law the one with exactly linear errors and scalar gains. One loop, and 256 initial states.
+The program is coning, the law has exactly linear errors and scalar gains. One loop, and 256 initial states.
 """
 
 import functools

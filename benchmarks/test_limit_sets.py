@@ -1,4 +1,4 @@
-"""One process tunes every set of one, two and three of nine limits, in both motions: nothing more is compiled or kept.
+"""One process tunes every set of one, two and three of nine limits, in both motions, without further compilation.
 
 `.venv/bin/pytest benchmarks/test_limit_sets.py -n 0 -s` prints seconds, memory maps and resident memory.
 """

@@ -1,7 +1,7 @@
 """One long problem to 1e-10 rad: 3700 cones in 10 000 s (β = 10°, Ω = 0.74π), about 1e5 steps of an order of eight.
 
-The steps of a known rate are computed all at once and multiplied in parallel; an ODE solver takes them one after the
-other. The same is asked of our own formulas: `one_after_another` has the same steps in a sequential scan.
+The steps of a known rate are computed and multiplied in parallel; an ODE solver takes them one after the other. For
+comparison, `one_after_another` has qtraj's steps in a sequential scan.
 """
 
 import functools

@@ -1,6 +1,6 @@
 """Evaluation relative to the copy bandwidth of the device: one path, and many paths with 10³ instants each.
 
-On a GPU the aim is 70 % of what a compiled copy of a large array reaches, read and write counted.
+On a GPU the goal is 70 % of the bandwidth of a compiled copy of a large array, counting reads and writes.
 """
 
 import jax

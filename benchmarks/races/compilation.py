@@ -1,6 +1,6 @@
 """Compile time, separately from other times: the first and the second call of each function.
 
-Each in a process of its own, so that none finds what another has compiled, and without the persistent cache.
+Each runs in its own process without the persistent cache, so that no compiled code is shared.
 """
 
 import json

@@ -1,7 +1,7 @@
-"""`evaluate` of one path against a kernel in C, NumPy with SciPy, and the bare writing of the same bytes.
+"""`evaluate` of one path compared with a kernel in C, NumPy with SciPy, and plain writing of the same bytes.
 
 Position, velocity, acceleration, quaternion, curvature, torsion and rate: 17 channels (18 for qtraj, which also writes
-the component of the rate that is zero). All are warm, take turns, and are compared before they are timed.
+the zero component of the rate). All are compiled and alternate, and their results are compared before timing.
 """
 
 import inspect

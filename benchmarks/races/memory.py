@@ -1,7 +1,7 @@
 """Peak memory compared with the prediction, each case in its own process.
 
-The largest resident set after the large call, less that after a small one of the same form: 18 numbers of results and
-one time for an instant; with `reduce`, the times and one reordered copy of them.
+The measurement is the difference of the largest resident sets after a large and a small call. The prediction is 18
+results and one time per instant; with `reduce`, the times and one reordered copy of them.
 """
 
 import resource

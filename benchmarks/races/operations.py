@@ -1,7 +1,7 @@
 """The amount of compilation: the StableHLO operations of the executables that successive calls compile.
 
-Each row is a call in a process that has made the calls of the rows before it with the same "process"; none uses the
-persistent cache. The counts are exact, whatever else the machine does.
+The calls of rows with the same "process" run in one process, in this order, without the persistent cache. The counts
+are exact, even on a busy machine.
 """
 
 import json

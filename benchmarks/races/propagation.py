@@ -1,8 +1,8 @@
 """λ(t) of coning problems: work against precision, and the smallest work for one precision.
 
-`propagate` with equal steps, diffrax with adaptive ones (both in a batch), and SciPy's DOP853 on one problem after the
-other, with a right side in plain numbers, which is faster than one in NumPy arrays. All settings of all methods take
-turns, SciPy's in the first two rounds; errors are those from the closed form.
+The methods are `propagate` with equal steps, diffrax with adaptive steps (both in a batch), and SciPy's DOP853 for
+one problem after the other, with a right-hand side in plain numbers, which is faster than NumPy arrays. All settings of
+all methods alternate, SciPy's in the first two rounds; errors are relative to the closed form.
 """
 
 import diffrax

@@ -1,7 +1,7 @@
-"""Whole processes: imports, and `qtraj tune` against a bare process that computes one thing with the same libraries.
+"""Whole processes: imports, and `qtraj tune` compared with a bare process that uses the same libraries once.
 
-Wall time is what a user waits for; user and system time of the process and of what it waited for says more where other
-work shares the machine. Commands take turns.
+Users wait for the wall time; the user and system time of the process and its children is more reliable on a shared
+machine. Commands alternate.
 """
 
 import os

@@ -1,6 +1,6 @@
-"""Random tuning problems: a turn of 0.6 to 3 rad between radii of 10 to 40 m, and a curvature limit that can be met.
+"""Random tuning problems: a turn of 0.6 to 3 rad between radii of 10 to 40 m, and a feasible curvature limit.
 
-The limit lies between the peak of the given path and the least peak that SLSQP finds from there.
+The limit is between the peak of the initial path and the smallest peak that SLSQP finds from there.
 """
 
 from typing import NamedTuple
