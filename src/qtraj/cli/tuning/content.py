@@ -73,7 +73,7 @@ def _finding(name: str, certificate: Certificate) -> dict[str, Any]:
         "time": time,
         "margin": certificate.margin(name),
         "status": certificate.status[name],
-        "binding": name in certificate.binding,
+        "binding": name in certificate.active,
     }
 
 

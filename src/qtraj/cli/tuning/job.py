@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from qtraj.design.fitting.fit import fit
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
-from qtraj.design.tuning.initial import given_path
+from qtraj.design.tuning.initial import initial_path
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.foundation.types import Scalar
 from qtraj.io.attitude_angles import AttitudeAngles
@@ -209,7 +209,7 @@ def _between(scenario: Scenario, limits: Limits, objective: str, motion: str, st
     placement = None if scenario.placement is None else Placement(**scenario.placement.model_dump(exclude_none=True))
     duration = scenario.tune.duration or scenario.duration
     turns = scenario.tune.turns or scenario.turns or 0
-    path = given_path(start, end, objective, motion, duration, turns, placement)
+    path = initial_path(start, end, objective, motion, duration, turns, placement)
     fixed, bounds = tuple(scenario.tune.fixed), _bounds(scenario)
     more = {"corridor": scenario.tune.corridor, **_method(scenario)}
     return Job(path, start, end, limits, objective, motion, duration, turns, starts, fixed, bounds, **more)

@@ -23,7 +23,7 @@ class Expansion(NamedTuple):
     curvature: Float[Array, "n n places"]
     mixed: Float[Array, "n places"]  # ∂²g/∂z∂u
     rate: Places  # ∂g/∂u
-    bend: Places  # ∂²g/∂u²
+    second_rate: Places  # ∂²g/∂u²
 
 
 def slopes(
@@ -82,7 +82,7 @@ def expansions(
         0.5 * scale * (curvature + second + cross + jnp.swapaxes(cross, 0, 1)),
         0.5 * scale * (mixed + first * G.rate[None]),
         0.5 * scale * G.rate,
-        0.5 * scale * G.bend,
+        0.5 * scale * G.second_rate,
     )
 
 
@@ -145,8 +145,15 @@ def _second_order(
     first_order = add([dot(_broadcast(b), v) for b, v in zip(gradient, directions, strict=True)])
     local = _vectors(local)
     mixed = add([dot(_broadcast(b), v) for b, v in zip(local, _vectors(moved_in_u), strict=True)])
-    bend = add([dot(b, v) for b, v in zip(local, _vectors(in_u_twice), strict=True)])
-    return G, first_order[:n], hessian_w[:n, :n], hessian_w[:n, n] + mixed, first_order[n], hessian_w[n, n] + 2 * bend
+    second_rate = add([dot(b, v) for b, v in zip(local, _vectors(in_u_twice), strict=True)])
+    return (
+        G,
+        first_order[:n],
+        hessian_w[:n, :n],
+        hessian_w[:n, n] + mixed,
+        first_order[n],
+        hessian_w[n, n] + 2 * second_rate,
+    )
 
 
 def _gradient(group: Group, r: list[Triple], index: Int[Array, ""]) -> tuple[Places, list[Triple], tuple[Any, ...]]:
