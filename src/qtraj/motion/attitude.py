@@ -31,7 +31,7 @@ class Attitude(AbstractResult):
             "acceleration": Quantity(self.acceleration, "rad s-2", "angular acceleration, body axes", ("body",)),
         }
         rates, accelerations = (np.linalg.norm(np.asarray(x), axis=-1) for x in (self.rate, self.acceleration))
-        shown = f"|rate| {extent(rates, 'rad/s')}, |acceleration| {extent(accelerations, 'rad/s²')}"
+        shown = f"|rate| {extent(rates, 'rad s-1')}, |acceleration| {extent(accelerations, 'rad s-2')}"
         first = "" if self.quaternion.ndim > 1 else f"quaternion {vector_text(self.quaternion)}, "
         return Record(
             f"{batch_prefix(self.quaternion.shape[:-1])}{first}{shown}", variables, attributes={"frame": "body"}

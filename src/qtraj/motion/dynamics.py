@@ -61,12 +61,12 @@ def inertia_matrix(inertia: ArrayInput) -> Mat3:
         raise ValueError(f"an inertia must be a scalar, (3,) or (3, 3), but shape {J.shape} was given")
     J = J if J.ndim == 2 else jnp.diag(jnp.broadcast_to(J, (3,)))
     require_finite(J, "the inertia")
-    known = concrete(J)
-    if known is not None:
-        symmetric = np.abs(known - known.T).max() <= SYMMETRY * np.abs(known).max()
-        if not symmetric or not (np.linalg.eigvalsh(known) > 0).all():
+    value = concrete(J)
+    if value is not None:
+        symmetric = np.abs(value - value.T).max() <= SYMMETRY * np.abs(value).max()
+        if not symmetric or not (np.linalg.eigvalsh(value) > 0).all():
             raise ValueError(
-                f"an inertia must be symmetric with positive principal moments, but {known.tolist()} was given"
+                f"an inertia must be symmetric with positive principal moments, but {value.tolist()} was given"
             )
     return J
 

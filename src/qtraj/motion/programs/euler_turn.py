@@ -168,9 +168,9 @@ def _require_profile(law: AbstractProfile) -> None:
 
 
 def _require_attitudes(quaternions: Float[Array, "n 4"], name: str) -> None:
-    known = concrete(quaternions)
-    if known is not None and not known.any(axis=1).all():
-        zero = int((~known.any(axis=1)).argmax())
+    values = concrete(quaternions)
+    if values is not None and not values.any(axis=1).all():
+        zero = int((~values.any(axis=1)).argmax())
         raise ValueError(f"{name}: quaternion {zero} is zero, which does not represent an attitude")
 
 

@@ -1,4 +1,4 @@
-"""The closed loop: a program, a law, and the body between them, with what disturbs, measures and acts."""
+"""Simulation of the closed loop: program, law, body, disturbance, sensor and actuator."""
 
 from collections.abc import Callable
 from typing import Any
@@ -23,8 +23,7 @@ from qtraj.motion.simulation.solution import Solution
 from qtraj.motion.simulation.task import Task, checked
 
 NEAR = 0.1
-"""An error quaternion that at an instant is below this part of its first (and of 1) is worth a word: the gain grew by
-100."""
+"""Length of the error quaternion, relative to its initial one (and to 1), below which the result mentions it."""
 
 
 def simulate(
@@ -49,19 +48,18 @@ def simulate(
 
     `times` (n,) [s]: instants of the program's own time, increasing; the first is that of the initial state.
     `disturbance`: a `DisturbanceTorque`, a `DisturbanceAcceleration`, or a function t → (3,) [rad/s²] in body axes.
-    `sensor`: `Sensor` or `Gyros`; None knows all. `actuator`: limits and hold. If sensor or actuator samples, the
-    command is renewed at its instants only, one solve from each to the next. `jumps` are instants where program or
-    disturbance jump, such as a turn's `profile.switches`; they, the tolerances, `solver`, `adjoint`, `max_steps` and
-    `throw` are those of `integrate`. Of a `RateLaw` the rate is the command: `rate` gives its dtype only, and there can
-    be no disturbance.
+    `sensor`: `Sensor` or `Gyros`; None measures the exact state. `actuator`: limits and hold of the command. With a
+    sampled sensor or actuator the command changes at the samples only. `jumps`: instants where program or disturbance
+    jump, such as a slew's `profile.switches`. `jumps`, the tolerances, `solver`, `adjoint`, `max_steps` and `throw` are
+    those of `integrate`. A `RateLaw` commands the rate: `rate` then determines the dtype only, and a disturbance is not
+    possible.
 
-    Every `command` is the one the actuator gives, without the disturbance, and at a renewal the new one. The body is
-    assumed to supply the commanded acceleration: `dynamics.torque` tells the torque for that.
+    `command` of the solution is the limited command, without the disturbance, and at a sample the new one. The body is
+    assumed to follow the commanded acceleration; `dynamics.torque` computes the torque it needs.
 
-    **Raises:** ValueError as `integrate`; for parts that are none, or a disturbance that is no function of the time
-    alone; for a disturbance or a strapdown computer with a
-    rate law; where sensor and actuator sample differently; for a period that is traced or much too short. RuntimeError
-    with `throw`.
+    **Raises:** ValueError as `integrate`; for parts of another type, or a disturbance that is not a function of the
+    time alone; for a disturbance or `Gyros` with a rate law; where sensor and actuator sample differently; for a period
+    that is traced or too short. RuntimeError with `throw`.
     """
     task = checked(quaternion, rate, times, jumps, rtol, atol, Method(solver, adjoint, max_steps))
     loop = Loop(program, law, _disturbance(disturbance), sensor, Actuator() if actuator is None else actuator)
@@ -75,24 +73,24 @@ def _simulate(loop: Loop, task: Task, renewals: Float[Array, " m"] | None) -> So
     references = jax.vmap(lambda t: loop.reference(t, t.dtype))(task.times)
     errors = jax.vmap(loop.law.deviation)(references, states.quaternion)
     angles = jax.vmap(error_angle)(references, states.quaternion)
-    code = _judged(loop.law, code, references, states.quaternion)
+    code = _refined_code(loop.law, code, references, states.quaternion)
     commands = "rate" if isinstance(loop.law, RateLaw) else "acceleration"
     return Solution(task.times, states.quaternion, states.rate, code, states.command, errors, angles, "body", commands)
 
 
-def _judged(
+def _refined_code(
     law: AbstractLaw, code: Int[Array, ""], references: Attitude, quaternions: Float[Array, "n 4"]
 ) -> Int[Array, ""]:
-    """The outcome, refined for laws that have a pole at μ = 0."""
+    """The result code, refined for laws with a pole at μ = 0."""
     if not isinstance(law, AccelerationLaw | RateLaw):
         return code
     lengths = jnp.sqrt(jax.vmap(norm_squared)(quaternions))
-    least = jnp.nanmin(lengths)
+    minimum = jnp.nanmin(lengths)
     far = jnp.sum(references.quaternion[0] * quaternions[0]) < 0
-    passed = (code == ResultCode.successful) & (least < NEAR * jnp.minimum(lengths[0], 1.0))
+    passed = (code == ResultCode.successful) & (minimum < NEAR * jnp.minimum(lengths[0], 1.0))
     stuck = ((code == ResultCode.max_steps_reached) | (code == ResultCode.step_too_small)) & far
-    judged = jnp.where(passed, ResultCode.near_zero_error, jnp.where(stuck, ResultCode.wrong_sign, code))
-    return judged.astype(jnp.int32)
+    refined = jnp.where(passed, ResultCode.near_zero_error, jnp.where(stuck, ResultCode.wrong_sign, code))
+    return refined.astype(jnp.int32)
 
 
 def _disturbance(
