@@ -12,7 +12,7 @@ from qtraj.foundation.types import ArrayInput
 if TYPE_CHECKING:
     import xarray
 
-KNOWN = {
+PREDEFINED = {
     "quaternion": ("1", "attitude, scalar first, body to inertial", (4,)),
     "error": ("1", "error quaternion of a feedback law", (4,)),
     "rate": ("rad s-1", "angular rate, body axes", (3, 4)),
@@ -58,21 +58,21 @@ def label(
         )
     if np.isnan(instants).any():
         raise ValueError("times must be numbers, but some are NaN")
-    variables = {name: _quantity(name, given, instants.shape[0]) for name, given in arrays.items()}
+    variables = {name: _quantity(name, array, instants.shape[0]) for name, array in arrays.items()}
     time = Quantity(instants, "s", "time", ("time",))
     return to_dataset(Record(", ".join(variables), variables, {"time": time}, {"frame": "body"}), attributes)
 
 
-def _quantity(name: str, given: Any, count: int) -> Quantity:
+def _quantity(name: str, entry: Any, count: int) -> Quantity:
     if name in TAKEN:
         raise ValueError(f"{name!r} is the name of a coordinate of the dataset: choose another name for the array")
-    described = isinstance(given, tuple) and len(given) == 3 and all(isinstance(text, str) for text in given[1:])
-    if not described and name not in KNOWN:
+    described = isinstance(entry, tuple) and len(entry) == 3 and all(isinstance(text, str) for text in entry[1:])
+    if not described and name not in PREDEFINED:
         raise ValueError(
-            f"{name!r} has no predefined unit; only {', '.join(KNOWN)} have. Pass others as (array, unit, meaning)."
+            f"{name!r} has no predefined unit, unlike {', '.join(PREDEFINED)}. Pass it as (array, unit, meaning)."
         )
-    array, unit, meaning = given if described else (given, *KNOWN[name][:2])
-    sizes = ANY if described else KNOWN[name][2]
+    array, unit, meaning = entry if described else (entry, *PREDEFINED[name][:2])
+    sizes = ANY if described else PREDEFINED[name][2]
     values = np.asarray(as_float(array))
     # Components are tried first: otherwise 3 or 4 instants could be taken for components of a batch.
     if values.shape[-2:-1] == (count,) and values.shape[-1] in sizes and values.shape[-1] in COMPONENTS:

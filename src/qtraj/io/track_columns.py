@@ -195,11 +195,11 @@ def _not_found(part: str, header: list[str]) -> str:
     plain = _plain(header)
     common = [choice.split(",") for choice in COMMON[part]]
     best = max(common, key=lambda names: sum(name in plain for name in names))
-    found = [plain[name] for name in best if name in plain]
+    present = [plain[name] for name in best if name in plain]
     missing = [name for name in best if name not in plain]
     what, example = f"no columns for the {part} were found", "..."
-    if found and missing:
-        what = f"the columns for the {part} are incomplete: found {', '.join(found)}, missing {', '.join(missing)}"
+    if present and missing:
+        what = f"the columns for the {part} are incomplete: found {', '.join(present)}, missing {', '.join(missing)}"
         likely = [plain.get(name) or _likely(part, k, plain) for k, name in enumerate(best)]
         example = "[" + ", ".join(f'"{name}"' for name in likely) + "]"
     without = "" if part in REQUIRED else f' To leave the {part} out: {part} = [], in Python {{"{part}": None}}.'
