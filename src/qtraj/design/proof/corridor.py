@@ -17,7 +17,7 @@ from qtraj.algebra.cells import Cells, PerPath
 from qtraj.algebra.chebyshev_model import AXIS, TINY, ChebyshevModel, add_rounding, multiple
 from qtraj.algebra.positivity import NEGATIVE, POSITIVE, prove_positive
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED, Certificate
-from qtraj.design.proof.inequalities import centred, squared_bound
+from qtraj.design.proof.inequalities import centred, in_units, squared_bound
 from qtraj.design.proof.search import find_maximum
 from qtraj.foundation.arrays import concrete, require_positive
 from qtraj.foundation.types import Scalar
@@ -132,8 +132,9 @@ def distance(path: Coefficients, reference: Coefficients, t: Scalar) -> Scalar:
 
 def _offsets(path: Coefficients, reference: Coefficients) -> tuple[CellPolynomial, CellPolynomial]:
     """The differences of ρ, φ and h, and both radii, as polynomials in s, with bounds for the rounding errors."""
-    ours = [_scaled(c, path.duration) for c in (path.radius, path.angle, path.height)]
-    theirs = [_scaled(c, reference.duration) for c in (reference.radius, reference.angle, reference.height)]
+    # In units of half the durations: coefficients in 1 + s = 2t/duration.
+    ours = [in_units(c.T, 0.5 * path.duration) for c in (path.radius, path.angle, path.height)]
+    theirs = [in_units(c.T, 0.5 * reference.duration) for c in (reference.radius, reference.angle, reference.height)]
     terms = max(c.shape[0] for c in (*ours, *theirs))
     ours, theirs = (jnp.stack([_pad(c, terms) for c in each]) for each in (ours, theirs))
     radii = jnp.stack([ours[0], theirs[0]])
@@ -153,14 +154,6 @@ def _polynomial(numbers: Float[Array, "axes k paths"], sizes: Float[Array, "axes
     count = 3 * numbers.shape[1] + 6
     size = jnp.max(jnp.sum(centre_all(sizes), axis=AXIS), axis=0)
     return cell_polynomial(centre_all(numbers), add_rounding(jnp.full_like(size, TINY), count, size))
-
-
-def _scaled(c: Float[Array, "paths k"], duration: PerPath) -> Float[Array, "k paths"]:
-    """Coefficients in 1 + s = 2t/duration."""
-    powers = [jnp.ones_like(duration)]
-    for _ in range(c.shape[1] - 1):
-        powers.append(powers[-1] * (0.5 * duration))
-    return c.T * jnp.stack(powers)
 
 
 def _pad(c: Float[Array, "k paths"], terms: int) -> Any:

@@ -66,7 +66,7 @@ def path_derivatives(path: MovingPolynomials, duration: PerPath) -> PathDerivati
     # The initial height and azimuth do not matter. Without them the other coefficients keep their full precision.
     y = jnp.zeros_like(path.x[:1]) if path.y is None else path.y
     coordinates = [path.x, y, path.z.at[0].set(0.0), path.angle.at[0].set(0.0)]
-    scaled = [_in_units(c, unit) for c in coordinates]
+    scaled = [in_units(c, unit)[:, None] for c in coordinates]
     sizes = jnp.stack([jnp.max(jnp.abs(c[:, 0]), axis=0) for c in scaled[:3]])
     length = _power_of_two(jnp.max(sizes, axis=0))
     lengths = [c / length[None, None] for c in scaled[:3]]
@@ -142,12 +142,12 @@ def centred(coefficients: Float[Array, "k 1 paths"]) -> Array:
     )
 
 
-def _in_units(coefficients: Float[Array, "k paths"], unit: PerPath) -> Float[Array, "k 1 paths"]:
-    """Coefficients in t/unit."""
+def in_units(coefficients: Float[Array, "k paths"], unit: PerPath) -> Float[Array, "k paths"]:
+    """Coefficients of polynomials in t/unit from those in t."""
     powers = [jnp.ones_like(unit)]
     for _ in range(coefficients.shape[0] - 1):
         powers.append(powers[-1] * unit)
-    return (coefficients * jnp.stack(powers))[:, None]
+    return coefficients * jnp.stack(powers)
 
 
 def _is_normal(x: Array) -> Bool[Array, " paths"]:

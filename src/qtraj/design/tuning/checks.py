@@ -56,7 +56,7 @@ def require_choices(
             f"Give one of {', '.join(BOUNDING)}."
         )
     if start.acceleration is not None or end.acceleration is not None:
-        raise ValueError("tuning changes the boundary velocities and cannot keep accelerations: leave them out")
+        raise ValueError("tuning changes the boundary velocities and cannot keep given accelerations: leave them out")
     if has_duration and motion.is_uniform and not objective.fixes_duration:
         raise ValueError(
             "a duration was given, but the tuned rate of uniform motion determines the duration. Leave it out, or use "

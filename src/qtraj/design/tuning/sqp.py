@@ -29,10 +29,7 @@ from qtraj.foundation.types import Flag, Scalar
 
 INITIAL_RADIUS, MAX_RADIUS, MIN_RADIUS = 0.5, 2.0, 1e-11
 GROWTH, SHRINKAGE = 2.5, 0.3  # the next trust radius over the size of the accepted or rejected step
-MIN_RATIO, GOOD_RATIO = (
-    0.1,
-    0.7,
-)  # actual over predicted decrease: below the first reject, above the second grow the radius
+MIN_RATIO, GOOD_RATIO = 0.1, 0.7  # actual over predicted decrease: to accept a step, and to grow the radius
 INITIAL_PENALTY, PENALTY_GROWTH, MAX_PENALTY = 2.0, 5.0, 1e5
 PENALTY_MARGIN = 3.0  # the penalty over the sum of the multipliers, once the limits are met
 
