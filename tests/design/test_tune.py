@@ -379,9 +379,8 @@ def test_the_advised_change_of_a_number_helps():
     limits = qt.Limits(curvature=0.02, lateral_acceleration=2.2)
     best = qt.tune(START, END, limits, bounds=SHORT_DURATION)
     assert best.status == "infeasible"
-    turn = (
-        float(best.result.split("change the turn from 1.571 to ")[1].split(" ")[0]) - 0.01
-    )  # printed with four digits
+    advised = float(best.result.split("change the turn from 1.571 to ")[1].split(" ")[0])
+    turn = advised - 0.01  # printed with four digits
     cos, sin = math.cos(turn), math.sin(turn)
     position = jnp.asarray([28.0 * cos, 28.0 * sin, 1.5])
     velocity = jnp.asarray([-cos - RATE * 28 * sin, -sin + RATE * 28 * cos, 0.1])

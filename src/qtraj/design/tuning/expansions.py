@@ -98,9 +98,9 @@ def _second_order(
     r, in_u, in_u_twice = along_u(curves.up_to(group.order), u, 2)
     moved, moved_in_u = along_u(derivatives.first.up_to(group.order), u, 1)
     w = jnp.concatenate([moved, in_u[None]])
-    pull_back: Any = lambda gradient: (gradient, 0.0)  # noqa: E731
+    map_back: Any = lambda gradient: (gradient, 0.0)  # noqa: E731
     if group.upright:
-        r, w, pull_back = world_derivatives(setting.axes, setting.curves.angle, derivatives.first.angle, r, w, u)
+        r, w, map_back = world_derivatives(setting.axes, setting.curves.angle, derivatives.first.angle, r, w, u)
     directions = _vectors(w)
     vectors = _vectors(r)
     G, gradient, (Y, block_gradient, in_invariants, hessian) = _gradient(group, vectors, index)
@@ -131,7 +131,7 @@ def _second_order(
         )
         hessian_w += [product, jnp.swapaxes(product, 0, 1)]
     hessian_w = add(hessian_w)
-    local, rotation_terms = pull_back(jnp.stack([jnp.stack(b) for b in gradient]))
+    local, rotation_terms = map_back(jnp.stack([jnp.stack(b) for b in gradient]))
     hessian_w = hessian_w + rotation_terms
     if derivatives.second is not None:
         second = derivatives.second.up_to(group.order)

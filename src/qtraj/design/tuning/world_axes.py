@@ -45,7 +45,7 @@ def cross_axis(v: Array) -> Array:
 def world_derivatives(
     axes: Array, coefficients: Array, angle_derivatives: Array, r: Array, w: Array, u: Array
 ) -> tuple[Array, Array, Any]:
-    """r', r'', … and their derivatives in all directions, in world axes; and a function that pulls gradients back.
+    """r', r'', … and their derivatives in all directions, in world axes; and a function that maps gradients back.
 
     It returns the gradient in the moving basis, and the terms that the rotation of the basis adds to the Hessian.
     """
@@ -57,11 +57,11 @@ def world_derivatives(
     second_angle = jnp.concatenate([second, moved_in_u[:, None]], axis=1)
     second_angle = jnp.concatenate([second_angle, jnp.concatenate([moved_in_u, 2 * in_u_twice[None]])[None]])
 
-    def pull_back(gradient: Array) -> tuple[Array, Array]:
+    def map_back(gradient: Array) -> tuple[Array, Array]:
         local = _from_world(axes, angle, gradient)
         half = first[:, None] * jnp.einsum("okp,mokp->mp", local, cross_axis(w))[None]
         square = first[:, None] * first[None] * jnp.einsum("okp,okp->p", local, twice_rotated)[None, None]
         added = second_angle * jnp.einsum("okp,okp->p", local, rotated)[None, None]
         return local, half + jnp.swapaxes(half, 0, 1) + square + added
 
-    return to_world(axes, angle, r), to_world(axes, angle, w + first[:, None, None] * rotated[None]), pull_back
+    return to_world(axes, angle, r), to_world(axes, angle, w + first[:, None, None] * rotated[None]), map_back
