@@ -40,8 +40,8 @@ def turns():
 def brute_force():
     """Deviations in the comparisons with integrations and searches in plain NumPy."""
     tests = {
-        "end rates, least time": brute.test_turns_with_end_rates,
-        "end rates, given time": brute.test_turns_with_end_rates_in_a_given_time,
+        "end rates, least time": brute.test_slews_with_end_rates,
+        "end rates, given time": brute.test_slews_with_end_rates_of_a_fixed_duration,
         "S-curves": brute.test_s_curves,
     }
     rows = [[name, used(test) * brute.BRUTE, f"`{test.__name__}`"] for name, test in tests.items()]
