@@ -45,7 +45,7 @@ def brute_force():
         "S-curves": brute.test_s_curves,
     }
     rows = [[name, used(test) * brute.BRUTE, f"`{test.__name__}`"] for name, test in tests.items()]
-    return table([f"{brute.COUNT} random profiles", "largest deviation", "guarded by"], rows)
+    return table([f"{brute.COUNT} random profiles", "largest deviation", "checked by"], rows)
 
 
 def frames():
