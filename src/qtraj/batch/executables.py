@@ -96,7 +96,7 @@ def _with_time_derivatives(instants: Array, times: Array) -> Array:
 
 
 def _stop_gradient(tree: Any) -> Any:
-    """The tree with constants for derivatives."""
+    """The tree, constant to differentiation."""
     return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
 
