@@ -268,7 +268,7 @@ def test_result_codes_are_numbers_in_a_trace(in_body_axes):
     def text(solution):
         return len(solution.result)
 
-    with pytest.raises(ValueError, match="outside jit"):
+    with pytest.raises(ValueError, match="inside jit"):
         text(in_body_axes)
     assert in_body_axes.code == qt.ResultCode.successful
     with pytest.raises(ValueError, match="open-loop"):

@@ -30,8 +30,8 @@ def test_jumps_of_a_program_cost_nothing_when_passed():
         LAW, control.error_quaternion(at, START), control.error_rate(at, START, RATE), times
     )
     np.testing.assert_allclose(solution.error, expected, rtol=0, atol=AT_DEFAULTS)
-    unannounced = qt.simulate(turn, LAW, START, RATE, times, max_steps=16)
-    assert "pass them as jumps" in unannounced.result
+    without_jumps = qt.simulate(turn, LAW, START, RATE, times, max_steps=16)
+    assert "as jumps" in without_jumps.result
 
 
 @pytest.mark.slow
@@ -190,7 +190,7 @@ def test_failed_elements_do_not_affect_the_rest_of_a_batch(sampled):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"disturbance": lambda t: jnp.zeros(4)}, r"a disturbance must be a vector \(3,\)"),
+        ({"disturbance": lambda t: jnp.zeros(4)}, r"a disturbance must return a vector \(3,\)"),
         ({"jumps": [[1.0]]}, "jumps must be a vector"),
         ({"jumps": [np.nan]}, "jumps must be finite"),
     ],

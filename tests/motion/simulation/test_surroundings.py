@@ -146,7 +146,7 @@ def test_parts_are_stored_and_read_back(part, tmp_path):
 
 
 def test_the_former_name_of_the_signal_is_accepted(tmp_path):
-    with pytest.warns(DeprecationWarning, match=r"'course' of DisturbanceTorque is now called 'signal'"):
+    with pytest.warns(DeprecationWarning, match=r"'course' of DisturbanceTorque\(\) is now called 'signal'"):
         former = qt.DisturbanceTorque(course=[1.0, 0.0, 0.0], inertia=2.0)
     np.testing.assert_array_equal(former.acceleration(jnp.asarray(0.0)), [0.5, 0.0, 0.0])
     file = tmp_path / "disturbance.toml"
