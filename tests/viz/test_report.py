@@ -278,7 +278,7 @@ def test_a_closed_form_that_does_not_apply_is_not_drawn():
     assert [line["name"] for line in shown_panels(loop)["error angle"]["series"]] == ["angle"]
     assert "closed form" in [line["name"] for line in shown_panels(closed_loop())["error angle"]["series"]]
     text = " ".join(Page(report_page(loop)).text)
-    assert "The closed form is not drawn, as it does not apply: a disturbance acts on the body." in text
+    assert "The closed form is not drawn, because it does not apply: a disturbance acts on the body." in text
 
 
 def results():
