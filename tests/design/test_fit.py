@@ -240,6 +240,23 @@ def test_a_parked_car_raises():
         fit(read_track(DATA / "boreas_standing.csv"))
 
 
+def test_a_parked_car_whose_position_drifts_raises():
+    """A random walk of the position, and velocities that are noise alone."""
+    rng = np.random.default_rng(18)
+    positions = np.cumsum(rng.normal(0.0, 0.01, (300, 3)), axis=0)
+    positions *= 0.8 / np.hypot(*(positions - positions.mean(axis=0))[:, :2].T).max()
+    track = Track(np.arange(300) / 10, positions, rng.normal(0.0, 0.03, (300, 3)))
+    with pytest.raises(ValueError, match=r"stands still.*no more than velocity_sigma = 0\.08.*only drift"):
+        fit(track)
+
+
+def test_a_vertical_climb_raises():
+    times = np.linspace(0.0, 8.0, 50)
+    track = Track(times, np.stack([0 * times, 0 * times, 3 * times], axis=1))
+    with pytest.raises(ValueError, match=r"vertical climb: the height changes by 24 m"):
+        fit(track)
+
+
 def test_a_window_that_is_too_short_raises():
     path = SpiralHelix([0.5], [0.0, 0.3], [0.0], 4.0)
     with pytest.raises(ValueError, match=r"too short: the vehicle travels 0\.6 m .* at least 1 m, 200 times .*Widen"):
@@ -297,6 +314,12 @@ def test_a_search_that_does_not_converge_is_reported(turn):
     assert np.isfinite(float(result.residual.horizontal_rms))
     with pytest.raises(RuntimeError, match=r"not converged after 2 steps.*max_steps"):
         fit(turn, max_steps=2, throw=True)
+
+
+def test_a_poor_fit_is_told_whether_the_search_converged_or_not(turn):
+    result = fit(turn, radius_bounds=(3.0, 4.0), max_steps=2)
+    assert result.code == ResultCode.poor_fit
+    assert "of the turn's radius" in result.result
 
 
 def test_a_radius_at_a_bound_is_reported(turn):

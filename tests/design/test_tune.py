@@ -173,6 +173,15 @@ def test_a_far_axis_needs_a_placement():
     assert qt.tune(*values, LIMITS).code.tolist() == [qt.ResultCode.successful, qt.ResultCode.axis_far_away]
 
 
+@pytest.mark.parametrize("options", [{}, {"motion": "hermite"}, {"motion": "hermite", "duration": 4.0}])
+def test_local_coordinates_far_from_their_origin_need_a_placement(options):
+    """34 m apart and 49 km from the axis, about which one of them seems to turn forwards and one backwards."""
+    start = qt.BoundaryState([6253.5, 48488.1, 1.5], [1.0, 7.0, 0.3])
+    end = qt.BoundaryState([6233.5, 48516.1, 3.0], [-9.8, -1.0, 0.1])
+    with pytest.raises(ValueError, match=r"m away from the world's z axis.*axis_between"):
+        qt.tune(start, end, qt.Limits(curvature=0.05), **options)
+
+
 @pytest.mark.parametrize("motion", ["uniform", "hermite"])
 def test_a_fixed_heading_leaves_the_speed_free(motion):
     slow = qt.Limits(curvature=0.06, lateral_acceleration=1.2)

@@ -135,6 +135,16 @@ def test_pandas_reads_the_table(paths, tmp_path):
         assert not [name for name in frame.columns if name.startswith("recorded")]
 
 
+@pytest.mark.parametrize("suffix", FLAT)
+def test_a_batch_of_results_has_a_column_of_their_numbers(tmp_path, suffix):
+    attitudes = jax.vmap(qt.EulerTurn([1.0, 0, 0, 0], [0.0, 1.0, 0, 0], qt.Quintic(duration=2.0)))(np.linspace(0, 2, 4))
+    dataset = attitudes.to_xarray()
+    qt.save_dataset(dataset, tmp_path / f"a{suffix}")
+    read = pandas.read_parquet if suffix == ".parquet" else lambda file: pandas.read_csv(file, comment="#")
+    assert list(read(tmp_path / f"a{suffix}")["batch"]) == [0, 1, 2, 3]
+    assert qt.load_dataset(tmp_path / f"a{suffix}").identical(dataset)
+
+
 KILLED = """
 import os, signal, sys
 import qtraj as qt

@@ -114,7 +114,7 @@ def _numbers(dataset: xarray.Dataset, rows: list[Any]) -> tuple[dict[str, np.nda
     shape = [dataset.sizes[dim] for dim in rows]
     columns, numbers = {}, {}
     for k, dim in enumerate(rows):
-        if _is_batch(dim) and dim not in dataset.variables and len(rows) > 1:
+        if _is_batch(dim) and dim not in dataset.variables:
             columns[str(dim)] = np.indices(shape)[k].ravel().astype(NUMBERS)
             numbers[str(dim)] = str(dim)
     return columns, numbers

@@ -84,5 +84,6 @@ def _require_angles(geodetic: np.ndarray, what: str) -> None:
         latitude, longitude = geodetic[bad[0], :2].tolist()
         raise ValueError(
             f"{what} has latitude {latitude:.9g}° and longitude {longitude:.9g}° (sample {bad[0]}), but a latitude "
-            "must be within ±90° and a longitude within ±360°. Name the columns in the order latitude, longitude, height."
+            "must be within ±90° and a longitude within ±360°. Name the columns in the order latitude, longitude, "
+            "height."
         )

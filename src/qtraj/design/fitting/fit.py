@@ -76,7 +76,7 @@ def fit(
     if motion not in ANGLE_TERMS:
         raise ValueError(f"motion={motion!r} is unknown: choose one of {', '.join(map(repr, ANGLE_TERMS))}")
     _require_positive(position_sigma=position_sigma, velocity_sigma=velocity_sigma, max_steps=max_steps)
-    turn = measure_turn(track, position_sigma)
+    turn = measure_turn(track, position_sigma, velocity_sigma)
     scale = turn.radius
     bounds = (BOUNDS[0] * scale, BOUNDS[1] * scale) if radius_bounds is None else _checked_bounds(radius_bounds)
     centre = to_float64(track.positions).mean(axis=0)
@@ -165,9 +165,10 @@ def _code(
     radius: np.ndarray, duration: float, bounds: tuple[float, float], converged: bool, quality: Quality
 ) -> ResultCode:
     """The result code of a fit whose path has these coefficients of ρ."""
-    if not converged:
+    code = judge(quality)
+    if not converged and code != ResultCode.poor_fit:
         return ResultCode.not_converged
-    if (code := judge(quality)) != ResultCode.successful:
+    if code != ResultCode.successful:
         return code
     return ResultCode.held_by_bounds if is_at_bound(radius, duration, bounds) else ResultCode.successful
 

@@ -73,9 +73,12 @@ class Fitted(AbstractOutcome):
         if code == ResultCode.held_by_bounds:
             return f"converged in {steps} steps: the radius is at one of its bounds, {span}. {code.text}"
         if code == ResultCode.not_converged:
+            misfit = self._misfit(at, LOOSE)
+            note = f" ({misfit})" if misfit else ""
             return (
-                f"not converged after {steps} steps: this is not the best path with a radius from {span}. Pass a "
-                "larger max_steps or wider radius_bounds, or choose a window with one clear bend."
+                f"not converged after {steps} steps: this is not the best path with a radius from {span}"
+                f"{note}. Choose a window with one clear bend, or pass wider radius_bounds; "
+                "a larger max_steps helps only where the search still made progress."
             )
         if code in (ResultCode.loose_fit, ResultCode.poor_fit) and np.isfinite(np.asarray(self.relative_rms)[at]):
             radius, duration = np.asarray(self.path.radius)[at], float(np.asarray(self.path.duration)[at])

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from qtraj.path.bends import Bend, bends
-from qtraj.path.track import STANDSTILL, Track, spread_radius, travel_length, travel_turn
+from qtraj.path.bends import Bend, bends, chord_length
+from qtraj.path.track import STANDSTILL, Track, spread_radius, to_float64, travel_length, travel_turn
 
 POSITION_SIGMA, VELOCITY_SIGMA = 0.005, 0.08
 """Default noise [m], [m/s]: the residual of cubics over 1 s of a car's smoothed recording (Boreas)."""
@@ -22,6 +22,12 @@ At this length a turn of `MIN_TURN` deviates from its chord by four of them.
 MIN_SAMPLES = 8
 """Enough for up to ten unknowns in the plane from two coordinates per sample, with about as many left over."""
 
+WANDER = 1.0
+"""[m] The positions of a parked vehicle may drift by this much, if its velocities show that it stands."""
+
+WINDOW = "with track.window(t0, t1), in a scenario with the key window"
+"""How to choose a window."""
+
 SPACING = 2 * MIN_LENGTH
 """Length of the chords that give the direction of travel without recorded velocities, in standard deviations."""
 
@@ -33,8 +39,8 @@ class Turn(NamedTuple):
     total_radius: float
 
 
-def measure_turn(track: Track, sigma: float) -> Turn:
-    """The turn of a window whose positions have the standard deviation `sigma` [m].
+def measure_turn(track: Track, sigma: float, velocity_sigma: float = VELOCITY_SIGMA) -> Turn:
+    """The turn of a window; `sigma` [m] and `velocity_sigma` [m/s] are the standard deviations of the recording.
 
     **Raises:** ValueError for too few samples, for a vehicle that stands still, and for a window that is too short, has
     bends of opposite sense, or is nearly straight.
@@ -44,34 +50,55 @@ def measure_turn(track: Track, sigma: float) -> Turn:
     count = track.times.shape[0]
     if count < MIN_SAMPLES:
         raise ValueError(f"a fit needs at least {MIN_SAMPLES} samples, but the window has {count}: widen it")
-    length = _moving_length(track, sigma)
+    length = _moving_length(track, sigma, velocity_sigma)
     standstill_radius = _standstill_radius(sigma)
     turn = travel_turn(track, standstill_radius)
     single_bends = bends(track, MIN_TURN, SPACING * sigma, standstill_radius)
     if abs(turn) < MIN_TURN:
         if len(single_bends) > 1:
-            raise ValueError(_opposite_bends_message(turn, length, single_bends))
-        raise ValueError(_straight_message(turn, length))
+            raise ValueError(_opposite_bends_message(turn, chord_length(track, SPACING * sigma), single_bends))
+        raise ValueError(_straight_message(turn, chord_length(track, SPACING * sigma)))
     return Turn(length / abs(turn), length / max(abs(turn), sum(abs(bend.turn) for bend in single_bends)))
 
 
-def _moving_length(track: Track, sigma: float) -> float:
-    """The length of a window [m], checked to be long enough."""
+def _moving_length(track: Track, sigma: float, velocity_sigma: float) -> float:
+    """The horizontal length of a window [m], checked to be long enough."""
     standstill_radius, min_length = _standstill_radius(sigma), MIN_LENGTH * sigma
     if spread_radius(track) <= standstill_radius:
+        climb = float(np.ptp(to_float64(track.positions)[:, 2]))
+        if climb > 2 * standstill_radius:
+            raise ValueError(
+                f"the window is a vertical climb: the height changes by {climb:.3g} m, but all positions are within "
+                f"{standstill_radius:g} m of a vertical line, so there is no horizontal direction of travel to follow. "
+                f"Choose a window in which the vehicle turns, {WINDOW}."
+            )
         raise ValueError(
             "the vehicle stands still in this window: all positions are within "
             f"{standstill_radius:g} m of their centre, so there is no direction of travel and no turn. Choose a window "
-            "in which it drives, with track.window(t0, t1)."
+            f"in which it drives, {WINDOW}."
+        )
+    speed = _rms_speed(track)
+    if speed is not None and speed <= velocity_sigma and spread_radius(track) <= WANDER:
+        raise ValueError(
+            f"the vehicle stands still in this window: its recorded speed, {speed:.2g} m/s, is no more than "
+            f"velocity_sigma = {velocity_sigma:g} m/s, and its positions only drift by up to {WANDER:g} m. Choose a "
+            f"window in which it drives, {WINDOW}, or pass a smaller velocity_sigma for a slow vehicle."
         )
     length = travel_length(track)
     if length < min_length:
         raise ValueError(
             f"the window is too short: the vehicle travels {length:.3g} m in it, but at least {min_length:.3g} m, "
             f"{MIN_LENGTH:.0f} times position_sigma = {sigma:g} m, are needed to distinguish a turn from noise. Widen "
-            "the window with track.window(t0, t1), or pass a smaller position_sigma if the positions are more accurate."
+            f"the window, {WINDOW}, or pass a smaller position_sigma if the positions are more accurate."
         )
     return length
+
+
+def _rms_speed(track: Track) -> float | None:
+    """The root mean square of the recorded speed [m/s]; None without velocities."""
+    if track.velocities is None:
+        return None
+    return float(np.sqrt(np.mean(np.sum(to_float64(track.velocities) ** 2, axis=1))))
 
 
 def _standstill_radius(sigma: float) -> float:
@@ -85,7 +112,8 @@ def _opposite_bends_message(turn: float, length: float, single_bends: list[Bend]
     return (
         f"the window holds {len(single_bends)} bends that turn against each other: over {length:.4g} m the direction "
         f"of travel turns by {np.degrees(turn):.2f}° from start to end, but a spiral-helix follows one bend only. "
-        f"Choose a window around one bend with track.window(t0, t1); the largest, from about {span}, turns by "
+        "A change between driving ahead and back counts as bends too. "
+        f"Choose a window around one bend, {WINDOW}; the largest, from about {span}, turns by "
         f"{np.degrees(sharpest.turn):.1f}°."
     )
 
@@ -94,5 +122,5 @@ def _straight_message(turn: float, length: float) -> str:
     return (
         f"the window is nearly straight: over {length:.4g} m the direction of travel turns by {np.degrees(turn):.2f}° "
         f"from start to end, but at least {np.degrees(MIN_TURN):.0f}° are needed to determine the axis of a "
-        "spiral-helix. Choose a window around one bend with track.window(t0, t1)."
+        f"spiral-helix. Choose a window around one bend, {WINDOW}."
     )

@@ -26,10 +26,11 @@ from qtraj.path.quantity import QUANTITIES, quantity
 BOUNDING = tuple(name for name, entry in QUANTITIES.items() if entry.per_time > 0 and entry.bounds_speed)
 """Limits that bound the speed: the fastest path needs one of them."""
 
-MAX_AXIS_DISTANCE, MAX_AXIS_DISTANCE_LOOPS = 100.0, 1e4
+MAX_AXIS_DISTANCE, MAX_AXIS_DISTANCE_LOOPS = 100.0, 1e3
 """Largest distance of the default axis over the distance between the states: beyond it a placement is probably missing.
 
-The second value is for turns beyond half a revolution, whose ends may be close to each other.
+The second value is for turns beyond half a revolution in the sense of both velocities: their ends may be close
+together.
 """
 
 TURN_TOLERANCE = 1e-6
@@ -145,7 +146,9 @@ def _not_finite(data: _Data) -> Any:
 def _axis_far_away(data: _Data) -> Any:
     a, b = data.problem.start, data.problem.end
     distance = data.xp.sqrt(data.xp.sum((b.planar - a.planar) ** 2, axis=-1))
-    max_ratio = data.xp.where(data.xp.abs(data.problem.turn) > np.pi, MAX_AXIS_DISTANCE_LOOPS, MAX_AXIS_DISTANCE)
+    first, last = _rates(data)
+    loops = (data.xp.abs(data.problem.turn) > np.pi) & (first * last > 0)
+    max_ratio = data.xp.where(loops, MAX_AXIS_DISTANCE_LOOPS, MAX_AXIS_DISTANCE)
     return (data.xp.minimum(a.radius, b.radius) > max_ratio * distance) & (not data.has_placement) & (distance > 0)
 
 
