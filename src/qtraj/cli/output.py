@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""What the commands put out alike: the head of their JSON, tables and figures as files, files all at once."""
 
 import os
 import signal
@@ -6,11 +6,60 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from qtraj._version import __version__
 from qtraj.foundation.files import move, staging, sweep
+from qtraj.foundation.plain import plain
+from qtraj.foundation.record import Record
+from qtraj.scenario.reader import ScenarioFile
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
 
 Writer = Callable[[Path], None]
+
+
+def header(command: str, given: ScenarioFile[Any]) -> dict[str, Any]:
+    """The first keys of a command's JSON: the version, the command, and which scenario it was.
+
+    `source` is that of its recording, where it has one.
+    """
+    scenario = given.scenario
+    source = getattr(getattr(scenario, "track", None), "source", None)
+    about = {"name": scenario.name, "description": scenario.description, "source": source}
+    known = {"file": str(given.file), "sha256": given.hash} | {k: v and v.strip() for k, v in about.items()}
+    return {"qtraj": __version__, "command": command, "scenario": known}
+
+
+def provenance(given: ScenarioFile[Any]) -> dict[str, str]:
+    """Attributes of a dataset that say where it comes from."""
+    about = header("", given)["scenario"]
+    known = {"title": about["name"], "recording": about["source"], "scenario_sha256": about["sha256"]}
+    return {name: text for name, text in known.items() if text} | {"scenario_file": given.file.name}
+
+
+def tabular(record: Record) -> dict[str, Any]:
+    """A record over instants as `units` and `columns`, by the names of its quantities."""
+    columns = plain(record)
+    return {"units": columns.pop("units"), "columns": {name: columns[name] for name in record.everything()}}
+
+
+def result_writers(dataset: "xarray.Dataset", figure: "Figure", name: str) -> dict[str, Writer]:
+    """A dataset over instants as table.nc and table.csv, and its figure `name` as PNG and SVG."""
+    from qtraj.io.dataset import write_netcdf
+    from qtraj.io.instants_csv import csv_headers, write_csv
+    from qtraj.viz.figures import save
+
+    headers = csv_headers(dataset)
+    columns = {column: dataset[column].values for column in headers}
+    return {
+        "table.nc": lambda file: write_netcdf(dataset, file),
+        "table.csv": lambda file: write_csv(columns, headers, file),
+        f"{name}.png": lambda file: save(figure, file),
+        f"{name}.svg": lambda file: save(figure, file),
+    }
 
 
 def check_folder(out: Path) -> None:

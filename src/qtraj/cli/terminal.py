@@ -1,8 +1,11 @@
-"""The terminal: what goes where, progress, and how a command ends."""
+"""The terminal: options that commands share, what goes where, progress, and how a command ends."""
 
-from collections.abc import Iterator
+import json
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 from rich.console import Console
@@ -10,6 +13,81 @@ from rich.progress import BarColumn, Progress as Bars, SpinnerColumn, TextColumn
 
 from qtraj.cli import BAD_INPUT, INTERRUPTED
 from qtraj.foundation.progress import Progress
+from qtraj.scenario import KINDS
+
+if TYPE_CHECKING:
+    from qtraj.motion.programs.rotation_minimizing import Frame
+
+FAILED = 1
+"""Exit code of a run whose limits are not met, or whose solve did not converge."""
+
+UNTIL = "the old name works until 1.0"
+"""What a warning of an old name says."""
+
+
+class FrameName(StrEnum):
+    """The frames along a path."""
+
+    upright = "upright"
+    natural = "natural"
+    minimizing = "rotation-minimizing"
+    thrust_aligned = "thrust-aligned"
+
+    def frame(self) -> "Frame":
+        """The frame of this name."""
+        from qtraj.scenario.loop import FRAMES  # here, so that --help need not wait
+
+        return FRAMES[self.value]()
+
+
+ABOUT_FRAMES = (
+    "upright (x forward, y left, z up: what a vehicle on wheels has), natural (tangent, principal normal, binormal: it "
+    "flips over where the bend changes sides), rotation-minimizing (it never rolls), or thrust-aligned (z along the "
+    "thrust, acceleration less gravity: what a multirotor has)."
+)
+
+
+def frame_option(otherwise: str = "upright") -> Any:
+    """The option `--frame`; `otherwise` says what holds without it."""
+    return typer.Option(
+        None, "--frame", metavar="FRAME", help=f"Frame of the attitudes: {ABOUT_FRAMES} [default: {otherwise}]"
+    )
+
+
+def out_option() -> Any:
+    """The option `--out` of commands that always write files."""
+    return typer.Option(Path("qtraj-out"), help="Folder for the results.", metavar="DIR")
+
+
+def json_option() -> Any:
+    """The option `--json`."""
+    return typer.Option(False, "--json", help="Print the results as JSON instead.")
+
+
+def scenario_argument(kind: str) -> Any:
+    """The argument for a scenario of a kind."""
+    about = f"A scenario of {KINDS[kind].about}. Without it: the embedded scenario."
+    return typer.Argument(None, metavar="SCENARIO.toml", help=about)
+
+
+class Outcome(NamedTuple):
+    """What a command has to say: for JSON, for the terminal, whether it failed (exit code 1), old names of keys."""
+
+    content: dict[str, Any]
+    show: Callable[[Console], None]
+    failed: bool = False
+    renamed: Sequence[str] = ()
+
+
+def finish(outcome: Outcome, as_json: bool) -> None:
+    """Print the outcome and end the command."""
+    for text in outcome.renamed:
+        warn(f"{text}; {UNTIL}")
+    if as_json:
+        typer.echo(json.dumps(outcome.content, indent=2, allow_nan=False))
+    else:
+        outcome.show(stdout())
+    raise typer.Exit(FAILED if outcome.failed else 0)
 
 
 def stdout() -> Console:
@@ -18,8 +96,13 @@ def stdout() -> Console:
 
 
 def stderr() -> Console:
-    """Where progress and errors go."""
+    """Where progress, warnings and errors go."""
     return Console(stderr=True, highlight=False)
+
+
+def warn(text: str) -> None:
+    """Print a warning."""
+    stderr().print(f"warning: {text}", markup=False, soft_wrap=True)
 
 
 @contextmanager

@@ -126,8 +126,9 @@ def slew_history(program: EulerTurn | TurnChain, times: ArrayInput, inertia: Arr
         before += float(leg.profile.total)
     attitudes = attitudes_at(program, jnp.asarray(known))
     torques = None if inertia is None else _torques(attitudes, inertia_matrix(inertia))
-    angles = (as_float(column) for column in angle.T)
-    return SlewHistory(as_float(known), *angles, attitudes.quaternion, attitudes.rate, attitudes.acceleration, torques)
+    phi, rate, acceleration = (as_float(column) for column in angle.T)
+    moving = (attitudes.quaternion, attitudes.rate, attitudes.acceleration)
+    return SlewHistory(as_float(known), phi, rate, acceleration, *moving, torques)
 
 
 def fine_times(program: EulerTurn | TurnChain) -> np.ndarray:

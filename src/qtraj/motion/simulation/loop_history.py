@@ -78,12 +78,21 @@ def loop_history(
     """
     if solution.command is None or solution.angle is None:
         raise ValueError("an open-loop integration has no command and no error: simulate gives them")
-    references = attitudes_at(program, solution.times)
-    good = np.isfinite(np.asarray(references.quaternion)).all(axis=1)
-    if not good.all():
-        missing = float(solution.times[int(np.argmin(good))])
-        raise ValueError(f"the program has no attitude at t = {missing:.6g} s")
+    references = references_at(program, solution.times)
     closed = None
     if isinstance(law, AccelerationLaw | RateLaw):
         closed = closed_motion(law, references, as_float(quaternion), as_float(rate), solution.times)
     return LoopHistory(solution, references, closed)
+
+
+def references_at(program: AbstractProgram, times: ArrayInput) -> Attitude:
+    """A program at the instants `times` (n,) [s].
+
+    **Raises:** ValueError where it has no attitude at one of them.
+    """
+    references = attitudes_at(program, as_float(times))
+    good = np.isfinite(np.asarray(references.quaternion)).all(axis=1)
+    if not good.all():
+        missing = float(np.asarray(times)[int(np.argmin(good))])
+        raise ValueError(f"the program has no attitude at t = {missing:.6g} s")
+    return references

@@ -152,8 +152,12 @@ def judge_loop(
         code = ResultCode.near_zero_error
     anything = known.any()
     return LoopVerdict(
-        *(jnp.asarray(x, float) for x in (angle[0], angle[-1], settled, solution.settling_time(settled))),
-        *(jnp.asarray(x if anything else math.nan, float) for x in (sizes[peak], times[peak])),
+        initial_angle=jnp.asarray(angle[0]),
+        final_angle=jnp.asarray(angle[-1]),
+        settled_angle=jnp.asarray(settled, float),
+        settling_time=solution.settling_time(settled),
+        peak_command=jnp.asarray(sizes[peak] if anything else math.nan),
+        peak_time=jnp.asarray(times[peak] if anything else math.nan),
         peak_components=jnp.asarray(np.abs(commands[known]).max(axis=0) if anything else np.full(3, np.nan), float),
         deviation=jnp.asarray(deviation, float),
         bound=jnp.asarray(bound, float),

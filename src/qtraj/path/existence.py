@@ -1,0 +1,25 @@
+"""Whether a frame exists everywhere on a path."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.trihedral import AbstractFrame, trihedral
+
+SAMPLES = 257
+"""Equally spaced instants at which a frame must exist."""
+
+
+def first_undefined(path: AbstractHodograph, frame: AbstractFrame, samples: int = SAMPLES) -> float | None:
+    """The first of equally spaced instants [s] at which a frame does not exist on a path; None for none."""
+    times = jnp.linspace(0.0, path.duration, samples)
+    defined = np.asarray(_defined(path, frame, times))
+    return None if defined.all() else float(times[int(np.argmin(defined))])
+
+
+@eqx.filter_jit
+def _defined(path: AbstractHodograph, frame: AbstractFrame, times: Float[Array, " n"]) -> Bool[Array, " n"]:
+    return jax.vmap(lambda t: trihedral(path, t, frame).defined)(times)
