@@ -1,14 +1,13 @@
 """`qtraj simulate`: the error against independent arithmetic, the findings, the examples, failures."""
 
-import copy
 import csv
-import dataclasses
 import io
 import json
 import re
 from pathlib import Path
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray
@@ -17,13 +16,12 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 import qtraj as qt
-from qtraj.cli.tracking import work
-from qtraj.cli.tracking.course import solve
-from qtraj.cli.tracking.findings import findings, outcome
-from qtraj.cli.tracking.job import prepare
-from qtraj.cli.tracking.report import print_track
-from qtraj.io.scenario import TRACK, read_scenario
-from qtraj.io.tracking_model import TrackingScenario
+from qtraj.cli import simulate as command
+from qtraj.cli.terminal import Watch
+from qtraj.foundation.plain import plain
+from qtraj.motion.simulation import loop_history as history_module, loop_verdict
+from qtraj.motion.simulation.loop_verdict import judge_loop
+from qtraj.scenario.reader import read_scenario
 from qtraj.viz.report.page import report_of
 from qtraj.viz.track_figure import track_figure
 
@@ -52,9 +50,9 @@ def test_the_embedded_loop_follows_its_closed_form(default):
     result, content, out = default
     assert (result.exit_code, result.stderr) == (0, "")
     assert content["finished"]
-    assert content["findings"]["closed_form"]["applies"]
-    assert content["findings"]["closed_form"]["deviation"] < DEVIATION
-    assert content["findings"]["norm"]["drift"] < DEVIATION
+    assert content["verdict"]["closed_form"] == "agrees"
+    assert content["verdict"]["deviation"] < DEVIATION
+    assert content["verdict"]["norm_drift"] < DEVIATION
     assert content["files"] == [str(out / name) for name in FILES]
     assert all((out / name).stat().st_size > 500 for name in FILES)
 
@@ -80,30 +78,26 @@ def test_the_error_is_the_exponential_of_a_matrix(default):
 
 def test_the_findings_follow_from_the_table(default):
     content = default[1]
-    columns, found = columns_of(content), content["findings"]
+    columns, found = columns_of(content), content["verdict"]
     assert found["initial_angle"] == pytest.approx(np.radians(25.0))
     assert found["final_angle"] == columns["angle"][-1]
-    settled = found["settled"]["time"]
+    settled = found["settling_time"]
     assert np.interp(settled, columns["time"], columns["angle"]) == pytest.approx(np.radians(1.0), rel=BETWEEN)
     assert np.all(columns["angle"][columns["time"] > settled] < np.radians(1.0))
     sizes = np.linalg.norm(columns["command"], axis=1)
-    assert found["peak_command"] == {
-        "value": pytest.approx(sizes.max()),
-        "time": columns["time"][sizes.argmax()],
-        "axes": pytest.approx(np.abs(columns["command"]).max(axis=0), rel=BETWEEN),
-    }
-    assert found["norm"]["least"] <= columns["norm"].min() <= columns["norm"].max() <= found["norm"]["largest"]
+    assert found["peak_command"] == pytest.approx(sizes.max())
+    assert found["peak_time"] == columns["time"][sizes.argmax()]
+    assert found["peak_components"] == pytest.approx(np.abs(columns["command"]).max(axis=0), rel=BETWEEN)
+    assert found["least_norm"] <= columns["norm"].min() <= columns["norm"].max() <= found["largest_norm"]
     k1, k2 = content["law"]["k1"], content["law"]["k2"]
-    assert content["law"]["growth"] == pytest.approx(-k1 / 2, rel=NEAR_CRITICAL)
-    assert content["law"]["stable"]
+    assert found["growth"] == pytest.approx(-k1 / 2, rel=NEAR_CRITICAL)
+    assert found["stable"]
     # The least |μ| of the closed form, by a dense scan.
     mu, rate = columns["error"][0], columns["rate"][0]
     slope = 0.5 * np.array([-mu[1:] @ rate, *(mu[0] * rate + np.cross(mu[1:], rate))])
     dense = qt.error_response(qt.AccelerationLaw(k1, k2), mu, slope, np.linspace(0, 30, 100_001))
-    assert found["least_error_norm"] == {
-        "value": pytest.approx(np.linalg.norm(dense, axis=1).min(), abs=ROUND_OFF),
-        "exact": True,
-    }
+    assert found["least_error"] == pytest.approx(np.linalg.norm(dense, axis=1).min(), abs=ROUND_OFF)
+    assert found["least_error_exact"]
 
 
 def test_the_findings_do_not_depend_on_the_table(qtraj, default, tmp_path):
@@ -111,55 +105,58 @@ def test_the_findings_do_not_depend_on_the_table(qtraj, default, tmp_path):
     few = json.loads(qtraj("simulate", "--samples", 2, "--json", "--out", tmp_path / "out").stdout)
     assert few["columns"]["time"] == [0.0, 130.0]
     assert [few["columns"][name][-1] for name in few["columns"]] == [v[-1] for v in default[1]["columns"].values()]
-    assert few["findings"] == default[1]["findings"]
-    assert few["findings"]["instants"] > 1200
+    assert few["verdict"] == default[1]["verdict"]
+    assert few["verdict"]["instants"] > 1200
     assert few["result"] == default[1]["result"]
 
 
 @pytest.fixture(scope="module")
-def course():
-    job = prepare(read_scenario(TRACK, TrackingScenario))
-    return job, solve(job)
+def simulated():
+    task, history, found = command._simulated(read_scenario(None, "loop"), None, None, Watch(None))
+    return task, history, found
 
 
-def test_a_jump_of_the_command_is_seen_from_both_sides(course):
+def test_a_jump_of_the_command_is_seen_from_both_sides(simulated):
     """Of bang–coast–bang: at 90 s the program begins to brake."""
-    _, solved = course
-    at = int(np.searchsorted(solved.times, 90.0))
-    assert solved.times[at] == pytest.approx(90.0)
-    assert solved.times[at] - solved.times[at - 1] < 1e-6
-    before, after = np.linalg.norm(np.asarray(solved.solution.physical_command), axis=1)[at - 1 : at + 1]
+    _, history, _ = simulated
+    at = int(np.searchsorted(history.times, 90.0))
+    assert history.times[at] == pytest.approx(90.0)
+    assert history.times[at] - history.times[at - 1] < 1e-6
+    before, after = np.linalg.norm(np.asarray(history.solution.physical_command), axis=1)[at - 1 : at + 1]
     assert after - before == pytest.approx(np.radians(0.05), rel=1e-2)
 
 
-def test_a_departure_from_the_closed_form_is_no_agreement(course):
-    job, solved = course
-    good = findings(job, solved, 0.1)["closed_form"]
-    assert good["met"]
-    assert 1e-9 < good["bound"] < 1e-7
-    wrong = eqx.tree_at(lambda s: s.error, solved.solution, solved.solution.error.at[700, 2].add(1e-6))
-    found = findings(job, dataclasses.replace(solved, solution=wrong), 0.1)["closed_form"]
-    assert (found["applies"], found["met"]) == (True, False)
-    assert found["deviation"] == pytest.approx(1e-6, rel=1e-2)
-
-
-def test_a_passage_near_zero_between_two_instants_is_told(course):
-    _, solved = course
-    assert outcome(solved, {"least_error_norm": {"value": 0.11, "exact": True}}) == qt.ResultCode.successful
-    assert outcome(solved, {"least_error_norm": {"value": 0.09, "exact": True}}) == qt.ResultCode.near_zero_error
-
-
-def test_what_is_wrong_is_said_on_the_terminal(default):
-    content = copy.deepcopy(default[1])
-    content["law"] |= {"stable": False, "growth": 0.25}
-    content["findings"]["closed_form"] |= {"met": False, "deviation": 0.3, "bound": 1e-8}
-    content["findings"]["least_error_norm"] = None
+def printed(content, found):
     screen = Console(file=io.StringIO(), width=80)
-    print_track(screen, content)
-    text = " ".join(screen.file.getvalue().split())
+    command._show(screen, content, found)
+    return " ".join(screen.file.getvalue().split())
+
+
+def test_a_departure_from_the_closed_form_is_no_agreement(simulated, default):
+    task, history, good = simulated
+    assert good.agrees
+    assert 1e-9 < good.bound < 1e-7
+    wrong = eqx.tree_at(lambda h: h.solution.error, history, history.solution.error.at[700, 2].add(1e-6))
+    found = judge_loop(wrong, task.law, actuator=task.actuator)
+    assert (found.applies, found.agrees) == (True, False)
+    assert found.deviation == pytest.approx(1e-6, rel=1e-2)
+    text = printed(default[1] | {"verdict": plain(found.record())}, found)
+    assert "departs from it by 1e-06 of the largest error quaternion" in text
+    assert "the tolerances explain no more than 1.01e-08" in text
+
+
+def test_a_passage_near_zero_between_two_instants_is_told(simulated, monkeypatch):
+    task, history, _ = simulated
+    for least, code in ((0.11, qt.ResultCode.successful), (0.09, qt.ResultCode.near_zero_error)):
+        monkeypatch.setattr(loop_verdict, "least_norm", lambda *_, least=least: least)
+        found = judge_loop(history, task.law, actuator=task.actuator)
+        assert (int(found.code), float(found.least_error)) == (code, least)
+
+
+def test_an_unstable_law_is_told_on_the_terminal(simulated, default):
+    unstable = eqx.tree_at(lambda v: v.growth, simulated[2], jnp.asarray(0.25))
+    text = printed(default[1], unstable)
     assert "This law is unstable: with these gains errors grow, the fastest as exp(0.25 t)." in text
-    assert "departs from it by 0.3 of the largest error quaternion" in text
-    assert "the tolerances explain no more than 1e-08" in text
 
 
 def test_the_files_hold_the_motion(default):
@@ -168,7 +165,7 @@ def test_the_files_hold_the_motion(default):
     for name, values in content["columns"].items():
         assert np.array_equal(dataset[name].values, values)
         assert dataset[name].attrs["units"] == content["units"][name]
-    assert dataset.attrs["scenario_sha256"] == read_scenario(TRACK, TrackingScenario).hash
+    assert dataset.attrs["scenario_sha256"] == read_scenario(None, "loop").hash
     solution = qt.load(out / "solution.toml")
     assert isinstance(solution, qt.Solution)
     assert np.array_equal(solution.quaternion, content["columns"]["quaternion"])
@@ -187,7 +184,7 @@ def test_a_path_is_followed(qtraj, tmp_path):
     assert (result.exit_code, result.stderr) == (0, "")
     text = " ".join(result.stdout.split())
     assert "natural frame of ramp_from_states.toml" in text
-    assert "error at the start 13°, on the near sheet" in text
+    assert "error at the start 13°, with the near sign of λ" in text
     assert "closed form met within" in text
     wide = [
         line
@@ -206,17 +203,16 @@ def test_a_real_loop_has_no_closed_form(qtraj, tmp_path):
     result = qtraj("simulate", EXAMPLES / "track_disturbed.toml", "--out", tmp_path / "out", "--json")
     content = json.loads(result.stdout)
     assert (result.exit_code, content["finished"]) == (0, True)
-    closed = content["findings"]["closed_form"]
-    assert (closed["applies"], closed["deviation"]) == (False, None)
-    assert "disturbance" in closed["reason"]
-    assert content["findings"]["norm"]["drift"] is None
+    found = content["verdict"]
+    assert (found["closed_form"], found["deviation"]) == ("does not apply: a disturbance acts on the body", None)
+    assert found["norm_drift"] is None
     columns = columns_of(content)
     commands = np.linalg.norm(columns["command"], axis=1)
     assert commands.max() == pytest.approx(np.radians(4.0))  # the limit
     held = columns["command"][2:5]  # 0.2, 0.3 and 0.4 s: renewed at 0.25 s
     assert not np.array_equal(held[0], held[1])
     assert np.array_equal(held[1], held[2])
-    assert content["findings"]["settled"]["time"] < 15
+    assert found["settling_time"] < 15
 
 
 def test_a_stop_is_written_and_explained(qtraj, tmp_path):
@@ -228,10 +224,10 @@ def test_a_stop_is_written_and_explained(qtraj, tmp_path):
     assert not content["finished"]
     assert "negative scalar part" in content["result"]
     assert "sign = 'auto' in [error]" in content["result"]
-    assert content["start"]["sheet"] == "far"
-    assert content["findings"]["final_angle"] is None
-    assert content["findings"]["settled"]["time"] is None
-    assert "did not finish" in content["findings"]["closed_form"]["reason"]
+    assert content["start"]["sign"] == "far"
+    assert content["verdict"]["final_angle"] is None
+    assert content["verdict"]["settling_time"] is None
+    assert "did not finish" in content["verdict"]["closed_form"]
     assert content["columns"]["angle"][-1] is None
     assert sorted(file.name for file in (tmp_path / "out").iterdir()) == sorted(FILES)
 
@@ -256,10 +252,10 @@ def test_an_interrupt_and_a_folder_that_is_none_leave_nothing(qtraj, tmp_path, m
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(work, "solve", interrupted)
+    monkeypatch.setattr(history_module, "judging_times", interrupted)
     result = qtraj("simulate", "--out", tmp_path / "out")
     assert (result.exit_code, result.stderr) == (130, "interrupted\n")
-    monkeypatch.setattr(work, "solve", lambda job: job.times.astype(int).item(1) * 10**400 / 3)
+    monkeypatch.setattr(history_module, "judging_times", lambda times, *_: times.astype(int).item(1) * 10**400 / 3)
     result = qtraj("simulate", "--samples", 3, "--out", tmp_path / "out")
     assert (result.exit_code, result.stdout) == (2, "")
     assert result.stderr.startswith("error: a number is too large to compute with (")
@@ -273,12 +269,12 @@ def test_a_baseline_under_a_constant_disturbance_stays_beside_the_program(qtraj,
     result = qtraj("simulate", tmp_path / "s.toml", "--out", tmp_path / "out", "--json")
     content = json.loads(result.stdout)
     assert result.exit_code == 0
-    found = content["findings"]
+    found = content["verdict"]
     assert np.sin(found["final_angle"]) == pytest.approx(np.radians(20.0) / 4.0, abs=1e-6)
-    assert "not linear" in found["closed_form"]["reason"]
+    assert "not linear" in found["closed_form"]
     assert "closed_form_angle" not in content["columns"]
-    assert found["norm"]["drift"] < DEVIATION  # nothing steers |λ|
-    assert found["settled"]["time"] == 0.0
+    assert found["norm_drift"] < DEVIATION  # nothing steers |λ|
+    assert found["settling_time"] == 0.0
 
 
 @pytest.mark.parametrize(

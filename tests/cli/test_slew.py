@@ -10,12 +10,10 @@ import xarray
 from scipy.spatial.transform import Rotation
 
 import qtraj as qt
-from qtraj.cli import results
-from qtraj.cli.turning.course import fine_times
-from qtraj.cli.turning.job import legs, turn_program
-from qtraj.cli.turning.peaks import judged
-from qtraj.io.scenario import TURN, read_scenario
-from qtraj.io.turn_model import TurnPart, TurnScenario
+from qtraj.io import instants_csv
+from qtraj.motion.programs.slew_history import fine_times
+from qtraj.scenario.reader import read_scenario
+from qtraj.scenario.slew import SlewPart
 
 from .slew_scenarios import LAW, REST
 
@@ -47,24 +45,23 @@ def bang_coast_bang(t, angle=np.pi / 2):
 def test_the_embedded_turn_takes_110_seconds(default):
     result, content, out = default
     assert (result.exit_code, result.stderr) == (0, "")
-    assert content["duration"] == pytest.approx(110.0, abs=1e-10)
-    [turn] = content["turns"]
-    assert turn["switches"] == pytest.approx([20.0, 90.0])
-    assert turn["angle"] == pytest.approx(np.pi / 2)
-    assert turn["axis_body"] == pytest.approx([0.0, 0.6, 0.8], abs=ROUND_OFF)
-    assert content["end"]["sign"] == 1
+    found = content["verdict"]
+    assert found["duration"] == [pytest.approx(110.0, abs=1e-10)]
+    assert found["switch_time"] == pytest.approx([20.0, 90.0])
+    assert found["angle"] == [pytest.approx(np.pi / 2)]
+    assert found["axis_body"] == [pytest.approx([0.0, 0.6, 0.8], abs=ROUND_OFF)]
+    assert found["end_sign"] == 1
     assert content["files"] == [str(out / name) for name in FILES]
     assert all((out / name).stat().st_size > 200 for name in FILES)
 
 
 def test_both_limits_bind_and_the_peaks_have_their_times(default):
-    limits = default[1]["limits"]
-    assert {name: (entry["status"], entry["binding"]) for name, entry in limits.items()} == {
-        "max_rate": ("met", True),
-        "max_acceleration": ("met", True),
-    }
-    assert (limits["max_rate"]["value"], limits["max_rate"]["time"]) == pytest.approx((V, 20.0))
-    assert (limits["max_acceleration"]["value"], limits["max_acceleration"]["time"]) == pytest.approx((A, 0.0))
+    found = default[1]["verdict"]
+    assert found["limit"] == ["max_rate", "max_acceleration"]
+    assert found["limit_unit"] == ["rad s-1", "rad s-2"]
+    assert (found["status"], found["active"]) == (["met", "met"], [True, True])
+    assert found["peak"] == pytest.approx([V, A])
+    assert found["peak_time"] == pytest.approx([20.0, 0.0])
 
 
 def test_the_table_is_the_turn(default):
@@ -89,7 +86,7 @@ def test_the_files_hold_the_table_and_the_program(default):
     for name, values in content["columns"].items():
         assert np.array_equal(dataset[name].values, values)
         assert dataset[name].attrs["units"] == content["units"][name]
-    assert dataset.attrs["scenario_sha256"] == read_scenario(TURN, TurnScenario).hash
+    assert dataset.attrs["scenario_sha256"] == read_scenario(None, "slew").hash
     with (out / "table.csv").open() as file:
         header, *rows = csv.reader(file)
     assert header[:3] == ["time [s]", "angle [rad]", "angle_rate [rad/s]"]
@@ -104,7 +101,7 @@ def test_the_example_passes_its_attitudes_and_tells_the_sign(qtraj, tmp_path):
     result = qtraj("slew", EXAMPLES / "turn_through_attitudes.toml", "--out", tmp_path / "out", "--samples", 11)
     assert (result.exit_code, result.stderr) == (0, "")
     text = result.stdout
-    assert "Turn 2 of 2" in text
+    assert "Slew 2 of 2" in text
     assert "the given quaternion with the other sign" in " ".join(text.split())
     assert "max_rate, max_acceleration and max_jerk bind" in text
     wide = [line for line in text.splitlines() if len(line) > 80 and not line.startswith(("Scenario:", str(tmp_path)))]
@@ -126,16 +123,17 @@ def test_a_polynomial_in_too_short_a_time_is_written_and_judged(qtraj, tmp_path)
     content = json.loads(result.stdout)
     assert result.exit_code == 1
     assert sorted(file.name for file in (tmp_path / "out").iterdir()) == sorted(FILES)
-    rate, acceleration, jerk = content["limits"].values()
-    assert (rate["status"], acceleration["status"], jerk["status"]) == ("broken", "met", None)
-    angle = np.pi / 2
-    assert (rate["value"], rate["time"]) == pytest.approx((15 / 8 * angle / 150, 75.0))
-    assert acceleration["value"] == pytest.approx(10 / np.sqrt(3) * angle / 150**2)
-    assert acceleration["time"] == pytest.approx(150 * (0.5 - np.sqrt(3) / 6))
-    assert jerk["value"] == pytest.approx(60 * angle / 150**3)
-    assert content["least_duration"] == pytest.approx(15 / 8 * 90)  # at 1°/s
-    assert "max_rate by 12.5 %" in content["result"]
-    assert "168.75 s" in content["result"]
+    found, angle = content["verdict"], np.pi / 2
+    assert found["status"] == ["broken", "met", "no limit"]
+    assert found["bound"][2] is None
+    rate, acceleration, jerk = found["peak"]
+    assert (rate, found["peak_time"][0]) == pytest.approx((15 / 8 * angle / 150, 75.0))
+    assert acceleration == pytest.approx(10 / np.sqrt(3) * angle / 150**2)
+    assert found["peak_time"][1] == pytest.approx(150 * (0.5 - np.sqrt(3) / 6))
+    assert jerk == pytest.approx(60 * angle / 150**3)
+    assert found["least_duration"] == pytest.approx(15 / 8 * 90)  # at 1°/s
+    assert "max_rate by 12.5 %" in found["result"]
+    assert "168.75 s" in found["result"]
 
 
 def test_no_turn_at_all(qtraj, tmp_path):
@@ -144,10 +142,11 @@ def test_no_turn_at_all(qtraj, tmp_path):
     result = qtraj("slew", tmp_path / "s.toml", "--out", tmp_path / "out", "--json")
     content = json.loads(result.stdout)
     assert result.exit_code == 0
-    assert (content["duration"], content["angle"], content["end"]["sign"]) == (0.0, 0.0, -1)
+    found = content["verdict"]
+    assert (found["duration"], found["angle"], found["end_sign"]) == ([0.0], [0.0], -1)
     assert content["columns"]["quaternion"] == [[1.0, 0.0, 0.0, 0.0]]
-    assert content["turns"][0]["axis_body"] is None
-    assert "nothing to turn" in content["result"]
+    assert found["axis_body"] == [[None, None, None]]
+    assert "nothing to turn" in found["result"]
     assert xarray.load_dataset(tmp_path / "out" / "table.nc").indexes["time"].is_unique
 
 
@@ -170,14 +169,14 @@ def test_a_chain_that_first_stays(qtraj, tmp_path):
     arguments = ("slew", tmp_path / "s.toml", "--out", tmp_path / "out")
     text = " ".join(qtraj(*arguments).stdout.split())
     content = json.loads(qtraj(*arguments, "--json").stdout)
-    assert [turn["duration"] == 0 for turn in content["turns"]] == [True, False]
+    assert [duration == 0 for duration in content["verdict"]["duration"]] == [True, False]
     expected = Rotation.from_euler("ZYX", [30, 10, -50], degrees=True).inv() * Rotation.from_euler("z", np.radians(40))
-    assert content["turns"][1]["angle"] == pytest.approx(expected.magnitude())
+    assert content["verdict"]["angle"][1] == pytest.approx(expected.magnitude())
     assert "axis, body - axis, inertial -" in text
     by = f"{np.degrees(expected.magnitude()):.6g}°"
     assert "The rotation vector of [end] is 400° long, more than a half turn." in text
-    assert f"the turn to it is by {by}." in text
-    assert min(fine_times(legs(qt.load(tmp_path / "out" / "program.toml")))) == 0
+    assert f"the slew to it is by {by}." in text
+    assert min(fine_times(qt.load(tmp_path / "out" / "program.toml"))) == 0
 
 
 def test_a_rate_at_the_end_jumps(qtraj, tmp_path):
@@ -191,7 +190,7 @@ def test_ctrl_c_ends_with_130_and_writes_nothing(qtraj, tmp_path, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(results, "write_csv", interrupted)
+    monkeypatch.setattr(instants_csv, "write_csv", interrupted)
     result = qtraj("slew", "--out", tmp_path / "out")
     assert (result.exit_code, result.stderr) == (130, "interrupted\n")
     assert list(tmp_path.iterdir()) == []
@@ -199,26 +198,25 @@ def test_ctrl_c_ends_with_130_and_writes_nothing(qtraj, tmp_path, monkeypatch):
 
 def test_ten_degrees_take_28_284_seconds():
     """The rate limit is not reached: 2√(Φ/A)."""
-    part = TurnPart.model_validate(
+    part = SlewPart.model_validate(
         {
             "start": {"quaternion": [1, 0, 0, 0]},
             "end": {"rotation_vector": [0, 10, 0]},
             "law": {"max_rate": 1, "max_acceleration": 0.05},
         }
     )
-    turns = legs(turn_program(part, "deg"))
-    assert turns[0].end == pytest.approx(28.284, abs=5e-4)
-    assert turns[0].switches == pytest.approx([np.sqrt(10 / 0.05)])
-    found = judged(turns, {"max_rate": V, "max_acceleration": A}, ["max_rate", "max_acceleration"])
-    assert found["max_rate"]["value"] == pytest.approx(np.radians(0.05 * np.sqrt(200)))
-    assert [entry["binding"] for entry in found.values()] == [False, True]
+    found = qt.judge_slew(part.program("deg"), {"max_rate": V, "max_acceleration": A})
+    assert found.duration == pytest.approx(28.284, abs=5e-4)
+    assert np.asarray(found.switches) == pytest.approx([np.sqrt(10 / 0.05)])
+    assert float(found.peaks[0]) == pytest.approx(np.radians(0.05 * np.sqrt(200)))
+    assert found.active == ["max_acceleration"]
 
 
 def test_end_rates_reach_the_program():
     law = {"max_rate": 2, "max_acceleration": 0.05, "start_rate": 0.5, "end_rate": -0.25}
     start, end = {"quaternion": [1, 0, 0, 0]}, {"rotation_vector": [0, 10, 0]}
-    part = TurnPart.model_validate({"start": start, "end": end, "law": law})
-    program = turn_program(part, "deg")
+    part = SlewPart.model_validate({"start": start, "end": end, "law": law})
+    program = part.program("deg")
     assert np.degrees(program(0.0).rate) == pytest.approx([0, 0.5, 0])
     assert np.degrees(program(program.duration).rate) == pytest.approx([0, -0.25, 0])
 
@@ -235,10 +233,10 @@ def test_a_torque_limit_slows_the_turn_and_is_shown(qtraj, tmp_path, limit):
     assert result.exit_code == 0, result.output
     name = "torque" if limit == "2.0" else "torque_x"
     [line] = [line for line in result.stdout.splitlines() if line.split()[:1] == [name]]
-    assert "N m" in line
+    assert "N·m" in line
     assert "binds" in line
     content = json.loads(qtraj("slew", tmp_path / "slew.toml", "--out", tmp_path / "out", "--json").stdout)
-    assert content["limits"][f"max_{name}"]["binding"]
+    assert content["verdict"]["active"][content["verdict"]["limit"].index(f"max_{name}")]
     assert content["units"]["torque"] == "N m"
     table = xarray.load_dataset(tmp_path / "out" / "table.nc")
     assert table["torque"].dims == ("time", "body")
@@ -254,9 +252,9 @@ def test_a_torque_in_a_fixed_time_is_judged(qtraj, tmp_path):
     result = qtraj("slew", tmp_path / "slew.toml", "--out", tmp_path / "out", "--json")
     assert result.exit_code == 1
     content = json.loads(result.stdout)
-    assert content["limits"]["max_torque"]["status"] == "broken"
+    assert content["verdict"]["status"][content["verdict"]["limit"].index("max_torque")] == "broken"
     (tmp_path / "slew.toml").write_text(
-        REST + law.replace("3.0", f"{content['least_duration'] * (1 + 1e-9)}") + BODY + "max_torque = 1.0\n"
+        REST + law.replace("3.0", f"{content['verdict']['least_duration'] * (1 + 1e-9)}") + BODY + "max_torque = 1.0\n"
     )
     assert qtraj("slew", tmp_path / "slew.toml", "--out", tmp_path / "out").exit_code == 0
 

@@ -17,6 +17,10 @@ def test_laws_say_what_they_need(law, missing):
         SlewLawPart.model_validate(law)
 
 
+def embedded(kind):
+    return KINDS[kind].embedded.read_text(encoding="utf-8")
+
+
 BAD = {
     "no unit": (REST.replace('angles = "deg"', "") + LAW, ["the key 'angles' is missing", "'deg' or 'rad'"]),
     "another unit": (REST.replace('"deg"', '"grad"') + LAW, ["the key 'angles' holds 'grad'", "'deg' or 'rad'"]),
@@ -82,8 +86,14 @@ BAD = {
         "format = 'qtraj/1'\ntype = 'EulerTurn'\n",
         ["this is a saved EulerTurn, not a scenario", "`qtraj simulate` follows a saved program"],
     ),
-    "a scenario of simulate": (KINDS["loop"].embedded.read_text(encoding="utf-8"), ["this is a scenario of `qtraj simulate`"]),
-    "a scenario of tune": (KINDS["path"].embedded.read_text(encoding="utf-8"), ["this is a scenario of `qtraj tune` and"]),
+    "a scenario of simulate": (
+        KINDS["loop"].embedded.read_text(encoding="utf-8"),
+        ["this is a scenario of `qtraj simulate`"],
+    ),
+    "a scenario of tune": (
+        KINDS["path"].embedded.read_text(encoding="utf-8"),
+        ["this is a scenario of `qtraj tune` and"],
+    ),
 }
 
 

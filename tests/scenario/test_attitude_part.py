@@ -52,7 +52,9 @@ def test_a_gibbs_vector_may_be_long():
 
 def test_a_rotation_vector_beyond_a_half_turn_is_told():
     assert AttitudePart(rotation_vector=[0.0, 0.0, 180.0]).beyond_half_turn("deg") is None
-    assert AttitudePart(rotation_vector=[0.0, -120.0, 160.0]).beyond_half_turn("deg") == pytest.approx(math.radians(200))
+    assert AttitudePart(rotation_vector=[0.0, -120.0, 160.0]).beyond_half_turn("deg") == pytest.approx(
+        math.radians(200)
+    )
     assert AttitudePart(rotation_vector=[0.0, 0.0, 180.0]).beyond_half_turn("rad") == 180.0
     assert AttitudePart(gibbs=[0.0, 0.0, 180.0]).beyond_half_turn("rad") is None
 

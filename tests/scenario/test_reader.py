@@ -64,7 +64,9 @@ def test_the_source_is_that_of_the_recording_itself():
 def test_the_hash_is_that_of_the_bytes(file):
     if "format" in tomllib.loads(file.read_text(encoding="utf-8")):
         return  # a saved path or program, not a scenario
-    assert read_scenario(file, OF_KIND.get(file.stem, "path")).hash == hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+    assert (
+        read_scenario(file, OF_KIND.get(file.stem, "path")).hash == hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+    )
 
 
 def test_what_is_left_out_has_defaults(read):

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 from qtraj.io.instants import Column, instants_dataset
+
 from qtraj.viz.figures import save
 from qtraj.viz.style import BAND
 from qtraj.viz.track_figure import track_figure

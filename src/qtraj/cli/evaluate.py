@@ -10,16 +10,8 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from qtraj.cli.layout import MOST_ROWS, heading, numbers_table, print_files, print_scenario
-from qtraj.cli.terminal import (
-    FrameName,
-    Outcome,
-    finish,
-    frame_option,
-    guarded,
-    json_option,
-    watching,
-)
+from qtraj.cli import layout, terminal
+from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.cli.tune import show_fit
 
 if TYPE_CHECKING:
@@ -31,29 +23,7 @@ SAMPLES = 25
 MOST = 1_000_000
 """More instants than this are surely a mistake."""
 
-HEADERS = {
-    "time": ["time [s]"],
-    "position": ["x [m]", "y [m]", "z [m]"],
-    "velocity": ["vx [m/s]", "vy [m/s]", "vz [m/s]"],
-    "acceleration": ["ax [m/s²]", "ay [m/s²]", "az [m/s²]"],
-    "speed": ["speed [m/s]"],
-    "curvature": ["curvature [1/m]"],
-    "torsion": ["torsion [1/m]"],
-    "quaternion": ["qw", "qx", "qy", "qz"],
-}
-"""Columns of the CSV file, besides those of the frame.
-
-`qtraj.read_track` knows those of time, position, velocity and attitude by these names."""
-
 MOTION = {"time": ["t"], "position": ["x", "y", "z"], "speed": ["speed"], "curvature": ["κ"], "torsion": ["χ"]}
-MISSING = {
-    FrameName.natural: "the natural trihedral does not exist (no motion or no bend)",
-    FrameName.upright: "the upright frame does not exist (no motion, or straight up or down)",
-    FrameName.thrust_aligned: "the thrust-aligned frame does not exist (no motion, free fall, or thrust along the "
-    "velocity)",
-    FrameName.minimizing: "the rotation-minimizing frame does not exist (no motion)",
-}
-"""What a dash in a table means."""
 
 
 def evaluate(
@@ -67,9 +37,9 @@ def evaluate(
     also: list[str] = typer.Option(
         [], metavar="NAME", help="A further output of qtraj.evaluate, such as yaw_rate; several with one option each."
     ),
-    frame: FrameName | None = frame_option(),
+    frame: FrameName | None = terminal.frame_option(),
     out: Path | None = typer.Option(None, metavar="DIR", help="Folder for table.nc and table.csv."),
-    as_json: bool = json_option(),
+    as_json: bool = terminal.json_option(),
 ) -> None:
     """Tabulate a path: time, position, speed, curvature, torsion, attitude and rate.
 
@@ -77,26 +47,31 @@ def evaluate(
     another; the quaternion is scalar first, body to world. What --also names is added to the files and to JSON. Exit
     code 1 where the path does not follow its recording.
     """
-    with guarded():
+    with terminal.guarded():
         outcome = run(scenario, samples, step, out, also, frame or FrameName.upright)
-    finish(outcome, as_json)
+    terminal.finish(outcome, as_json)
 
 
 def run(
-    file: Path, samples: int | None, step: float | None, out: Path | None, also: Sequence[str], frame: FrameName
+    file: Path,
+    samples: int | None,
+    step: float | None,
+    out: Path | None,
+    also: Sequence[str],
+    frame: FrameName,
 ) -> Outcome:
     """Evaluate the path of a file, and write it where a folder is given.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
-    with watching() as watch:
+    with terminal.watching() as watch:
         watch.say("reading the path")
         # Here, so that --help need not wait for pydantic and xarray.
         from qtraj.batch.evaluate import evaluate
         from qtraj.cli.output import check_folder, tabular, write_all
         from qtraj.design.fitting.facts import facts
         from qtraj.io.dataset import conventions, with_fit, write_netcdf
-        from qtraj.io.instants_csv import csv_headers, write_csv
+        from qtraj.io.instants_csv import PATH_HEADERS, csv_headers, write_csv
 
         if out is not None:
             check_folder(out)
@@ -116,7 +91,7 @@ def run(
         if out is not None:
             dataset = table.to_xarray()
             known = csv_headers(dataset)
-            headers = HEADERS | {name: known[name] for name in ("rate", *also) if name not in HEADERS}
+            headers = PATH_HEADERS | {name: known[name] for name in ("rate", *also) if name not in PATH_HEADERS}
             columns = {name: np.asarray(getattr(table, name)) for name in headers}
             found: dict[str, Any] = {}
             texts = {} if fitted is None else with_fit(found, fitted)
@@ -134,13 +109,13 @@ def run(
 def _path(file: Path) -> tuple["SpiralHelix", dict[str, Any], dict[str, str], "Fitted | None"]:
     """The path of a file, the head of the JSON, attributes of a dataset, and the fit it comes from."""
     from qtraj.cli.output import header, provenance
-    from qtraj.scenario.path import is_saved, lay, saved_path
+    from qtraj.io.saved import is_saved, saved_path
+    from qtraj.scenario.path import lay
     from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
 
     if is_saved(file):
         path = saved_path(file)
-        nameless: Any = type("Nameless", (), {"name": None, "description": None})
-        given = ScenarioFile(file, nameless, content_hash(file.read_bytes()))
+        given = ScenarioFile[Any](file, None, content_hash(file.read_bytes()))
         return path, header("evaluate", given), provenance(given), None
     given = read_scenario(file, "path")
     task = lay(given)
@@ -169,9 +144,10 @@ def instants(duration: float, samples: int | None, step: float | None) -> np.nda
 
 def _show(console: Console, content: dict[str, Any]) -> None:
     """Two tables, which side by side would not fit 80 characters, with what is known about the path before them."""
+    from qtraj.path.existence import MISSING
     from qtraj.path.frame_axes import axes_of
 
-    print_scenario(console, content["scenario"])
+    layout.print_scenario(console, content["scenario"])
     path, frame = content["path"], content["frame"]
     turn = f"{math.degrees(path['turn']):.2f}° about the axis"
     console.print(Text(f"Path: {path['duration']:.4f} s, {path['length']:.4f} m, {turn}"))
@@ -186,12 +162,12 @@ def _show(console: Console, content: dict[str, Any]) -> None:
         ("t [s], position [m], speed [m/s], curvature κ and torsion χ [1/m]", MOTION),
         (f"t [s], quaternion λ and rate ω [rad/s] of the {frame} frame", attitude),
     ):
-        heading(console, title)
-        console.print(numbers_table(columns, block, exists))
-    if len(defined) > MOST_ROWS:
+        layout.heading(console, title)
+        console.print(layout.numbers_table(columns, block, exists))
+    if len(defined) > layout.MOST_ROWS:
         console.print(
-            Text(f"… : {len(defined) - MOST_ROWS} instants left out; --out DIR writes, --json prints them all")
+            Text(f"… : {len(defined) - layout.MOST_ROWS} instants left out; --out DIR writes, --json prints them all")
         )
     if missing := int(np.sum(~defined)):
-        console.print(Text(f"- : {MISSING[frame]} at {missing} instants"))
-    print_files(console, content["files"])
+        console.print(Text(f"- : the {frame} frame does not exist ({MISSING[frame]}) at {missing} instants"))
+    layout.print_files(console, content["files"])

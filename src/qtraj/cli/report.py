@@ -7,8 +7,8 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from qtraj.cli.layout import print_files
-from qtraj.cli.terminal import FrameName, Outcome, finish, frame_option, guarded, json_option, watching
+from qtraj.cli import layout, terminal
+from qtraj.cli.terminal import FrameName, Outcome
 
 PAGE = "report.html"
 """The page of a folder, and of the dataset in it that stands for the folder."""
@@ -19,8 +19,8 @@ def report(
         Path("qtraj-out"), metavar="RESULT", help="A folder of results, a dataset, or a saved path."
     ),
     out: Path | None = typer.Option(None, metavar="DIR", help="Folder for the page; without it, that of RESULT."),
-    frame: FrameName | None = frame_option("that of the dataset; upright for a saved path"),
-    as_json: bool = json_option(),
+    frame: FrameName | None = terminal.frame_option("that of the dataset; upright for a saved path"),
+    as_json: bool = terminal.json_option(),
 ) -> None:
     """Write a result as one HTML file to look at in a browser, without any network.
 
@@ -31,9 +31,9 @@ def report(
     folder, and of its paths.nc or table.nc, is report.html; that of another file
     has its name: path.toml becomes path.html.
     """
-    with guarded():
+    with terminal.guarded():
         outcome = run(result, out, frame)
-    finish(outcome, as_json)
+    terminal.finish(outcome, as_json)
 
 
 def run(result: Path, out: Path | None, frame: FrameName | None = None) -> Outcome:
@@ -41,7 +41,7 @@ def run(result: Path, out: Path | None, frame: FrameName | None = None) -> Outco
 
     **Raises:** OSError or ValueError for bad input, or a missing package, before anything is written.
     """
-    with watching() as watch:
+    with terminal.watching() as watch:
         watch.say("reading")
         # Here, so that --help need not wait for xarray.
         from qtraj._version import __version__
@@ -62,22 +62,7 @@ def run(result: Path, out: Path | None, frame: FrameName | None = None) -> Outco
         except ValueError as error:
             text = str(error)
             raise ValueError(text if str(result) in text else f"{result}: {text}") from error
-        content = {
-            "qtraj": __version__,
-            "command": "report",
-            "result": str(source.file),
-            "title": found.title,
-            "kind": found.kind,
-            "findings": found.facts,
-            "bodies": [
-                {"name": body.name, "instants": len(body.time), "duration": float(body.time[-1])}
-                for body in found.bodies
-            ],
-            "panels": [panel.title for panel in found.panels],
-            "tables": [table.title for table in found.tables],
-            "notes": found.notes,
-            "warnings": found.warnings,
-        }
+        content = {"qtraj": __version__, "command": "report", "result": str(source.file)} | found.summary()
         watch.say("writing")
         whole = is_folder(result) or result.name in DATASETS
         name = PAGE if whole else f"{result.stem}.html"  # of a file after it, so that several in a folder keep theirs
@@ -95,5 +80,5 @@ def _show(console: Console, content: dict[str, Any]) -> None:
         console.print(Text(f"Warning: {warning}", style="bold red"))
     for body in content["bodies"]:
         console.print(Text(f"{body['name']}: {body['instants']} instants, {body['duration']:.4f} s"))
-    print_files(console, content["files"])
+    layout.print_files(console, content["files"])
     console.print(Text("Open it in a browser; it needs no network."))

@@ -8,19 +8,8 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from qtraj.cli.layout import degrees, facts_table, heading, number, print_files, print_instants, print_scenario
-from qtraj.cli.terminal import (
-    FrameName,
-    Outcome,
-    Watch,
-    finish,
-    frame_option,
-    guarded,
-    json_option,
-    out_option,
-    scenario_argument,
-    watching,
-)
+from qtraj.cli import layout, terminal
+from qtraj.cli.terminal import FrameName, Outcome, Watch
 from qtraj.foundation.outcome import ResultCode
 
 if TYPE_CHECKING:
@@ -37,11 +26,6 @@ HEADERS = {
     "command": ["command"],
     "norm": ["|λ|"],
 }
-FINE = 1200
-"""Equal intervals at whose ends a loop is judged; besides, at every renewal of the command and beside every jump."""
-SIDE = 1e-9
-"""Of the duration: how far before a jump its earlier side is looked at."""
-
 ENDINGS = {
     ResultCode.successful: "finished: every instant was reached.",
     ResultCode.max_steps_reached: (
@@ -68,13 +52,13 @@ NO_SIGN = (
 
 
 def simulate(
-    scenario: Path | None = scenario_argument("loop"),
-    out: Path = out_option(),
+    scenario: Path | None = terminal.scenario_argument("loop"),
+    out: Path = terminal.out_option(),
     samples: int | None = typer.Option(
         None, min=2, max=100_000, metavar="N", help="Number of instants, both ends included; before the scenario's."
     ),
-    frame: FrameName | None = frame_option("the scenario's; upright"),
-    as_json: bool = json_option(),
+    frame: FrameName | None = terminal.frame_option("the scenario's; upright"),
+    as_json: bool = terminal.json_option(),
 ) -> None:
     """Simulate a body that a feedback law makes follow a program of attitude.
 
@@ -82,9 +66,9 @@ def simulate(
     error is compared with its closed form. Writes the motion (solution.toml), its table (table.nc, table.csv) and a
     figure (simulation.png, simulation.svg). Exit code 1 where the integration did not finish.
     """
-    with guarded():
+    with terminal.guarded():
         outcome = run(scenario, out, samples, frame and frame.value)
-    finish(outcome, as_json)
+    terminal.finish(outcome, as_json)
 
 
 def run(file: Path | None, out: Path, samples: int | None, frame: str | None = None) -> Outcome:
@@ -92,7 +76,7 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
-    with watching() as watch:
+    with terminal.watching() as watch:
         watch.say("reading")
         # Here, so that --help need not wait for pydantic, xarray and matplotlib.
         from qtraj.cli.output import check_folder, header, provenance, result_writers, tabular, write_all
@@ -146,7 +130,7 @@ def _simulated(
 ) -> tuple["LoopTask", "LoopHistory", "LoopVerdict"]:
     """The closed loop of a scenario, its motion, and the verdict on it; a ValueError names the file."""
     import qtraj.motion.simulation.simulate as simulation
-    from qtraj.motion.simulation.loop_history import loop_history, references_at
+    from qtraj.motion.simulation.loop_history import judging_times, loop_history, references_at
     from qtraj.motion.simulation.loop_verdict import SETTLED, judge_loop
     from qtraj.scenario.loop import prepare
     from qtraj.scenario.part import radians
@@ -155,7 +139,7 @@ def _simulated(
         watch.say("preparing the program and the law")
         task = prepare(given, samples, frame)
         watch.say("simulating")
-        times = _instants(task)
+        times = judging_times(task.times, task.jumps, task.renewals)
         references_at(task.program, times)  # raises where there is none, before anything is simulated
         loop = (task.program, task.law, task.quaternion, task.rate)
         around = (task.disturbance, task.sensor, task.actuator)
@@ -167,14 +151,6 @@ def _simulated(
     settled = given.scenario.simulation.settled
     angle = SETTLED if settled is None else radians(given.scenario.angles) * settled
     return task, history, judge_loop(history, task.law, *around, angle, **tolerances)
-
-
-def _instants(task: "LoopTask") -> np.ndarray:
-    """The instants to solve for [s]: enough to judge the loop by, those of the table among them."""
-    duration = float(task.times[-1])
-    jumps, renewals = (np.zeros(0) if x is None else x for x in (task.jumps, task.renewals))
-    others = np.concatenate([np.linspace(0.0, duration, FINE + 1), jumps, jumps - SIDE * duration, renewals])
-    return np.unique(np.concatenate([task.times, others[(others >= 0) & (others <= duration)]]))
 
 
 def _gains(task: "LoopTask") -> dict[str, Any]:
@@ -201,51 +177,51 @@ def _result(history: "LoopHistory", found: "LoopVerdict", sign: str) -> str:
 def _show(console: Console, content: dict[str, Any], found: "LoopVerdict") -> None:
     """The whole outcome, from the scenario to the files written, in degrees, readable at 80 columns."""
     unit = "°/s" if found.commands == "rate" else "°/s²"
-    print_scenario(console, content["scenario"])
-    heading(console, "Closed loop")
+    layout.print_scenario(console, content["scenario"])
+    layout.heading(console, "Closed loop")
     gains = ", ".join(f"{name} = {_gain(x)}" for name, x in content["law"].items() if name != "kind")
     loop = [
         ("program", f"{content['program']['description']}, {content['program']['duration']:.4f} s"),
         ("law", f"'{content['law']['kind']}', {gains}"),
         (
             "error at the start",
-            f"{degrees(float(found.initial_angle))}°, with the {content['start']['sign']} sign of λ",
+            f"{layout.degrees(float(found.initial_angle))}°, with the {content['start']['sign']} sign of λ",
         ),
         ("simulated", f"{content['duration']:.4f} s"),
     ]
-    console.print(facts_table(loop))
+    console.print(layout.facts_table(loop))
     if not found.stable:
         growing = f"errors grow, the fastest as exp({float(found.growth):.4g} t)."
         text = f"This law is unstable: with these gains {growing}"
         settling = "This law brings no error to rest: with these gains errors neither grow nor decay."
         console.print(Text(text if found.growth > 0 else settling, style="bold red"))
-    heading(console, "Motion")
-    console.print(facts_table(_motion(content, content["verdict"], unit)))
+    layout.heading(console, "Motion")
+    console.print(layout.facts_table(_motion(content, content["verdict"], unit)))
     if found.agrees is False:
         text = (
             f"The motion is not that of the closed form: the tolerances explain no more than {float(found.bound):.3g}. "
         )
         console.print(Text(text + "Take smaller simulation.rtol and simulation.atol.", style="bold red"))
     _show_columns(console, content["columns"], found.applies, unit)
-    heading(console, "Result")
+    layout.heading(console, "Result")
     console.print(Text(content["result"]))
-    print_files(console, content["files"])
+    layout.print_files(console, content["files"])
 
 
 def _motion(content: dict[str, Any], found: dict[str, Any], unit: str) -> list[tuple[str, str]]:
     settling, drift, least = found["settling_time"], found["norm_drift"], found["least_error"]
     when = "not reached and kept" if settling is None else f"from {settling:.4f} s on"
-    drifted = "" if drift is None else f", {number(drift, 3)} from what it should be"
+    drifted = "" if drift is None else f", {layout.number(drift, 3)} from what it should be"
     exactly = ", at any time, by the closed form" if found["least_error_exact"] else ""
     error, lowest, highest = found["final_angle"], found["least_norm"], found["largest_norm"]
     return [
-        ("error at the end", "-" if error is None else f"{degrees(error)}°"),
-        (f"within {degrees(found['settled_angle'])}°", when),
+        ("error at the end", "-" if error is None else f"{layout.degrees(error)}°"),
+        (f"within {layout.degrees(found['settled_angle'])}°", when),
         ("closed form", _closed(found)),
         ("largest command", _peak(found, unit, content["saturation"] == "axis")),
         ("limit of command", _limit(content["command_limit"], unit, content["saturation"])),
-        ("|λ|", f"{number(lowest)} to {number(highest)}{drifted}"),
-        ("least |μ|", "-" if least is None else f"{number(least)}{exactly}"),
+        ("|λ|", f"{layout.number(lowest)} to {layout.number(highest)}{drifted}"),
+        ("least |μ|", "-" if least is None else f"{layout.number(least)}{exactly}"),
         ("found at", f"{found['instants']} instants, whatever the table asks for"),
     ]
 
@@ -257,14 +233,14 @@ def _show_columns(console: Console, columns: dict[str, Any], applies: bool, unit
     for name in {"angle", "closed_form_angle", "rate", "command"} & headers.keys():
         values[name] = np.degrees(values[name])
     values["command"] = np.linalg.norm(values["command"], axis=1)
-    heading(console, f"t [s], error angle [°], body rate ω [°/s], length of the command [{unit}], |λ|")
-    print_instants(console, values, headers, significant=("angle", "closed_form_angle", "command"))
+    layout.heading(console, f"t [s], error angle [°], body rate ω [°/s], length of the command [{unit}], |λ|")
+    layout.print_instants(console, values, headers, significant=("angle", "closed_form_angle", "command"))
 
 
 def _closed(found: dict[str, Any]) -> str:
     if found["deviation"] is None:
         return found["closed_form"]
-    relative = f"{number(found['deviation'], 3)} of the largest error quaternion"
+    relative = f"{layout.number(found['deviation'], 3)} of the largest error quaternion"
     return f"met within {relative}" if found["closed_form"] == "agrees" else f"departs from it by {relative}"
 
 
@@ -272,7 +248,7 @@ def _peak(found: dict[str, Any], unit: str, each_axis: bool) -> str:
     """The largest command as its limit counts it: the length, or each component."""
     if found["peak_command"] is None:
         return "-"
-    length = f"{degrees(found['peak_command'])} {unit} at {found['peak_time']:.6g} s"
+    length = f"{layout.degrees(found['peak_command'])} {unit} at {found['peak_time']:.6g} s"
     return f"{_degrees(found['peak_components'])} {unit} along x, y, z; length {length}" if each_axis else length
 
 
@@ -285,7 +261,7 @@ def _limit(limit: float | list[float] | None, unit: str, saturation: str | None)
 
 
 def _degrees(angles: float | list[float]) -> str:
-    return ", ".join(map(degrees, angles if isinstance(angles, list) else [angles]))
+    return ", ".join(map(layout.degrees, angles if isinstance(angles, list) else [angles]))
 
 
 def _gain(value: Any) -> str:

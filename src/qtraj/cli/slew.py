@@ -9,26 +9,8 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from qtraj.cli.layout import (
-    degrees,
-    facts_table,
-    heading,
-    number,
-    plain_table,
-    print_files,
-    print_instants,
-    print_scenario,
-    verdict,
-)
-from qtraj.cli.terminal import (
-    Outcome,
-    finish,
-    guarded,
-    json_option,
-    out_option,
-    scenario_argument,
-    watching,
-)
+from qtraj.cli import layout, terminal
+from qtraj.cli.terminal import Outcome
 from qtraj.foundation.units import symbol
 
 if TYPE_CHECKING:
@@ -47,10 +29,10 @@ HEADERS = {
 
 
 def slew(
-    scenario: Path | None = scenario_argument("slew"),
-    out: Path = out_option(),
+    scenario: Path | None = terminal.scenario_argument("slew"),
+    out: Path = terminal.out_option(),
     samples: int = typer.Option(201, min=2, max=100_000, metavar="N", help="Number of instants, both ends included."),
-    as_json: bool = json_option(),
+    as_json: bool = terminal.json_option(),
 ) -> None:
     """Slew from one attitude to another, or through several, about fixed axes.
 
@@ -58,9 +40,9 @@ def slew(
     the inertia of the body, in a table [body]. Writes the program (program.toml), its table (table.nc, table.csv) and a
     figure (slew.png, slew.svg). Exit code 1 where a limit is broken.
     """
-    with guarded():
+    with terminal.guarded():
         outcome = run(scenario, out, samples)
-    finish(outcome, as_json)
+    terminal.finish(outcome, as_json)
 
 
 def run(file: Path | None, out: Path, samples: int) -> Outcome:
@@ -68,7 +50,7 @@ def run(file: Path | None, out: Path, samples: int) -> Outcome:
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
-    with watching() as watch:
+    with terminal.watching() as watch:
         watch.say("reading")
         # Here, so that --help need not wait for pydantic, xarray and matplotlib.
         from qtraj.cli.output import check_folder, header, provenance, result_writers, tabular, write_all
@@ -116,14 +98,14 @@ def _notes(scenario: "SlewScenario", found: "SlewVerdict") -> list[str]:
     notes = []
     for k, (name, attitude) in enumerate(scenario.attitudes().items()):
         if (length := attitude.beyond_half_turn(scenario.angles)) is not None:
-            slewed = "." if k == 0 else f": the slew to it is by {degrees(float(found.angles[k - 1]))}°."
+            slewed = "." if k == 0 else f": the slew to it is by {layout.degrees(float(found.angles[k - 1]))}°."
             notes.append(
-                f"The rotation vector of [{name}] is {degrees(length)}° long, more than a half turn. It is the "
+                f"The rotation vector of [{name}] is {layout.degrees(length)}° long, more than a half turn. It is the "
                 f"attitude that counts, reached by the shorter way{slewed}"
             )
     scale = math.degrees(1.0) if scenario.angles == "rad" else 1.0
     rates = {"starts": scenario.law.start_rate, "ends": scenario.law.end_rate}
-    moving = [f"{verb} at {number(scale * rate)}°/s" for verb, rate in rates.items() if rate]
+    moving = [f"{verb} at {layout.number(scale * rate)}°/s" for verb, rate in rates.items() if rate]
     if moving:
         notes.append(f"The program {' and '.join(moving)}, but is at rest before and after: its rate jumps there.")
     return notes
@@ -131,7 +113,7 @@ def _notes(scenario: "SlewScenario", found: "SlewVerdict") -> list[str]:
 
 def _show(console: Console, content: dict[str, Any], found: "SlewVerdict") -> None:
     """The whole outcome, from the scenario to the files written, in degrees, readable at 80 columns."""
-    print_scenario(console, content["scenario"])
+    layout.print_scenario(console, content["scenario"])
     for k in range(len(found.angles)):
         _show_slew(console, content["verdict"], k)
     if found.sign < 0:
@@ -145,16 +127,16 @@ def _show(console: Console, content: dict[str, Any], found: "SlewVerdict") -> No
     values = {name: np.array(content["columns"][name], dtype=float) for name in HEADERS}
     for name in ("angle", "angle_rate", "angle_acceleration"):
         values[name] = np.degrees(values[name])
-    heading(console, "Program: t [s], angle Φ [°], rate [°/s], accel. [°/s²], quaternion λ")
-    print_instants(console, values, HEADERS)
-    heading(console, f"Result: law '{content['law']}'")
+    layout.heading(console, "Program: t [s], angle Φ [°], rate [°/s], accel. [°/s²], quaternion λ")
+    layout.print_instants(console, values, HEADERS)
+    layout.heading(console, f"Result: law '{content['law']}'")
     console.print(Text(found.result))
-    print_files(console, content["files"])
+    layout.print_files(console, content["files"])
 
 
 def _show_slew(console: Console, found: dict[str, Any], k: int) -> None:
     count, start, duration = len(found["angle"]), found["start"][k], found["duration"][k]
-    heading(console, f"Slew {k + 1} of {count}" if count > 1 else "Slew")
+    layout.heading(console, f"Slew {k + 1} of {count}" if count > 1 else "Slew")
     rows = [
         ("angle", f"{math.degrees(found['angle'][k]):.4f}°"),
         ("axis, body", _vector(found["axis_body"][k])),
@@ -165,19 +147,19 @@ def _show_slew(console: Console, found: dict[str, Any], k: int) -> None:
         rows.append(("from", f"{start:.4f} s on"))
     if switches := [t for t in found["switch_time"] if start < t < start + duration]:
         rows.append(("switches at", ", ".join(f"{t:.4f}" for t in switches) + " s"))
-    console.print(facts_table(rows))
+    console.print(layout.facts_table(rows))
 
 
 def _show_limits(console: Console, found: dict[str, Any]) -> None:
-    heading(console, "Peaks and limits")
-    table = plain_table("", right=("peak", "limit", "margin", "at [s]"), last=("unit", ""))
+    layout.heading(console, "Peaks and limits")
+    table = layout.plain_table("", right=("peak", "limit", "margin", "at [s]"), last=("unit", ""))
     names = ("limit", "limit_unit", "peak", "bound", "margin", "peak_time", "status", "active")
     for name, unit, peak, bound, margin, time, status, active in zip(*(found[key] for key in names), strict=True):
-        shown = degrees if unit.startswith("rad") else number
+        shown = layout.degrees if unit.startswith("rad") else layout.number
         numbers = [shown(value) for value in (peak, bound, 0.0 if active else margin)]
-        ending = Text(status) if bound is None else verdict("binds" if active else status)
+        ending = Text(status) if bound is None else layout.verdict("binds" if active else status)
         label = Text(symbol(unit).replace("rad", "°"))
-        table.add_row(name.removeprefix("max_"), *numbers, number(time, 6), label, ending)
+        table.add_row(name.removeprefix("max_"), *numbers, layout.number(time, 6), label, ending)
     console.print(table)
 
 

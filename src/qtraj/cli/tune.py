@@ -12,19 +12,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from qtraj.cli.layout import facts_table, heading, number, plain_table, print_files, print_scenario, verdict
-from qtraj.cli.terminal import (
-    FrameName,
-    Outcome,
-    Watch,
-    finish,
-    frame_option,
-    guarded,
-    json_option,
-    out_option,
-    scenario_argument,
-    watching,
-)
+from qtraj.cli import layout, terminal
+from qtraj.cli.terminal import FrameName, Outcome, Watch
 from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES, either
 from qtraj.foundation.outcome import ResultCode
 
@@ -47,9 +36,9 @@ MIND = "A limit may be smaller than meant, or in another unit; [tune.bounds] kee
 
 
 def tune(
-    scenario: Path | None = scenario_argument("path"),
-    out: Path = out_option(),
-    as_json: bool = json_option(),
+    scenario: Path | None = terminal.scenario_argument("path"),
+    out: Path = terminal.out_option(),
+    as_json: bool = terminal.json_option(),
     motion: Motion | None = typer.Option(
         None, metavar="MOTION", help=f"In place of the scenario's: {either(MOTIONS, '')}."
     ),
@@ -59,7 +48,7 @@ def tune(
     starts: int | None = typer.Option(
         None, min=1, metavar="N", help="In place of the scenario's: searches, from the given states and about them."
     ),
-    frame: FrameName | None = frame_option(),
+    frame: FrameName | None = terminal.frame_option(),
 ) -> None:
     """Tune the boundary velocities of a path until its limits hold, and write both paths.
 
@@ -67,10 +56,10 @@ def tune(
     (tuning.png, tuning.svg). Exit code 1 where the limits are not met, or a path does not follow its
     recording.
     """
-    with guarded():
+    with terminal.guarded():
         chosen = (motion and motion.value, objective and objective.value, starts)
         outcome = run(scenario, out, chosen, frame or FrameName.upright)
-    finish(outcome, as_json)
+    terminal.finish(outcome, as_json)
 
 
 def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int | None], frame: FrameName) -> Outcome:
@@ -78,15 +67,15 @@ def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int 
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
-    with watching() as watch:
+    with terminal.watching() as watch:
         watch.say("reading")
         # Here, so that --help need not wait for pydantic, xarray and matplotlib.
         from qtraj.cli.output import check_folder, header, provenance, write_all
         from qtraj.design.fitting.facts import facts
         from qtraj.foundation.plain import finite, plain
         from qtraj.io.dataset import path_dataset, write_netcdf
+        from qtraj.io.saved import is_saved
         from qtraj.path.change import compare_paths
-        from qtraj.scenario.path import is_saved
         from qtraj.scenario.reader import read_scenario
 
         check_folder(out)
@@ -191,29 +180,29 @@ def _show(
     change: "PathChange",
 ) -> None:
     """The whole outcome, from the scenario to the files written, readable at 80 columns."""
-    print_scenario(console, content["scenario"])
+    layout.print_scenario(console, content["scenario"])
     if content["fit"] is not None:
         show_fit(console, content["fit"])
     _show_limits(console, before, best.certificate, content["purpose"])
     _show_change(console, change)
     console.print(Text(f"The path after leaves the path before by {float(change.deviation):.3g} m at most."))
     console.print(Text(change.text))
-    heading(console, f"Result: objective '{task.objective}', motion '{task.motion}'")
+    layout.heading(console, f"Result: objective '{task.objective}', motion '{task.motion}'")
     for what, text in (("Fixed", ", ".join(task.part.fixed)), ("Bounded", _ranges(task.part))):
         if text:
             console.print(Text(f"{what}: {text}."))
     console.print(Text(best.result))
     if content["warning"]:
         console.print(Text(content["warning"], style="yellow"))
-    print_files(console, content["files"])
+    layout.print_files(console, content["files"])
 
 
 def show_fit(console: Console, fit: Mapping[str, Any]) -> None:
     """The fitted spiral-helix against its recording."""
     from qtraj.design.fitting.facts import TITLE, fact_rows
 
-    heading(console, TITLE)
-    console.print(facts_table(fact_rows(fit)))
+    layout.heading(console, TITLE)
+    console.print(layout.facts_table(fact_rows(fit)))
     if fit["warning"]:
         console.print(Text(f"Warning: {fit['warning']}", style="bold red"))
     elif fit["status"] != ResultCode.successful.name:
@@ -224,15 +213,20 @@ def _show_limits(console: Console, before: "Certificate", after: "Certificate", 
     from qtraj.foundation.units import symbol
     from qtraj.path.quantity import quantity
 
-    heading(console, "Limits before and after")
-    table = plain_table("limit", "path", right=("value", "limit", "margin", "at [s]"), last=("",))
+    layout.heading(console, "Limits before and after")
+    table = layout.plain_table("limit", "path", right=("value", "limit", "margin", "at [s]"), last=("",))
     for was, now in zip(before.findings(), after.findings(), strict=True):
         unit = f"[{symbol(quantity(was.name).unit) or '-'}]"
         for label, path, found in ((was.name, "before", was), (unit, "after", now)):
             known = math.isfinite(found.value)
             margin = "binds" if found.binding else f"{found.limit - found.value:+.3g}" if known else "-"
-            numbers = (number(found.value if known else None), number(found.limit), margin, number(found.time, 4))
-            table.add_row(Text(label), path, *numbers, verdict(found.status))
+            numbers = (
+                layout.number(found.value if known else None),
+                layout.number(found.limit),
+                margin,
+                layout.number(found.time, 4),
+            )
+            table.add_row(Text(label), path, *numbers, layout.verdict(found.status))
         table.add_section()
     console.print(table)
     for name, text in purpose.items():
@@ -240,8 +234,8 @@ def _show_limits(console: Console, before: "Certificate", after: "Certificate", 
 
 
 def _show_change(console: Console, change: "PathChange") -> None:
-    heading(console, "Boundary velocities before and after")
-    table = plain_table("", right=("before", "after", "change"), last=("unit",))
+    layout.heading(console, "Boundary velocities before and after")
+    table = layout.plain_table("", right=("before", "after", "change"), last=("unit",))
     before, after = np.asarray(change.velocities)
     for letter, was, now in zip("AB", before, after, strict=True):
         for symbol, *values in zip(SYMBOLS, was, now, strict=True):

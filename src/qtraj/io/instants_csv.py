@@ -9,6 +9,20 @@ import xarray
 
 from qtraj.foundation.units import symbol
 
+PATH_HEADERS = {
+    "time": ["time [s]"],
+    "position": ["x [m]", "y [m]", "z [m]"],
+    "velocity": ["vx [m/s]", "vy [m/s]", "vz [m/s]"],
+    "acceleration": ["ax [m/s²]", "ay [m/s²]", "az [m/s²]"],
+    "speed": ["speed [m/s]"],
+    "curvature": ["curvature [1/m]"],
+    "torsion": ["torsion [1/m]"],
+    "quaternion": ["qw", "qx", "qy", "qz"],
+}
+"""Columns of a path, besides the rate of its frame.
+
+`qtraj.read_track` knows those of time, position, velocity and attitude by these names."""
+
 
 def write_csv(columns: Mapping[str, np.ndarray], headers: Mapping[str, Sequence[str]], file: Path) -> None:
     """The columns that `headers` names, (n,) or (n, m) with a header for each component, floats exactly."""

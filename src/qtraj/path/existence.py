@@ -6,8 +6,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from qtraj.path.frame_axes import MINIMIZING, NATURAL, THRUST_ALIGNED, UPRIGHT
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, trihedral
+
+MISSING = {
+    NATURAL: "no motion, or no bend",
+    UPRIGHT: "no motion, or straight up or down",
+    THRUST_ALIGNED: "no motion, free fall, or thrust along the velocity or the heading",
+    MINIMIZING: "no motion",
+}
+"""Where the frame of a name does not exist."""
 
 SAMPLES = 257
 """Equally spaced instants at which a frame must exist."""

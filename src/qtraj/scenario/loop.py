@@ -1,14 +1,14 @@
 """Scenarios of `qtraj simulate`: their keys, and the closed loop that they describe."""
 
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import jax.numpy as jnp
 import numpy as np
 from pydantic import Field, model_validator
 
 from qtraj.foundation.types import Quat
+from qtraj.io.saved import is_saved, saved_path, saved_program
 from qtraj.motion.attitude import AbstractProgram
 from qtraj.motion.control.laws import AbstractLaw
 from qtraj.motion.programs.euler_turn import EulerTurn, TurnChain
@@ -18,7 +18,7 @@ from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.disturbance import AbstractDisturbance
 from qtraj.motion.simulation.loop import Loop, renewal_instants
 from qtraj.motion.simulation.sensor import AbstractSensor
-from qtraj.path.existence import first_undefined
+from qtraj.path.existence import MISSING, first_undefined
 from qtraj.path.frame_axes import MINIMIZING, NATURAL, THRUST_ALIGNED, UPRIGHT
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.thrust_aligned import ThrustAligned
@@ -46,7 +46,7 @@ from qtraj.scenario.part import (
     key,
     radians,
 )
-from qtraj.scenario.path import is_saved, lay, saved_path
+from qtraj.scenario.path import lay
 from qtraj.scenario.reader import ScenarioFile, read_scenario
 from qtraj.scenario.slew import SlewPart
 
@@ -55,12 +55,6 @@ MOST_SAMPLES = 100_000
 SOURCES = "[program.slew], path = 'a path scenario or a saved path', or file = 'a saved program'"
 LONGER = 1e-9
 """Relative: a duration so much longer than the program is that of the program, written with fewer digits."""
-WHY = {
-    NATURAL: "no motion, or no bend",
-    UPRIGHT: "no motion, or straight up or down",
-    THRUST_ALIGNED: "no motion, free fall, or thrust along the velocity or the heading",
-}
-"""Where a frame does not exist."""
 
 
 class ProgramPart(Part):
@@ -127,7 +121,7 @@ class ProgramPart(Part):
         if isinstance(frame, AbstractFrame) and (when := first_undefined(path, frame)) is not None:
             other = NATURAL if name == UPRIGHT else UPRIGHT
             raise ValueError(
-                f"the {name} frame of this path does not exist at t = {when:.6g} s ({WHY[name]}): take frame = "
+                f"the {name} frame of this path does not exist at t = {when:.6g} s ({MISSING[name]}): take frame = "
                 f"'{other}' or '{MINIMIZING}', or --frame with one of them"
             )
         return FrameProgram(path, frame)
@@ -258,18 +252,9 @@ def _program(given: ScenarioFile[LoopScenario], frame: str | None) -> AbstractPr
         with naming("in [program.slew], "):
             return part.slew.program(angles, strict=True)
     if part.path is None:
-        return _saved(given.beside(str(part.file)))
+        return saved_program(given.beside(str(part.file)))
     file = given.beside(part.path)
     return part.along(saved_path(file) if is_saved(file) else lay(read_scenario(file, "path")).path, frame, angles)
-
-
-def _saved(file: Path) -> AbstractProgram:
-    from qtraj.io.stored import load  # here, for it imports every class that can be stored
-
-    stored: Any = load(file)
-    if not isinstance(stored, AbstractProgram):
-        raise ValueError(f"{file}: a saved program was expected, but the file holds a {type(stored).__name__}")
-    return stored
 
 
 def _times(scenario: LoopScenario, program: AbstractProgram, samples: int | None) -> np.ndarray:

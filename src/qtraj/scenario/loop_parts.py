@@ -63,21 +63,24 @@ def _gain(value: Any) -> Any:
     return value
 
 
-def _inertia(value: Any) -> Any:
-    """A number, three of them, or three by three."""
+def _numbers(value: Any, *sizes: int) -> list[Any]:
+    """A number, or rows of three, or as many numbers, in one list; an error for anything else."""
     flat = value if isinstance(value, list) else [value]
     if flat and all(isinstance(row, list) and len(row) == 3 for row in flat):
         flat = [entry for row in flat for entry in row]
-    if not all(map(is_number, flat)) or (isinstance(value, list) and len(flat) not in (3, 9)):
+    if not all(map(is_number, flat)) or (isinstance(value, list) and len(flat) not in sizes):
         raise PydanticCustomError("numbers", "no such numbers")
+    return flat
+
+
+def _inertia(value: Any) -> Any:
+    _numbers(value, 3, 9)
     return value
 
 
 def _limit(value: Any) -> Any:
-    """A positive number, or three of them."""
-    flat = value if isinstance(value, list) else [value]
-    if not all(map(is_number, flat)) or (isinstance(value, list) and len(flat) != 3) or min(flat) <= 0:
-        raise PydanticCustomError("numbers", "no such numbers")
+    if min(_numbers(value, 3)) <= 0 or (isinstance(value, list) and isinstance(value[0], list)):
+        raise PydanticCustomError("numbers", "not positive")
     return value
 
 

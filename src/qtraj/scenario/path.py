@@ -1,7 +1,6 @@
 """Scenarios of `qtraj tune` and `qtraj evaluate`: their keys, and the path and the tuning that they describe."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from pydantic import create_model, model_validator
@@ -9,7 +8,7 @@ from pydantic import create_model, model_validator
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.initial import given_path
-from qtraj.design.tuning.outcome import Tuned
+from qtraj.io.saved import saved_path
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.change import sampled
 from qtraj.path.placement import Placement
@@ -27,9 +26,7 @@ class StatePart(Part):
     position: Vector = key("where the vehicle is", f"{THREE} [m]")
     velocity: Vector = key("how it moves", f"{THREE} [m/s]")
     acceleration: Vector | None = key(
-        "its acceleration, of a hermite path alone and at both ends: ρ, φ, h are then quintics",
-        f"{THREE} [m/s²]",
-        None,
+        "its acceleration, of a hermite path alone and at both ends: ρ, φ, h are then quintics", f"{THREE} [m/s²]", None
     )
 
 
@@ -194,26 +191,3 @@ def _between(scenario: PathScenario, part: TunePart, **chosen: Any) -> PathTask:
     duration, turns = part.duration or scenario.duration, part.turns or scenario.turns or 0
     path = given_path(start, end, chosen["objective"], chosen["motion"], duration, turns, placement)
     return PathTask(path, start, end, duration=duration, turns=turns, part=part, **chosen)
-
-
-def is_saved(file: Path) -> bool:
-    """Whether a file is a stored document (of a path, or of something else) and no scenario."""
-    if file.suffix == ".json":
-        return True
-    lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
-    first = next((k for k, line in enumerate(lines) if line.lstrip().startswith("[")), len(lines))
-    return any(line.split("=")[0].strip() == "format" for line in lines[:first])  # before the first table
-
-
-def saved_path(file: Path) -> SpiralHelix:
-    """The path in a saved document; of a tuned or fitted result, its path.
-
-    **Raises:** OSError, or ValueError naming the file where it holds no spiral-helix.
-    """
-    from qtraj.io.stored import load  # here, for it imports every class that can be stored
-
-    stored = load(file)
-    path = stored.path if isinstance(stored, Tuned | Fitted) else stored
-    if not isinstance(path, SpiralHelix):
-        raise ValueError(f"{file}: a saved path was expected, but the file holds a {type(stored).__name__}")
-    return path

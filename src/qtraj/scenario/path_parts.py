@@ -44,8 +44,7 @@ class AnglesPart(Part):
     )
     unit: Angles = key("the unit of the columns", "'deg' or 'rad'")
     body: Literal["forward-right-down", "forward-left-up"] = key(
-        "the body axes x, y, z about which roll and pitch are right-handed",
-        "'forward-right-down' or 'forward-left-up'",
+        "the body axes x, y, z about which roll and pitch are right-handed", "'forward-right-down' or 'forward-left-up'"
     )
 
 
@@ -105,9 +104,7 @@ class FitPart(Part):
         "of the angle: a polynomial, or at a constant rate; that of [tune] if left out", MOTION, None
     )
     position_sigma: Positive | None = key(
-        f"standard deviation of a recorded position; {POSITION_SIGMA} if left out",
-        "a positive finite number [m]",
-        None,
+        f"standard deviation of a recorded position; {POSITION_SIGMA} if left out", "a positive finite number [m]", None
     )
     velocity_sigma: Positive | None = key(
         f"standard deviation of a recorded velocity; {VELOCITY_SIGMA} if left out",

@@ -2,7 +2,6 @@
 
 import difflib
 import hashlib
-import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,24 +10,15 @@ from typing import Any, Generic, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from qtraj.foundation.toml_fault import quoted, syntax_fault
 from qtraj.foundation.untrusted import decoded, parse_toml, read_bytes
+from qtraj.io.recording import is_recording
 from qtraj.scenario import KINDS, Kind
 
 HASH_DIGITS = 16
-LONGEST = 60
-"""A longer value is quoted only so far."""
 LIKE = 0.7
 """Keys less alike than this, from 0 to 1, are not taken for one another: 'duration' is no 'acceleration' (0.6)."""
 
-PLACE = re.compile(r"at line (\d+), column (\d+)")
-BARE = re.compile(r"""([\w.-]+)\s*=\s*((?:[A-Za-z_~/]|[^\s"'\[\]{}#]*\.[A-Za-z])[^"'\[\]{}#]*?)\s*(?:\#.*)?""")
-"""A key with a name, such as that of a file, but no quotes about it."""
-
-RECORDINGS = (".csv", ".tsv", ".tum")
-"""How the names of recordings end; others, such as .txt, may be recordings by what they hold."""
-FEWEST_COLUMNS = 4
-"""Of a recording: a time and a position."""
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 PATHS = ("track", "start", "path")
 """A path scenario has one of these, although no single one is required."""
 
@@ -104,28 +94,9 @@ def _parse(path: Path, content: bytes, kind: Kind) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         if is_recording(path, text):
             raise ValueError(f"{path}: {_recorded(path, kind)}") from None
-        raise ValueError(f"{path}: not valid TOML: {_syntax_fault(text, error)}") from None
+        raise ValueError(f"{path}: not valid TOML: {syntax_fault(text, error)}") from None
     except ValueError as error:
         raise ValueError(f"{path}: not a scenario: {error}") from None
-
-
-def _syntax_fault(text: str, error: tomllib.TOMLDecodeError) -> str:
-    """The message of the parser with line and column, the line there, and advice where a text has no quotes."""
-    lines = text.split("\n")
-    message = str(error)
-    place = PLACE.search(message)
-    if place is None:  # an end of the file that came too early
-        last = text.splitlines() or [""]
-        end = f"at line {len(last)}, column {len(last[-1]) + 1}, the end of the file"
-        return message.replace("at end of document", end)
-    line, column = lines[int(place[1]) - 1], int(place[2]) - 1
-    advice = ""
-    if message.startswith(("Invalid value", "Expected newline")):
-        if (bare := BARE.fullmatch(line.strip())) is not None:
-            advice = f'; a text needs quotes: {bare[1]} = "{bare[2]}"'
-        elif message.startswith("Invalid") and line[column : column + 1].isalpha():
-            advice = "; a text needs quotes"
-    return f"{message} in {_quoted(line.strip())}{advice}"
 
 
 def _misplaced(data: Mapping[str, Any], kind: Kind) -> str | None:
@@ -144,18 +115,6 @@ def _fits(data: Mapping[str, Any], kind: Kind) -> bool:
     needed = {name for name, field in fields.items() if field.is_required()}
     whole = kind is not KINDS["path"] or any(name in data for name in PATHS)
     return whole and needed <= data.keys() <= fields.keys()
-
-
-def is_recording(file: Path, text: str = "") -> bool:
-    """Whether a file is a recording by its name, or by its text: rows of numbers, with or without a header."""
-    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
-    rows = bool(lines) and "=" not in lines[0] and any(map(_is_row, lines[:2]))
-    return file.suffix.lower() in RECORDINGS or rows
-
-
-def _is_row(line: str) -> bool:
-    cells = re.split(r"[,;\s]+", line.strip())
-    return len(cells) >= FEWEST_COLUMNS and all(map(NUMBER.fullmatch, cells))
 
 
 def _recorded(file: Path, kind: Kind) -> str:
@@ -185,7 +144,7 @@ def _fault(fault: dict[str, Any], root: type[BaseModel]) -> str:
     expected = _expected(where, root)
     if fault["type"] == "missing":
         return f"the key '{_dotted(where)}' is missing: expected {expected}"
-    return f"the key '{_dotted(where)}' holds {_quoted(fault['input'])}, but expected {expected}"
+    return f"the key '{_dotted(where)}' holds {quoted(fault['input'])}, but expected {expected}"
 
 
 def _unknown(where: Location, root: type[BaseModel]) -> str:
@@ -247,9 +206,3 @@ def _expected(location: Location, root: type[BaseModel]) -> str:
             break  # what stands below a plain value, as in [tune.bounds], may have the name of a key beside it
         model = inner
     return description
-
-
-def _quoted(value: Any) -> str:
-    """A value as Python writes it, cut where it is long."""
-    text = repr(value)
-    return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"

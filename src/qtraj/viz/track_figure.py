@@ -32,7 +32,7 @@ LENGTH = {"color": "0.2", "lw": 1.2, "alpha": 0.8}
 def track_figure(dataset: xarray.Dataset, settled: float, limit: float | list[float] | None) -> Figure:
     """Error angle (log) and error quaternion against the closed form; rates; physical and virtual command; |λ|.
 
-    `dataset` is the table of `qtraj track`; `settled` [rad] is marked, and so is the limit of the command [rad…].
+    `dataset` is the table of `qtraj simulate`; `settled` [rad] is marked, and so is the limit of the command [rad…].
     """
     with mpl.rc_context(RC):
         band = BAND if title(dataset) else 0.0

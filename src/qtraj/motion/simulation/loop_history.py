@@ -14,6 +14,11 @@ from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
 from qtraj.motion.programs.slew_history import attitudes_at
 from qtraj.motion.simulation.solution import Solution
 
+FINE = 1200
+"""Equal intervals of `judging_times`."""
+SIDE = 1e-9
+"""Of the duration: how far before a jump `judging_times` looks at its earlier side."""
+
 
 class LoopHistory(AbstractResult):
     """The motion of a closed loop, `solution`, at n instants, with what it is compared with at the same instants.
@@ -96,3 +101,12 @@ def references_at(program: AbstractProgram, times: ArrayInput) -> Attitude:
         missing = float(np.asarray(times)[int(np.argmin(good))])
         raise ValueError(f"the program has no attitude at t = {missing:.6g} s")
     return references
+
+
+def judging_times(times: np.ndarray, jumps: np.ndarray | None = None, renewals: np.ndarray | None = None) -> np.ndarray:
+    """Instants [s] that are enough to judge a loop by: `times` from 0 on, 1200 equal intervals between them, every
+    renewal of the command, and both sides of every jump of the program."""
+    duration, nothing = float(times[-1]), np.zeros(0)
+    jumps, renewals = (nothing if x is None else x for x in (jumps, renewals))
+    others = np.concatenate([np.linspace(0.0, duration, FINE + 1), jumps, jumps - SIDE * duration, renewals])
+    return np.unique(np.concatenate([times, others[(others >= 0) & (others <= duration)]]))
