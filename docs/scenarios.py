@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
+
 from qtraj.scenario import KINDS
 
 FIRST = ("name", "description", "angles")

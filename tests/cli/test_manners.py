@@ -20,6 +20,7 @@ from qtraj.cli.app import app
 from qtraj.cli.layout import column_table
 from qtraj.foundation.plain import finite
 from qtraj.foundation.progress import Progress
+from qtraj.foundation.progress_bar import watching
 from qtraj.io import instants_csv
 
 SOURCE = Path(__file__).parents[2] / "src"
@@ -124,7 +125,7 @@ def shown(monkeypatch, is_terminal):
     monkeypatch.setenv("TERM", "xterm")
     stream = Screen(is_terminal)
     monkeypatch.setattr(sys, "stderr", stream)
-    with terminal.watching() as watch:
+    with watching() as watch:
         watch.say("fitting")
         watch.tuning(Progress("searches", 3, 8))
     return stream.getvalue()

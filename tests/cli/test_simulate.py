@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 
 import qtraj as qt
 from qtraj.cli import simulate as command
-from qtraj.cli.terminal import Watch
 from qtraj.foundation.plain import plain
+from qtraj.foundation.progress_bar import Watch
 from qtraj.motion.simulation import loop_history as history_module, loop_verdict
 from qtraj.motion.simulation.loop_verdict import judge_loop
 from qtraj.scenario.reader import read_scenario

@@ -13,6 +13,7 @@ from rich.text import Text
 from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.cli.tune import show_fit
+from qtraj.foundation.progress_bar import watching
 
 if TYPE_CHECKING:
     from qtraj.design.fitting.fitted import Fitted
@@ -64,7 +65,7 @@ def run(
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
-    with terminal.watching() as watch:
+    with watching() as watch:
         watch.say("reading the path")
         # Here, so that --help need not wait for pydantic and xarray.
         from qtraj.batch.evaluate import evaluate

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import FrameName, Outcome
+from qtraj.foundation.progress_bar import watching
 
 PAGE = "report.html"
 """The page of a folder, and of the dataset in it that stands for the folder."""
@@ -41,7 +42,7 @@ def run(result: Path, out: Path | None, frame: FrameName | None = None) -> Outco
 
     **Raises:** OSError or ValueError for bad input, or a missing package, before anything is written.
     """
-    with terminal.watching() as watch:
+    with watching() as watch:
         watch.say("reading")
         # Here, so that --help need not wait for xarray.
         from qtraj._version import __version__

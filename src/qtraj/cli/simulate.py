@@ -9,8 +9,9 @@ from rich.console import Console
 from rich.text import Text
 
 from qtraj.cli import layout, terminal
-from qtraj.cli.terminal import FrameName, Outcome, Watch
+from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.foundation.outcome import ResultCode
+from qtraj.foundation.progress_bar import Watch, watching
 
 if TYPE_CHECKING:
     from qtraj.motion.simulation.loop_history import LoopHistory
@@ -76,7 +77,7 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
-    with terminal.watching() as watch:
+    with watching() as watch:
         watch.say("reading")
         # Here, so that --help need not wait for pydantic, xarray and matplotlib.
         from qtraj.cli.output import check_folder, header, provenance, result_writers, tabular, write_all

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import Outcome
+from qtraj.foundation.progress_bar import watching
 from qtraj.foundation.units import symbol
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def run(file: Path | None, out: Path, samples: int) -> Outcome:
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
-    with terminal.watching() as watch:
+    with watching() as watch:
         watch.say("reading")
         # Here, so that --help need not wait for pydantic, xarray and matplotlib.
         from qtraj.cli.output import check_folder, header, provenance, result_writers, tabular, write_all

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress as Bars, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from qtraj.cli import BAD_INPUT, INTERRUPTED
-from qtraj.foundation.progress import Progress
 from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
     from qtraj.motion.programs.rotation_minimizing import Frame
+
 
 FAILED = 1
 """Exit code of a run whose limits are not met, or whose solve did not converge."""
@@ -126,34 +125,3 @@ def guarded() -> Iterator[None]:
 def _fail(message: str) -> None:
     stderr().print(f"error: {message}", markup=False, soft_wrap=True)
     raise typer.Exit(BAD_INPUT) from None
-
-
-class Watch:
-    """Progress on a terminal; silent elsewhere."""
-
-    def __init__(self, shown: Bars | None):
-        self._shown = shown
-        self._task: Any = None if shown is None else shown.add_task("", total=None)
-
-    def say(self, text: str) -> None:
-        """What is being done now."""
-        if self._shown is not None:
-            self._shown.update(self._task, description=text, completed=0, total=None)
-
-    def tuning(self, progress: Progress) -> None:
-        """How far a tuning is."""
-        if self._shown is not None:
-            known = {"completed": progress.done, "total": progress.total}
-            self._shown.update(self._task, description=f"tuning: {progress}", **known)
-
-
-@contextmanager
-def watching() -> Iterator[Watch]:
-    """A `Watch` on stderr, wiped when done; nothing of it where stderr is no terminal."""
-    console = stderr()
-    if not console.is_terminal:
-        yield Watch(None)
-        return
-    text = TextColumn("{task.description}", markup=False)
-    with Bars(SpinnerColumn(), text, BarColumn(20), TimeElapsedColumn(), console=console, transient=True) as shown:
-        yield Watch(shown)

@@ -13,9 +13,10 @@ from rich.table import Table
 from rich.text import Text
 
 from qtraj.cli import layout, terminal
-from qtraj.cli.terminal import FrameName, Outcome, Watch
+from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES, either
 from qtraj.foundation.outcome import ResultCode
+from qtraj.foundation.progress_bar import Watch, watching
 
 if TYPE_CHECKING:  # a checker of types takes no names that are read from a registry
     from qtraj.design.proof.certificate import Certificate
@@ -67,7 +68,7 @@ def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int 
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
-    with terminal.watching() as watch:
+    with watching() as watch:
         watch.say("reading")
         # Here, so that --help need not wait for pydantic, xarray and matplotlib.
         from qtraj.cli.output import check_folder, header, provenance, write_all
@@ -95,9 +96,7 @@ def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int 
             {"before": task.path, "after": best.path},
             task.limits,
             task.track,
-            attributes={
-                key if key in provenance(given) else f"tuning_{key}": text for key, text in about.items() if text
-            },
+            attributes=provenance(given) | about,
             fitted=task.fitted,
             frame=frame.frame(),
             findings={"before": before, "after": best.certificate},
@@ -220,13 +219,9 @@ def _show_limits(console: Console, before: "Certificate", after: "Certificate", 
         for label, path, found in ((was.name, "before", was), (unit, "after", now)):
             known = math.isfinite(found.value)
             margin = "binds" if found.binding else f"{found.limit - found.value:+.3g}" if known else "-"
-            numbers = (
-                layout.number(found.value if known else None),
-                layout.number(found.limit),
-                margin,
-                layout.number(found.time, 4),
-            )
-            table.add_row(Text(label), path, *numbers, layout.verdict(found.status))
+            value, limit = layout.number(found.value if known else None), layout.number(found.limit)
+            time = layout.number(found.time, 4)
+            table.add_row(Text(label), path, value, limit, margin, time, layout.verdict(found.status))
         table.add_section()
     console.print(table)
     for name, text in purpose.items():
