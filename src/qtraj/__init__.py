@@ -51,11 +51,13 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
     from qtraj.motion.programs.euler_turn import EulerTurn as EulerTurn, SlewSequence as SlewSequence
     from qtraj.motion.programs.frame_program import FrameProgram as FrameProgram
     from qtraj.motion.programs.rotation_minimizing import RotationMinimizing as RotationMinimizing
+    from qtraj.motion.programs.slew_history import SlewHistory as SlewHistory, slew_history as slew_history
     from qtraj.motion.programs.slew_torque import (
         TorquePeak as TorquePeak,
         peak_torque as peak_torque,
         within_torque as within_torque,
     )
+    from qtraj.motion.programs.slew_verdict import SlewVerdict as SlewVerdict, judge_slew as judge_slew
     from qtraj.motion.programs.table_program import TableProgram as TableProgram
     from qtraj.motion.propagation.gauss_legendre import GaussLegendre as GaussLegendre
     from qtraj.motion.propagation.magnus import Magnus as Magnus
@@ -72,11 +74,14 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
         Sinusoid as Sinusoid,
     )
     from qtraj.motion.simulation.kinematics import integrate as integrate
+    from qtraj.motion.simulation.loop_history import LoopHistory as LoopHistory, loop_history as loop_history
+    from qtraj.motion.simulation.loop_verdict import LoopVerdict as LoopVerdict, judge_loop as judge_loop
     from qtraj.motion.simulation.sensor import Gyros as Gyros, Sensor as Sensor
     from qtraj.motion.simulation.simulate import simulate as simulate
     from qtraj.motion.simulation.solution import Solution as Solution
     from qtraj.path.boundary import BoundaryState as BoundaryState
     from qtraj.path.boundary_problem import axis_between as axis_between
+    from qtraj.path.change import PathChange as PathChange, compare_paths as compare_paths
     from qtraj.path.hodograph import AbstractHodograph as AbstractHodograph, Curve as Curve
     from qtraj.path.placement import Placement as Placement
     from qtraj.path.residual import Residual as Residual
@@ -121,7 +126,9 @@ _HOMES = {
     "qtraj.motion.programs.euler_turn": ("EulerTurn", "SlewSequence"),
     "qtraj.motion.programs.frame_program": ("FrameProgram",),
     "qtraj.motion.programs.rotation_minimizing": ("RotationMinimizing",),
+    "qtraj.motion.programs.slew_history": ("SlewHistory", "slew_history"),
     "qtraj.motion.programs.slew_torque": ("TorquePeak", "peak_torque", "within_torque"),
+    "qtraj.motion.programs.slew_verdict": ("SlewVerdict", "judge_slew"),
     "qtraj.motion.programs.table_program": ("TableProgram",),
     "qtraj.motion.propagation.gauss_legendre": ("GaussLegendre",),
     "qtraj.motion.propagation.magnus": ("Magnus",),
@@ -130,11 +137,14 @@ _HOMES = {
     "qtraj.motion.simulation.actuator": ("Actuator",),
     "qtraj.motion.simulation.disturbance": ("DisturbanceAcceleration", "DisturbanceTorque", "Sinusoid"),
     "qtraj.motion.simulation.kinematics": ("integrate",),
+    "qtraj.motion.simulation.loop_history": ("LoopHistory", "loop_history"),
+    "qtraj.motion.simulation.loop_verdict": ("LoopVerdict", "judge_loop"),
     "qtraj.motion.simulation.sensor": ("Gyros", "Sensor"),
     "qtraj.motion.simulation.simulate": ("simulate",),
     "qtraj.motion.simulation.solution": ("Solution",),
     "qtraj.path.boundary": ("BoundaryState",),
     "qtraj.path.boundary_problem": ("axis_between",),
+    "qtraj.path.change": ("PathChange", "compare_paths"),
     "qtraj.path.hodograph": ("AbstractHodograph", "Curve"),
     "qtraj.path.placement": ("Placement",),
     "qtraj.path.residual": ("Residual",),
@@ -147,7 +157,7 @@ _HOMES = {
 
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
-_PACKAGES = ("algebra", "batch", "cli", "design", "foundation", "io", "motion", "path", "viz")
+_PACKAGES = ("algebra", "batch", "cli", "design", "foundation", "io", "motion", "path", "scenario", "viz")
 
 _MODULES = {
     "control": "qtraj.motion.control",

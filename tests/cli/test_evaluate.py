@@ -8,7 +8,7 @@ import pytest
 import xarray
 
 import qtraj as qt
-from qtraj.cli.evaluation.work import instants
+from qtraj.cli.evaluate import instants
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -150,7 +150,7 @@ def test_where_there_is_no_trihedral_a_dash_stands(qtraj, tmp_path):
     assert sum(line.rstrip().endswith(" -") for line in upright.stdout.splitlines()) == 7
     result = qtraj("evaluate", tmp_path / "straight.json", "--samples", 7, "--frame", "natural")
     assert result.exit_code == 0
-    assert "the natural trihedral does not exist (no motion or no bend) at 7 instants" in result.stdout
+    assert "the natural frame does not exist (no motion, or no bend) at 7 instants" in result.stdout
 
 
 @pytest.mark.parametrize(

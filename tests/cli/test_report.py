@@ -123,7 +123,7 @@ def test_saved_paths_and_tunings_are_reported(qtraj, path, tuned, tmp_path):
 
 
 def test_a_turn_is_reported(qtraj, tmp_path):
-    assert qtraj("turn", "--samples", 11, "--out", tmp_path).exit_code == 0
+    assert qtraj("slew", "--samples", 11, "--out", tmp_path).exit_code == 0
     result = qtraj("report", tmp_path)
     assert result.exit_code == 0
     assert "Quarter turn of a spacecraft" in result.stdout

@@ -26,5 +26,5 @@ def test_every_key_has_a_meaning_a_value_and_a_default(written):
 
 
 def test_every_table_of_every_command_is_listed(written):
-    for header in ("[limits]", "[[via]]", "[program.turn]", "[program.turn.law]", "[law.weights]", "[simulation]"):
+    for header in ("[limits]", "[[via]]", "[program.slew]", "[program.slew.law]", "[law.weights]", "[simulation]"):
         assert f"`{header}`" in written

@@ -162,9 +162,10 @@ corridor = 1.0
     result = CliRunner().invoke(app, ["tune", str(tmp_path / "s.toml"), "--out", str(tmp_path / "out"), "--json"])
     content = json.loads(result.stdout)
     assert result.exit_code == 0
-    assert content["limits"]["corridor"]["after"]["status"] == "proved"
-    assert content["limits"]["corridor"]["before"]["value"] == 0.0
-    assert content["departure"] <= 1.0
+    found = {name: content[name]["limit"].index("corridor") for name in ("before", "tuned")}
+    assert content["tuned"]["status"][found["tuned"]] == "proved"
+    assert content["before"]["worst_value"][found["before"]] == 0.0
+    assert content["change"]["deviation"] <= 1.0
     report = CliRunner().invoke(app, ["report", str(tmp_path / "out")])
     assert report.exit_code == 0
     assert "corridor [m]" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

@@ -64,6 +64,23 @@ def single():
         "propagation": qt.Propagation(*map(jnp.asarray, (INSTANTS, quaternion, 1e-13, 7, REACHED))),
         "track": track,
         "residual": compare(path, track),
+        **verdicts(path),
+    }
+
+
+def verdicts(path):
+    """What the commands find out: of a slew, of a closed loop, of a changed path."""
+    one, half = [1.0, 0, 0, 0], [1.0, 1 / 3, 0, 0]
+    program = qt.EulerTurn(one, half, qt.Quintic(duration=2.0))
+    law, still = qt.AccelerationLaw(2.0, 1.0), jnp.zeros(4)
+    solution = qt.simulate(program, law, half, still, INSTANTS)
+    history = qt.loop_history(program, law, half, still, solution)
+    return {
+        "slew history": qt.slew_history(program, INSTANTS, 2.0),
+        "slew verdict": qt.judge_slew(program, {"max_rate": 0.1}, inertia=2.0, max_torque=0.5),
+        "loop history": history,
+        "loop verdict": qt.judge_loop(history, law),
+        "path change": qt.compare_paths(path, path),
     }
 
 
@@ -124,7 +141,7 @@ def test_every_dataset_has_meanings_and_provenance(results):
         assert dataset.attrs["scenario_sha256"] == "bc9c"
         for key, variable in dataset.data_vars.items():
             assert variable.attrs["long_name"], (name, key)
-            worded = variable.dtype.kind in "UO" or key in ("objective", "bound", "worst_value")
+            worded = variable.dtype.kind in "UO" or key in ("objective", "bound", "worst_value", "peak", "margin")
             assert worded or variable.attrs["units"], (name, key)
 
 
@@ -311,6 +328,11 @@ def test_functions_return_results():
         qt.Track,
         qt.Trihedral,
         qt.SpiralHelix,
+        qt.SlewHistory,
+        qt.SlewVerdict,
+        qt.LoopHistory,
+        qt.LoopVerdict,
+        qt.PathChange,
     }
     wanted |= {
         qt.Attitude,

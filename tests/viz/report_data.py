@@ -2,7 +2,6 @@
 
 import numpy as np
 import xarray
-
 from qtraj.io.instants import Column, instants_dataset
 
 HOSTILE = "</script><script>window.hacked = 1</script>"

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 from qtraj.io.instants import Column, instants_dataset
+
 from qtraj.viz import figures
 from qtraj.viz.figures import save
 from qtraj.viz.simulation_figure import simulation_figure

@@ -66,7 +66,7 @@ def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
 def _certified(tuned: Tuned, name: str) -> list[str]:
     certificate = tuned.certificate
     time, value, limit = certificate.worst[name]
-    margin = "binds" if name in certificate.active else number(limit - value, 3)
+    margin = "active" if name in certificate.active else number(limit - value, 3)
     return [number(value), number(limit), margin, number(time, 4), certificate.status[name]]
 
 
@@ -78,7 +78,7 @@ def _stored(path: xarray.Dataset, name: str) -> list[str]:
     value, time = (float(path[f"largest_{name}{suffix}"]) for suffix in ("", "_time"))
     limit = float(path[f"largest_{name}"].attrs["limit"])
     binds = finding in ("proved", "sampled") and limit - value <= ACTIVE_MARGIN * limit
-    margin = "binds" if binds else number(limit - value, 3)
+    margin = "active" if binds else number(limit - value, 3)
     return [number(value), number(limit), margin, number(time, 4), finding]
 
 
