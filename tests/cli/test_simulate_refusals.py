@@ -33,7 +33,7 @@ BAD = {
     ),
     "a negative gain": (SLEW + "[law]\nk1 = -1\nk2 = 1\n", ["'law.k1' holds -1", "a positive finite number"]),
     "no gain of a rate law": (SLEW + "[law]\nkind = 'rate'\nk = 0\n", ["'law.k' holds 0", "a positive finite"]),
-    "a far sheet in the gauge of Gibbs": (
+    "a far sign in the normalization of Gibbs": (
         SLEW + LAW + "[error]\ngauge = 'gibbs'\nsign = 'far'\n",
         ["error.sign = 'far' contradicts error.gauge = 'gibbs'"],
     ),

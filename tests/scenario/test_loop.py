@@ -6,7 +6,7 @@ import pytest
 
 import qtraj as qt
 from qtraj.motion.control.errors import error_quaternion
-from qtraj.motion.control.response import growth
+from qtraj.motion.control.response import spectral_abscissa
 from qtraj.motion.programs.rotation_minimizing import name_of
 from qtraj.scenario.loop import prepare
 from qtraj.scenario.loop_parts import FeedbackPart
@@ -69,7 +69,7 @@ def test_the_sign_is_chosen(prepared):
     assert [scalar < 0 for scalar in scalars] == [False, True, False]
 
 
-def test_the_gibbs_gauge(prepared):
+def test_the_gibbs_normalization(prepared):
     job = prepared(SLEW + LAW + "[error]\nrotation_vector = [90, 0, 0]\nrate = [10, 0, 0]\ngauge = 'gibbs'\n")
     assert np.asarray(job.quaternion) == pytest.approx([1, 1, 0, 0])  # μ0 = 1, μ_v = tan 45°
     assert np.asarray(job.rate) == pytest.approx([np.radians(10), np.radians(10), 0, 0])
@@ -84,7 +84,7 @@ def test_the_gibbs_gauge(prepared):
     ],
 )
 def test_the_stability_of_a_law(prepared, gains, rate):
-    assert growth(prepared(SLEW + "[law]\n" + gains).law) == pytest.approx(rate, abs=1e-12)
+    assert spectral_abscissa(prepared(SLEW + "[law]\n" + gains).law) == pytest.approx(rate, abs=1e-12)
 
 
 def test_a_turn_is_followed_beyond_its_end_only_where_it_rests(prepared, tmp_path):

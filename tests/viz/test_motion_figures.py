@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from qtraj.io.instants import Column, instants_dataset
+from tests.viz.instants import Column, instants_dataset
 
 from qtraj.viz import figures
 from qtraj.viz.figures import save

@@ -84,7 +84,7 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
         from qtraj.foundation.plain import plain
         from qtraj.foundation.record import to_dataset
         from qtraj.scenario.reader import read_scenario
-        from qtraj.viz.track_figure import track_figure
+        from qtraj.viz.simulation_figure import simulation_figure
 
         check_folder(out)
         given = read_scenario(file, "loop")
@@ -120,7 +120,7 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
         dataset = to_dataset(table.record(), about)
         if limit is not None:
             dataset["command"].attrs["limit"] = limit
-        figure = track_figure(dataset, float(found.settled_angle), limit)
+        figure = simulation_figure(dataset, float(found.settled_angle), limit)
         writers = {"solution.toml": table.solution.save, **result_writers(dataset, figure, "simulation")}
         content["files"] = [str(file) for file in write_all(out, writers)]
     return Outcome(content, lambda console: _show(console, content, found), not content["finished"], given.warnings)

@@ -61,7 +61,7 @@ def run(file: Path | None, out: Path, samples: int) -> Outcome:
         from qtraj.motion.programs.slew_verdict import judge_slew
         from qtraj.scenario.reader import read_scenario
         from qtraj.scenario.slew import slew_program
-        from qtraj.viz.turn_figure import turn_figure
+        from qtraj.viz.slew_figure import slew_figure
 
         check_folder(out)
         given = read_scenario(file, "slew")
@@ -88,7 +88,7 @@ def run(file: Path | None, out: Path, samples: int) -> Outcome:
         bounds: dict[str, Any] = {BOUNDED[name]: limit for name, limit in limits.items() if name in BOUNDED}
         for name, limit in (bounds | ({} if max_torque is None else {"torque": max_torque})).items():
             dataset[name].attrs["limit"] = limit
-        figure = turn_figure(to_dataset(drawn.record(), about), limits)
+        figure = slew_figure(to_dataset(drawn.record(), about), limits)
         writers = {"program.toml": program.save, **result_writers(dataset, figure, "slew")}
         content["files"] = [str(file) for file in write_all(out, writers)]
     return Outcome(content, lambda console: _show(console, content, found), not found.met, given.warnings)

@@ -13,7 +13,7 @@ from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult
 from qtraj.foundation.types import Scalar, Vec3
 from qtraj.path.boundary import BoundaryState, cylindrical
-from qtraj.path.departure import departure
+from qtraj.path.deviation import max_deviation
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
 
@@ -127,7 +127,7 @@ def compare_paths(
         headings=jnp.stack([_turned(was.velocities[k], now.velocities[k]) for k in (0, -1)]),
         lowest=jnp.asarray(heights[1].min() - heights[0].min()),
         highest=jnp.asarray(heights[1].max() - heights[0].max()),
-        deviation=jnp.asarray(departure(np.asarray(now.positions), np.asarray(was.positions))),
+        deviation=jnp.asarray(max_deviation(np.asarray(now.positions), np.asarray(was.positions))),
         size=jnp.linalg.norm(jnp.ptp(was.positions, axis=0)),
         given=None if given is None else jnp.stack([_components(state, before.placement) for state in given]),
     )

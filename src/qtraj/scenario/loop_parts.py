@@ -15,7 +15,7 @@ from qtraj.motion.attitude import Attitude
 from qtraj.motion.control import gains
 from qtraj.motion.control.baselines import GeometricFeedback, LogarithmicFeedback, QuaternionFeedback
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
-from qtraj.motion.control.sheet import HALF_TURN, place
+from qtraj.motion.control.quaternion_sign import HALF_TURN, place
 from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.disturbance import (
     AbstractDisturbance,

@@ -13,8 +13,8 @@ from qtraj.foundation.types import Scalar, Vec3
 from qtraj.motion.attitude import Attitude
 from qtraj.motion.control.errors import error_quaternion, error_rate
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
+from qtraj.motion.control.quaternion_sign import least_norm
 from qtraj.motion.control.response import spectral_abscissa
-from qtraj.motion.control.sheet import least_norm
 from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.disturbance import AbstractDisturbance
 from qtraj.motion.simulation.loop_history import LoopHistory

@@ -77,8 +77,8 @@ def _stored(path: xarray.Dataset, name: str) -> list[str]:
         return _sampled(path, name)
     value, time = (float(path[f"largest_{name}{suffix}"]) for suffix in ("", "_time"))
     limit = float(path[f"largest_{name}"].attrs["limit"])
-    binds = finding in ("proved", "sampled") and limit - value <= ACTIVE_MARGIN * limit
-    margin = "active" if binds else number(limit - value, 3)
+    active = finding in ("proved", "sampled") and limit - value <= ACTIVE_MARGIN * limit
+    margin = "active" if active else number(limit - value, 3)
     return [number(value), number(limit), margin, number(time, 4), finding]
 
 
