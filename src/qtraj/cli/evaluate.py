@@ -18,6 +18,7 @@ from qtraj.foundation.progress_bar import watching
 if TYPE_CHECKING:
     from qtraj.design.fitting.fitted import Fitted
     from qtraj.path.spiral_helix import SpiralHelix
+    from qtraj.scenario.reader import ScenarioFile
 
 OUTPUTS = ("position", "velocity", "acceleration", "speed", "curvature", "torsion", "quaternion", "rate", "defined")
 SAMPLES = 25
@@ -69,19 +70,19 @@ def run(
         watch.say("reading the path")
         # Here, so that --help need not wait for pydantic and xarray.
         from qtraj.batch.evaluate import evaluate
-        from qtraj.cli.output import check_folder, tabular, write_all
+        from qtraj.cli.output import check_folder, header, provenance, table_writers, tabular, write_all
         from qtraj.design.fitting.facts import facts
-        from qtraj.io.dataset import conventions, with_fit, write_netcdf
-        from qtraj.io.instants_csv import PATH_HEADERS, csv_headers, write_csv
+        from qtraj.io.dataset import conventions, with_fit
+        from qtraj.io.instants_csv import PATH_HEADERS, csv_headers
 
         if out is not None:
             check_folder(out)
-        path, about, attributes, fitted = _path(file)
+        given, path, fitted = _path(file)
         times = instants(float(path.duration), samples, step)
         watch.say("evaluating")
         table = evaluate(path, times, (*OUTPUTS, *also), frame.frame(), continuous=True)
         bends = np.asarray(evaluate(path, times, ("defined",)).defined)
-        content = about | {
+        content = header("evaluate", given) | {
             "fit": None if fitted is None else facts(fitted),
             "frame": table.frame,
             "path": {"duration": float(path.duration), "length": float(path.length()), "turn": float(path.turn)},
@@ -93,34 +94,27 @@ def run(
             dataset = table.to_xarray()
             known = csv_headers(dataset)
             headers = PATH_HEADERS | {name: known[name] for name in ("rate", *also) if name not in PATH_HEADERS}
-            columns = {name: np.asarray(getattr(table, name)) for name in headers}
             found: dict[str, Any] = {}
             texts = {} if fitted is None else with_fit(found, fitted)
             dataset = dataset.assign(found)
-            dataset.attrs |= conventions(table.frame) | attributes | texts
-            writers = {
-                "table.nc": lambda file: write_netcdf(dataset, file),
-                "table.csv": lambda file: write_csv(columns, headers, file),
-            }
-            content["files"] = [str(written) for written in write_all(out, writers)]
+            dataset.attrs |= conventions(table.frame) | provenance(given) | texts
+            written = write_all(out, table_writers(dataset, headers))
+            content["files"] = [str(file) for file in written]
     loose = fitted is not None and not bool(fitted.successful)
     return Outcome(content, lambda console: _show(console, content), loose)
 
 
-def _path(file: Path) -> tuple["SpiralHelix", dict[str, Any], dict[str, str], "Fitted | None"]:
-    """The path of a file, the head of the JSON, attributes of a dataset, and the fit it comes from."""
-    from qtraj.cli.output import header, provenance
+def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | None"]:
+    """The path of a file, with the scenario that it stands in, and the fit it comes from."""
     from qtraj.io.saved import is_saved, saved_path
     from qtraj.scenario.path import lay
     from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
 
     if is_saved(file):
-        path = saved_path(file)
-        given = ScenarioFile[Any](file, None, content_hash(file.read_bytes()))
-        return path, header("evaluate", given), provenance(given), None
+        return ScenarioFile[Any](file, None, content_hash(file.read_bytes())), saved_path(file), None
     given = read_scenario(file, "path")
     task = lay(given)
-    return task.path, header("evaluate", given), provenance(given), task.fitted
+    return given, task.path, task.fitted
 
 
 def instants(duration: float, samples: int | None, step: float | None) -> np.ndarray:

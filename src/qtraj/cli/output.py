@@ -1,5 +1,7 @@
 """What the commands put out alike: the head of their JSON, and tables and figures as files."""
 
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from qtraj._version import __version__
@@ -12,7 +14,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-__all__ = ["check_folder", "header", "provenance", "result_writers", "tabular", "write_all"]
+__all__ = ["check_folder", "header", "provenance", "result_writers", "table_writers", "tabular", "write_all"]
 
 
 def header(command: str, given: ScenarioFile[Any]) -> dict[str, Any]:
@@ -42,15 +44,17 @@ def tabular(record: Record) -> dict[str, Any]:
 
 def result_writers(dataset: "xarray.Dataset", figure: "Figure", name: str) -> dict[str, Writer]:
     """A dataset over instants as table.nc and table.csv, and its figure `name` as PNG and SVG."""
-    from qtraj.io.dataset import write_netcdf
-    from qtraj.io.instants_csv import csv_headers, write_csv
+    from qtraj.io.instants_csv import csv_headers
     from qtraj.viz.figures import save
 
-    headers = csv_headers(dataset)
+    files = (f"{name}.png", f"{name}.svg")
+    return table_writers(dataset, csv_headers(dataset)) | {file: partial(save, figure) for file in files}
+
+
+def table_writers(dataset: "xarray.Dataset", headers: Mapping[str, Sequence[str]]) -> dict[str, Writer]:
+    """A dataset over instants as table.nc, and the columns that `headers` names as table.csv."""
+    from qtraj.io.dataset import write_netcdf
+    from qtraj.io.instants_csv import write_csv
+
     columns = {column: dataset[column].values for column in headers}
-    return {
-        "table.nc": lambda file: write_netcdf(dataset, file),
-        "table.csv": lambda file: write_csv(columns, headers, file),
-        f"{name}.png": lambda file: save(figure, file),
-        f"{name}.svg": lambda file: save(figure, file),
-    }
+    return {"table.nc": partial(write_netcdf, dataset), "table.csv": partial(write_csv, columns, headers)}

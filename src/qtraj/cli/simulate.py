@@ -92,11 +92,9 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
         table = history[np.searchsorted(history.times, task.times)]
         actuator = task.actuator
         limit = None if actuator is None or actuator.limit is None else np.asarray(actuator.limit).tolist()
+        described = given.scenario.program.describe(task.program)
         content = header("simulate", given) | {
-            "program": {
-                "description": given.scenario.program.describe(task.program),
-                "duration": float(task.program.duration),
-            },
+            "program": {"description": described, "duration": float(task.program.duration)},
             "law": {"kind": given.scenario.law.kind} | _gains(task),
             "start": {
                 "quaternion": np.asarray(task.quaternion).tolist(),

@@ -5,8 +5,9 @@ The commands take their help from the kinds, docs/scenarios.py the page of all k
 """
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 DATA = Path(__file__).parents[1] / "io" / "data"
@@ -14,17 +15,19 @@ DATA = Path(__file__).parents[1] / "io" / "data"
 
 
 class Kind(NamedTuple):
-    """A kind of scenario: the commands that read it, what it describes, and where its model is.
+    """A kind of scenario: the commands that read it, what it describes, its embedded file in `DATA`.
 
-    `renamed`: old keys, with dots, that are still read until 1.0, and the new names of their last part.
+    Its model and its builder are in the module `home`, under these names. `renamed`: old keys, with dots, that are
+    still read until 1.0, and their new names.
     """
 
     commands: tuple[str, ...]
     about: str
-    home: str
-    names: tuple[str, str]
     file: str
-    renamed: dict[str, str]
+    home: str
+    model_name: str
+    builder_name: str
+    renamed: Mapping[str, str] = MappingProxyType({})
 
     @property
     def title(self) -> str:
@@ -39,27 +42,25 @@ class Kind(NamedTuple):
     @property
     def model(self) -> Any:
         """The class of its keys, a `part.Part`."""
-        return getattr(importlib.import_module(self.home), self.names[0])
+        return getattr(importlib.import_module(f"{__name__}.{self.home}"), self.model_name)
 
     @property
     def build(self) -> Callable[..., Any]:
         """What makes the task of the command from a `reader.ScenarioFile`."""
-        return getattr(importlib.import_module(self.home), self.names[1])
+        return getattr(importlib.import_module(f"{__name__}.{self.home}"), self.builder_name)
 
 
-_HOME = "qtraj.scenario"
 KINDS = {
-    "path": Kind(
-        ("tune", "evaluate"), "a path and its limits", f"{_HOME}.path", ("PathScenario", "lay"), "default.toml", {}
-    ),
-    "slew": Kind(("slew",), "a slew", f"{_HOME}.slew", ("SlewScenario", "slew_program"), "slew.toml", {}),
+    "path": Kind(("tune", "evaluate"), "a path and its limits", "default.toml", "path", "PathScenario", "lay"),
+    "slew": Kind(("slew",), "a slew", "slew.toml", "slew", "SlewScenario", "slew_program"),
     "loop": Kind(
         ("simulate",),
         "a closed loop",
-        f"{_HOME}.loop",
-        ("LoopScenario", "prepare"),
         "simulate.toml",
-        {"program.turn": "slew"},
+        "loop",
+        "LoopScenario",
+        "prepare",
+        {"program.turn": "program.slew"},
     ),
 }
 """Every kind of scenario by its name. A new one is a module and a line here."""

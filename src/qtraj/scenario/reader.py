@@ -61,9 +61,9 @@ def read_scenario(file: Path | str | None, kind: str) -> ScenarioFile[Any]:
     except ValidationError as error:
         text = _misplaced(data, known) or explain(error, known.model)
         for old, new in renamed.items():
-            text = text.replace(_renamed(old, new), old)  # the user's own names
+            text = text.replace(new, old)  # the user's own names
         raise ValueError(f"{path}: {text}") from None
-    warnings = (f"{path}: '{old}' is now '{_renamed(old, new)}'" for old, new in renamed.items())
+    warnings = (f"{path}: '{old}' is now '{new}'" for old, new in renamed.items())
     return ScenarioFile(path, scenario, content_hash(content), tuple(warnings))
 
 
@@ -73,18 +73,15 @@ def content_hash(content: bytes) -> str:
 
 
 def _rename(data: Any, old: Sequence[str], new: str) -> bool:
-    """Give a key its new name in place, unless the new one is there too; whether it was there."""
+    """Give a key its new name, which stands in the same table, unless that is there too; whether it was there."""
     *tables, last = old
+    new = new.rpartition(".")[2]
     for name in tables:
         data = data.get(name) if isinstance(data, dict) else None
     if not isinstance(data, dict) or last not in data or new in data:
         return False
     data[new] = data.pop(last)
     return True
-
-
-def _renamed(old: str, new: str) -> str:
-    return f"{old.rpartition('.')[0]}.{new}"
 
 
 def _parse(path: Path, content: bytes, kind: Kind) -> dict[str, Any]:
