@@ -1,5 +1,7 @@
 """Certificates of limits on whole paths: proofs for polynomial paths, refined sampling for all others."""
 
+from __future__ import annotations  # so that `help` shows short names
+
 import math
 from functools import partial
 from typing import Any
