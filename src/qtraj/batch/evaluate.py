@@ -1,5 +1,7 @@
 """`qtraj.evaluate`: many paths at many instants in one call."""
 
+from __future__ import annotations  # so that `help` shows short names
+
 from collections.abc import Sequence
 from typing import Any
 

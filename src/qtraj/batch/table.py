@@ -33,12 +33,12 @@ class Table(AbstractResult):
 
     def __init__(
         self,
-        time: Array,
+        time: "Array",
         *,
         batched: bool = False,
         components: str = "last",
         frame: str = "natural",
-        **values: Array | None,
+        **values: "Array | None",
     ):
         if unknown := values.keys() - CHANNELS.keys():
             raise TypeError(f"unknown output {min(unknown)!r}; known are {', '.join(CHANNELS)}")

@@ -7,6 +7,8 @@ whole interval, except for peaks narrower than a cell. Each cell's value is a co
 f(t*, x) in x is exact (envelope theorem), and on the border of a cell t* is fixed.
 """
 
+from __future__ import annotations  # so that `help` shows short names
+
 from collections.abc import Callable
 
 import equinox as eqx

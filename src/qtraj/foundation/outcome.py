@@ -88,7 +88,8 @@ class ResultCode(enum.IntEnum):
     not_converged = FAILURES + 5, "the search stopped before it converged. Try a larger max_steps."
     infeasible = (
         FAILURES + 6,
-        "no boundary velocities were found that meet the limits. Raise the violated limits, or move the ends.",
+        "no boundary velocities were found that meet the limits. Try more starts, raise the violated limits, or move "
+        "the ends.",
     )
     poor_fit = (
         FAILURES + 11,

@@ -8,8 +8,10 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-MAX_SHOWN = 16
-"""Fields with more numbers are shown by shape and type."""
+from qtraj.foundation.result import extent
+
+MAX_SHOWN = 9
+"""Arrays with more numbers than a matrix (3, 3) are shown by shape and range."""
 
 
 def shown(module: Any, **units: str) -> str:
@@ -23,9 +25,13 @@ def shown(module: Any, **units: str) -> str:
 
 
 def _text(value: Any, unit: str) -> str:
+    if isinstance(value, jax.tree_util.Partial) and not (value.args or value.keywords):
+        return getattr(value.func, "__qualname__", repr(value.func))
     if not isinstance(value, jax.Array | np.ndarray):
         return repr(value)
-    if isinstance(value, Tracer) or value.size > MAX_SHOWN:
+    if isinstance(value, Tracer):
         return eqx.tree_pformat(value)
+    if value.size > MAX_SHOWN:
+        return f"<{' × '.join(map(str, value.shape))} numbers, {f'{extent(value)} {unit}'.rstrip()}>"
     written = np.array2string(np.asarray(value), separator=", ", formatter={"float_kind": lambda x: f"{x:.6g}"})
     return f"{' '.join(written.split())} {unit}".rstrip()

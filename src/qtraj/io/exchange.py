@@ -19,6 +19,19 @@ from qtraj.foundation.types import ArrayInput
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
+__all__ = [
+    "jaxlie_from_wxyz",
+    "scipy_from_wxyz",
+    "wxyz_from_jaxlie",
+    "wxyz_from_scipy",
+    "wxyz_from_xyzw",
+    "xyzw_from_wxyz",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 def xyzw_from_wxyz(wxyz: ArrayInput) -> Float[Array, "*n 4"]:
     """The same quaternions with the scalar part last."""

@@ -1,5 +1,7 @@
 """Converts plain arrays over time to labelled data."""
 
+from __future__ import annotations  # so that `help` shows short names
+
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +38,7 @@ TAKEN = ("time", *COMPONENTS.values())
 
 def label(
     times: ArrayInput, attributes: Mapping[str, Any] | None = None, **arrays: ArrayInput | tuple[ArrayInput, str, str]
-) -> "xarray.Dataset":
+) -> xarray.Dataset:
     """Arrays over `times` (n,) [s] as an `xarray.Dataset` with units, conventions and provenance (extra `io`).
 
     Use it for the plain arrays of `propagate`, `propagate_samples`, `error_response` and `jax.vmap`:

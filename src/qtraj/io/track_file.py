@@ -1,5 +1,7 @@
 """Reads recorded tracks from text files: CSV with a header row, and TUM trajectories."""
 
+from __future__ import annotations  # so that `help` shows short names
+
 import csv
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -16,11 +16,26 @@ from qtraj.motion.attitude import Attitude
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, Natural, Upright, trihedral
 
+__all__ = [
+    "FrictionDemand",
+    "acceleration",
+    "forces",
+    "friction_demand",
+    "inertia_matrix",
+    "power",
+    "rotational_power",
+    "torque",
+]
+
 SYMMETRY = 1e-6
 """Asymmetry of an inertia, relative to its largest entry, that counts as round-off of a file."""
 
 NO_CONTACT = "infinite where the vehicle does not press on the road"
 """Description of a friction demand without a positive normal force."""
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 def torque(attitude: Attitude, inertia: ArrayInput) -> Vec3:

@@ -14,6 +14,7 @@ from qtraj.algebra.vector import norm
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_float, one_instant, real_scalar, require_positive
 from qtraj.foundation.drawing import draw
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
 from qtraj.path.arc_length import arc_length
 from qtraj.path.boundary import BoundaryState
@@ -108,6 +109,9 @@ class Curve(AbstractHodograph):
         self.duration = real_scalar(duration, "the duration of a curve")
         require_positive(self.duration, "the duration of a curve", "s")
         _require_vector(self.function, self.duration)
+
+    def __repr__(self) -> str:
+        return shown(self, duration="s")
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """r and its time derivatives up to `order` at one instant; row k in [m s^-k]."""

@@ -51,7 +51,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         angle: ArrayInput,
         height: ArrayInput,
         duration: ArrayInput,
-        placement: Placement | None = None,
+        placement: "Placement | None" = None,
         mismatch: ArrayInput = 0.0,
     ):
         self.radius = _coefficients(radius, "radius")

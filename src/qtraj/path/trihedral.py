@@ -100,7 +100,7 @@ class AbstractFrame(eqx.Module):
         return self.trihedral(r, duration)
 
 
-def trihedral(path: AbstractHodograph, t: ScalarLike, frame: AbstractFrame | None = None) -> Trihedral:
+def trihedral(path: "AbstractHodograph", t: ScalarLike, frame: "AbstractFrame | None" = None) -> "Trihedral":
     """The trihedral of `path` at one instant `t` [s]: the natural one, or that of another `frame`.
 
     **Raises:** ValueError for an array of instants, or an invalid `frame`.

@@ -10,6 +10,8 @@ almost any curve. So ρ is bounded, by default to R/4 … 2R, which keeps the ax
 enforces the bounds: it alternates searches with updates of the multipliers.
 """
 
+from __future__ import annotations  # so that `help` shows short names
+
 from collections.abc import Sequence
 
 import jax.numpy as jnp

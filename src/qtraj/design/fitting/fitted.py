@@ -49,14 +49,14 @@ class Fitted(AbstractOutcome):
 
     def __init__(
         self,
-        path: SpiralHelix,
-        residual: Residual,
+        path: "SpiralHelix",
+        residual: "Residual",
         code: ArrayInput,
         iterations: ArrayInput,
         radius_bounds: ArrayInput,
         relative_rms: ArrayInput = math.nan,
         relative_speed: ArrayInput = math.nan,
-        attitude: AttitudeResidual | None = None,
+        attitude: "AttitudeResidual | None" = None,
     ):
         self.path, self.residual = path, residual
         self.code, self.iterations = as_array(code, jnp.int32), as_array(iterations, jnp.int32)

@@ -89,7 +89,7 @@ class Certificate(AbstractOutcome):
     limits: Float[Array, "*batch n"]
 
     def __init__(
-        self, names: Sequence[str], codes: ArrayInput, times: ArrayInput, values: ArrayInput, limits: ArrayInput
+        self, names: "Sequence[str]", codes: ArrayInput, times: ArrayInput, values: ArrayInput, limits: ArrayInput
     ):
         self.names, self.codes = tuple(names), as_array(codes, jnp.int32)
         self.times, self.values, self.limits = as_float(times), as_float(values), as_float(limits)

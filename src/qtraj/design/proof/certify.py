@@ -1,5 +1,7 @@
 """Certificates of limits on whole paths: proofs for polynomial paths, refined sampling for all others."""
 
+from __future__ import annotations  # so that `help` shows short names
+
 import math
 from functools import partial
 from typing import Any
@@ -36,8 +38,8 @@ class PolynomialPaths(eqx.Module):
     """The data of polynomial paths, with a leading batch axis; paths of equal structure share an executable."""
 
     polynomials: MovingPolynomials
-    duration: Float[Array, " paths"]
-    orientation: Float[Array, "paths 4"]
+    duration: Float[Array, "*paths"]
+    orientation: Float[Array | np.ndarray, "*paths 4"]
 
 
 def certify(

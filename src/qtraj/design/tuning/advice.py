@@ -38,6 +38,9 @@ RELAXATION = 1e6
 MARGINS = (1.0001, 1.01, 1.1)
 """A limit is raised to the smallest peak times the first of these factors with which the problem can be solved."""
 
+MORE_STARTS = 4
+"""Factor on the number of starts in the advice to search from more of them."""
+
 MAX_MOVES, MAX_NUMBERS, OVERSHOOT = 5, 2, 1.3
 """Steps of one number, numbers that are tried, and the factor on each Newton step."""
 
@@ -105,7 +108,7 @@ def advice(tasks: Task, names: Sequence[str], result: SearchResult, options: Sea
     min_ratios = worst
     if len(limits) > 1:
         min_ratios = {name: _min_ratio_alone(tasks, [*limits].index(name), options) for name in violated}
-    sentences = [_describe(name, min_ratios[name], limits[name]) for name in violated]
+    sentences = [_describe(name, min_ratios[name], limits[name], options.starts) for name in violated]
     remedies = [*_raise_limits(tasks, limits, worst, violated, options), *_move_number(tasks, limits, result, options)]
     possible_remedies = []
     if tasks.problem.motion.is_uniform:
@@ -116,15 +119,17 @@ def advice(tasks: Task, names: Sequence[str], result: SearchResult, options: Sea
         sentences.append("What would help: " + "; or ".join(remedies) + " (with this the limits can be met).")
     if possible_remedies:
         sentences.append("What may help: " + "; or ".join(possible_remedies) + ".")
+    sentences.append(f"More starts may find a path: pass starts={MORE_STARTS * options.starts}.")
     return " ".join(sentences)
 
 
-def _describe(name: str, min_ratio: float, limit: float) -> str:
-    """Whether one violated limit can be met alone, in words; `min_ratio` is its smallest peak over the limit."""
+def _describe(name: str, min_ratio: float, limit: float, starts: int) -> str:
+    """What the search for one violated limit alone gave; `min_ratio` is its smallest peak found over the limit."""
     if min_ratio > 1 + FEASIBLE:
         smallest = with_unit(min_ratio * limit, quantity(name).unit)
-        return f"{name} was not met even alone: the smallest peak found is {smallest}."
-    return f"{name} can be met alone, but not with the others."
+        searched = "1 start" if starts == 1 else f"{starts} starts"
+        return f"{name}: tuned alone from {searched} it was not met either; the smallest peak found is {smallest}."
+    return f"{name} can be met alone, but was not met with the others."
 
 
 def _raise_limits(

@@ -69,15 +69,15 @@ class Tuned(AbstractOutcome):
 
     def __init__(
         self,
-        path: SpiralHelix,
-        start: BoundaryState,
-        end: BoundaryState,
+        path: "SpiralHelix",
+        start: "BoundaryState",
+        end: "BoundaryState",
         objective: ArrayInput,
-        certificate: Certificate,
+        certificate: "Certificate",
         code: ArrayInput,
         iterations: ArrayInput,
         advice: str = "",
-        advisor: Advisor | None = None,
+        advisor: "Advisor | None" = None,
         place: ArrayInput | None = None,
     ):
         self.path, self.start, self.end = path, start, end

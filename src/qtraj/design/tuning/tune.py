@@ -1,5 +1,7 @@
 """Tunes boundary velocities to satisfy limits: for the path nearest to the initial states, the fastest or smoothest."""
 
+from __future__ import annotations  # so that `help` shows short names
+
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -81,8 +83,8 @@ def tune(
     certificate.
 
     The search runs from `starts` starts, the initial states and points about them, and keeps the best result. If no
-    path meets the limits, the result is the path that violates them least, with advice. `progress` is called with a
-    `Progress` a few times a second.
+    path meets the limits, the result is the path found that violates them least, with advice. `progress` is called with
+    a `Progress` a few times a second.
 
     `method` "sqp" is sequential quadratic programming on refined peaks with exact second derivatives: the default, and
     by far the fastest. Any `optax.GradientTransformation`, such as `optax.adam(1e-2)` or a chain, or "lbfgs" for

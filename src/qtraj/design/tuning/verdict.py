@@ -12,7 +12,7 @@ from qtraj.foundation.outcome import ILL_POSED, ResultCode
 RADIUS_SAMPLES = 257
 """Number of instants at which the sign of the radius is checked."""
 
-ADVICE_BATCH = "Tune this problem alone for advice on what would help."
+ADVICE_BATCH = "Try more starts. Tune this problem alone for advice on what would help."
 ADVICE_NOT_CONVERGED = "Try a larger max_steps, more starts, other starting velocities, or wider limits."
 
 
@@ -53,7 +53,8 @@ def infeasible(findings: Sequence[Finding], steps: int) -> str:
     """The message where no boundary velocities were found that meet the limits."""
     unmet = "; ".join(f"{finding.name} is {finding.text}" for finding in findings if not finding.met)
     return (
-        f"infeasible: no boundary velocities were found that meet the limits. This path violates them least: {unmet}."
+        "infeasible: no boundary velocities were found that meet the limits. Of the paths found this one violates them "
+        f"least: {unmet}."
     )
 
 

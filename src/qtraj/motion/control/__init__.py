@@ -46,6 +46,10 @@ _RENAMED = {"gibbs_gauge": "gibbs_normalization", "growth": "spectral_abscissa"}
 """Former public names, which warn until 1.0, and the present ones."""
 
 
+def __dir__() -> list[str]:
+    return __all__
+
+
 def __getattr__(name: str) -> Any:
     if name not in _RENAMED:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from qtraj.algebra.quaternion import conjugate, rotate, unit
 from qtraj.algebra.rotation import to_rotation_vector
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Vec3
 from qtraj.motion.attitude import Attitude
 from qtraj.motion.control.errors import error_quaternion, pure
@@ -28,6 +29,9 @@ class QuaternionFeedback(AbstractLaw):
 
     def __init__(self, k1: ArrayInput, k2: ArrayInput):
         self.k1, self.k2 = gain(k1, "k1", 3), gain(k2, "k2", 3)
+
+    def __repr__(self) -> str:
+        return shown(self, k1="1/s", k2="1/s²")
 
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
         """The command (4,) [rad/s²] in body axes; its virtual part is 0."""
@@ -53,6 +57,9 @@ class GeometricFeedback(AbstractLaw):
     def __init__(self, k1: ArrayInput, k2: ArrayInput):
         self.k1, self.k2 = gain(k1, "k1", 3), gain(k2, "k2", 3)
 
+    def __repr__(self) -> str:
+        return shown(self, k1="1/s", k2="1/s²")
+
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
         """The command (4,) [rad/s²] in body axes; its virtual part is 0."""
         mu = unit(error_quaternion(reference, quaternion))
@@ -72,6 +79,9 @@ class LogarithmicFeedback(AbstractLaw):
 
     def __init__(self, k1: ArrayInput, k2: ArrayInput):
         self.k1, self.k2 = gain(k1, "k1", 3), gain(k2, "k2", 3)
+
+    def __repr__(self) -> str:
+        return shown(self, k1="1/s", k2="1/s²")
 
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
         """The command (4,) [rad/s²] in body axes; its virtual part is 0."""

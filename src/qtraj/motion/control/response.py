@@ -5,6 +5,8 @@ where x is the error minus its target. With scalar and diagonal gains the compon
 solutions are exact to round-off and smooth across critical damping.
 """
 
+from __future__ import annotations  # so that `help` shows short names
+
 import math
 
 import equinox as eqx

@@ -9,10 +9,11 @@ from jaxtyping import Array, Float
 from qtraj.algebra import rotation
 from qtraj.foundation.arrays import as_float, one_instant
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.programs import rotation_minimizing
-from qtraj.motion.programs.rotation_minimizing import RotationMinimizing
+from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, Natural, trihedral
 
@@ -48,8 +49,8 @@ class FrameProgram(AbstractProgram):
 
     def __init__(
         self,
-        path: AbstractHodograph,
-        frame: AbstractFrame | RotationMinimizing | None = None,
+        path: "AbstractHodograph",
+        frame: Frame | None = None,
         anchors: ArrayInput | None = None,
     ):
         self.path = path
@@ -61,6 +62,9 @@ class FrameProgram(AbstractProgram):
         self.anchors = _anchors(path, self.frame) if anchors is None else as_float(anchors)
         if self.anchors.ndim != 2 or self.anchors.shape[0] < 2 or self.anchors.shape[1] != 4:
             raise ValueError(f"anchors must have shape (n, 4) with n ≥ 2, but shape {self.anchors.shape} was given")
+
+    def __repr__(self) -> str:
+        return shown(self)
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]

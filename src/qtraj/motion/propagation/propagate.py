@@ -12,7 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient
 from jaxtyping import Array, Float, Int
+from typing_extensions import TypeAliasType
 
+from qtraj.foundation.arrays import as_float
 from qtraj.foundation.outcome import AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import batch_prefix, extent, times_text
@@ -21,6 +23,9 @@ from qtraj.motion.propagation import plan
 from qtraj.motion.propagation.increment import AbstractIncrement
 from qtraj.motion.propagation.mesh import Errors
 from qtraj.motion.propagation.problem import Problem, Rate, checked, solve, step_errors
+
+Quats = TypeAliasType("Quats", Float[Array, "n 4"])
+"""One quaternion for each instant."""
 
 
 class Propagation(AbstractOutcome):
@@ -36,6 +41,12 @@ class Propagation(AbstractOutcome):
     estimate: Scalar
     steps: Int[Array, ""]
     code: Int[Array, ""]
+
+    def __init__(
+        self, times: ArrayInput, quaternion: ArrayInput, estimate: ArrayInput, steps: ArrayInput, code: ArrayInput
+    ):
+        self.times, self.quaternion, self.estimate = as_float(times), as_float(quaternion), as_float(estimate)
+        self.steps, self.code = jnp.asarray(steps), jnp.asarray(code)
 
     def explain(self, at: tuple[int, ...]) -> str:
         """The result of one propagation in words, with its error estimate where this is too large."""
@@ -71,14 +82,14 @@ def propagate(
     omega: Rate,
     q0: ArrayInput,
     times: ArrayInput,
-    method: AbstractIncrement | None = None,
+    method: "AbstractIncrement | None" = None,
     axes: str = "body",
     tolerance: ArrayInput | None = None,
     *,
     steps: int | None = None,
     max_steps: int | None = None,
     throw: bool = False,
-) -> Float[Array, "n 4"]:
+) -> Quats:
     """The quaternions (n, 4) at `times` (n,) [s] of the motion 2λ̇ = λ∘ω(t) with λ(times[0]) = q0.
 
     `omega(t)` [rad/s] is (3,), or (4,) with the scalar part ω0 = d/dt ln|λ|² first, in body axes, or in inertial axes
@@ -108,14 +119,14 @@ def propagate_with_estimate(
     omega: Rate,
     q0: ArrayInput,
     times: ArrayInput,
-    method: AbstractIncrement | None = None,
+    method: "AbstractIncrement | None" = None,
     axes: str = "body",
     tolerance: ArrayInput | None = None,
     *,
     steps: int | None = None,
     max_steps: int | None = None,
     throw: bool = False,
-) -> Propagation:
+) -> "Propagation":
     """As `propagate`, with an error estimate, also for fixed `steps`; see `code` and `result` for failures.
 
     **Raises:** ValueError as `propagate`; RuntimeError with `throw` where the tolerance is not reached.

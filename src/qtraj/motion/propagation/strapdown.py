@@ -5,6 +5,8 @@ algorithms correct the sum of the increments for the rotation of the axis betwee
 it, to a high order.
 """
 
+from __future__ import annotations  # so that `help` shows short names
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_float, concrete, require_finite, require_positive
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Vec3
 
 Sampling = Float[Array, ""] | Float[Array, " m"]
@@ -44,6 +45,9 @@ class Actuator(eqx.Module):
                 )
             require_positive(self.limit, "the actuator's limit", "rad/s²")
         self.sampling = sampling_instants(sampling)
+
+    def __repr__(self) -> str:
+        return shown(self, sampling="s")
 
     def __call__(self, command: Quat) -> Quat:
         """The limited command."""

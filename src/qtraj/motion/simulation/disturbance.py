@@ -10,15 +10,19 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+from typing_extensions import TypeAliasType
 
 from qtraj.foundation.arrays import as_float, real_scalar, real_vector, require_finite, require_positive
 from qtraj.foundation.document import reads_older, storable
 from qtraj.foundation.renamed import renamed_arguments
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, Vec3
 from qtraj.motion.dynamics import inertia_matrix
 
 Signal = Callable[[Scalar], Vec3] | Vec3
 """A vector as a function of time [s], or a constant vector."""
+
+SignalInput = TypeAliasType("SignalInput", Callable[[Scalar], Vec3] | ArrayInput)
 
 
 @storable
@@ -39,6 +43,9 @@ class Sinusoid(eqx.Module):
         self.period, self.phase = real_scalar(period, "the period"), real_scalar(phase, "the phase")
         require_positive(self.period, "the period", "s")
         require_finite(self.phase, "the phase")
+
+    def __repr__(self) -> str:
+        return shown(self, period="s", phase="rad")
 
     def __call__(self, t: Scalar) -> Vec3:
         """The vector (3,) at the time `t` [s]."""
@@ -71,8 +78,11 @@ class DisturbanceAcceleration(AbstractDisturbance):
     signal: Signal
 
     @renamed_arguments(course="signal")
-    def __init__(self, signal: Callable[[Scalar], Vec3] | ArrayInput):
+    def __init__(self, signal: SignalInput):
         self.signal = _checked_signal(signal, "the disturbance acceleration")
+
+    def __repr__(self) -> str:
+        return shown(self, signal="rad/s²")
 
     def acceleration(self, t: Scalar) -> Vec3:
         """The signal (3,) [rad/s²] at the time `t` [s]."""
@@ -95,9 +105,12 @@ class DisturbanceTorque(AbstractDisturbance):
     inertia: Float[Array, "3 3"]
 
     @renamed_arguments(course="signal")
-    def __init__(self, signal: Callable[[Scalar], Vec3] | ArrayInput, inertia: ArrayInput):
+    def __init__(self, signal: SignalInput, inertia: ArrayInput):
         self.signal = _checked_signal(signal, "the disturbance torque")
         self.inertia = inertia_matrix(inertia)
+
+    def __repr__(self) -> str:
+        return shown(self, signal="N m", inertia="kg m²")
 
     def acceleration(self, t: Scalar) -> Vec3:
         """J⁻¹ times the signal (3,) [rad/s²] at the time `t` [s]."""
@@ -105,7 +118,7 @@ class DisturbanceTorque(AbstractDisturbance):
         return jnp.linalg.solve(self.inertia.astype(torque.dtype), torque)
 
 
-def _checked_signal(signal: Callable[[Scalar], Vec3] | ArrayInput, name: str) -> Any:
+def _checked_signal(signal: SignalInput, name: str) -> Any:
     if not callable(signal):
         return real_vector(signal, name, 3)
     _require_function_of_time(signal, name)

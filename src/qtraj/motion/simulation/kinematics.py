@@ -4,6 +4,8 @@ Body form (1.2): ω̇_x = ε_x, 2λ̇ = λ∘ω_x. Inertial form (1.4): ω̇_ξ 
 |λ(t)|² = |λ(t0)|² exp∫ω0 (the paper's sign of ω0 is an erratum). |λ| is therefore a state, not an error.
 """
 
+from __future__ import annotations  # so that `help` shows short names
+
 from collections.abc import Callable
 from typing import Any
 
@@ -65,7 +67,7 @@ def integrate(
 def _integrate(acceleration: Acceleration, task: Task, axes: str) -> Solution:
     scale = Scale(task)
 
-    def field(t: Scalar, state: Float[Array, "8"], memory: None) -> Float[Array, "8"]:
+    def field(t: Scalar, state: Float[Array, 8], memory: None) -> Float[Array, 8]:
         quaternion, rate = scale.unpack(state)
         epsilon = as_float(acceleration(t, quaternion, rate)).astype(state.dtype)
         if epsilon.shape != (4,):

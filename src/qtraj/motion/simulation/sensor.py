@@ -14,6 +14,7 @@ from jaxtyping import Array, Int, PyTree, UInt32
 from qtraj.algebra.quaternion import exp, product
 from qtraj.foundation.arrays import as_float, concrete, require_finite
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
 from qtraj.motion.simulation.actuator import Sampling, sampling_instants
 
@@ -63,7 +64,7 @@ class Sensor(AbstractSensor):
         attitude_bias: ArrayInput = (0.0, 0.0, 0.0),
         attitude_noise: ArrayInput = 0.0,
         sampling: ArrayInput | None = None,
-        key: ArrayInput | jax.Array | None = None,
+        key: ArrayInput | None = None,
     ):
         self.rate_bias, self.attitude_bias = _three(rate_bias, "rate_bias"), _three(attitude_bias, "attitude_bias")
         self.rate_noise, self.attitude_noise = _noise(rate_noise), _noise(attitude_noise)
@@ -73,6 +74,11 @@ class Sensor(AbstractSensor):
             raise ValueError("noise needs a key: pass key=jax.random.key(seed)")
         if self.key is not None and self.sampling is None:
             raise ValueError("noise needs sampling: pass its period [s]. A continuous sensor can only have a bias.")
+
+    def __repr__(self) -> str:
+        return shown(
+            self, rate_bias="rad/s", rate_noise="rad/s", attitude_bias="rad", attitude_noise="rad", sampling="s"
+        )
 
     def start(self, quaternion: Quat, rate: Quat) -> Memory:
         """No memory."""
@@ -114,7 +120,7 @@ class Gyros(AbstractSensor):
         bias: ArrayInput = (0.0, 0.0, 0.0),
         noise: ArrayInput = 0.0,
         attitude_error: ArrayInput = (0.0, 0.0, 0.0),
-        key: ArrayInput | jax.Array | None = None,
+        key: ArrayInput | None = None,
     ):
         instants = sampling_instants(sampling)
         if instants is None:
@@ -125,6 +131,9 @@ class Gyros(AbstractSensor):
         self.key = _key(key)
         if self.key is None and _noisy(self.noise):
             raise ValueError("noise needs a key: pass key=jax.random.key(seed)")
+
+    def __repr__(self) -> str:
+        return shown(self, sampling="s", bias="rad/s", noise="rad/s", attitude_error="rad")
 
     def start(self, quaternion: Quat, rate: Quat) -> Memory:
         """The memory of the computer: its initial λ, and the gyro reading at the start."""

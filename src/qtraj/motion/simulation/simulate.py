@@ -1,5 +1,7 @@
 """Simulation of the closed loop: program, law, body, disturbance, sensor and actuator."""
 
+from __future__ import annotations  # so that `help` shows short names
+
 from collections.abc import Callable
 from typing import Any
 
