@@ -79,6 +79,8 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to 
     from qtraj.path.hodograph import AbstractHodograph as AbstractHodograph, Curve as Curve
     from qtraj.path.placement import Placement as Placement
     from qtraj.path.residual import Residual as Residual
+    from qtraj.path.route import Route as Route
+    from qtraj.path.route_nearest import Nearest as Nearest
     from qtraj.path.spiral_helix import SpiralHelix as SpiralHelix
     from qtraj.path.thrust_aligned import ThrustAligned as ThrustAligned
     from qtraj.path.track import Track as Track
@@ -137,6 +139,8 @@ _HOMES = {
     "qtraj.path.hodograph": ("AbstractHodograph", "Curve"),
     "qtraj.path.placement": ("Placement",),
     "qtraj.path.residual": ("Residual",),
+    "qtraj.path.route": ("Route",),
+    "qtraj.path.route_nearest": ("Nearest",),
     "qtraj.path.spiral_helix": ("SpiralHelix",),
     "qtraj.path.thrust_aligned": ("ThrustAligned",),
     "qtraj.path.track": ("Track",),

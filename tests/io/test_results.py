@@ -50,6 +50,7 @@ def single():
     vectors = jnp.eye(3)
     return {
         "path": path,
+        "route": qt.Route(INSTANTS, *(np.arange(9.0).reshape(3, 3) / k for k in (3, 5, 7))),
         "fitted": qt.Fitted(path, compare(path, track), qt.ResultCode.held_by_bounds, 9, [5.0, 20.0]),
         "certificate": certificate,
         "state": qt.BoundaryState([10.0, 0, 1 / 7], [1.0, 4.0, 1 / 3], [0.0, -1.6, 1 / 7]),
@@ -311,6 +312,7 @@ def test_what_the_calls_give_back_are_results():
         qt.Track,
         qt.Trihedral,
         qt.SpiralHelix,
+        qt.Route,
     }
     wanted |= {
         qt.Attitude,

@@ -30,6 +30,7 @@ Change = Callable[[dict[str, Any]], dict[str, Any]]
 
 _classes: dict[str, type] = {}
 _changes: dict[str, Change] = {}
+_forms: dict[str, tuple[Callable[[Any], dict[str, Any]], Callable[..., Any]]] = {}
 
 T = TypeVar("T")
 
@@ -45,6 +46,16 @@ def reads_older(change: Change) -> Callable[[type[T]], type[T]]:
 
     def of(cls: type[T]) -> type[T]:
         _changes[cls.__name__] = change
+        return cls
+
+    return of
+
+
+def stored_as(fields: Callable[[Any], dict[str, Any]], build: Callable[..., Any]) -> Callable[[type[T]], type[T]]:
+    """Let documents of this class hold what `fields` gives of an object, of which `build` makes it again."""
+
+    def of(cls: type[T]) -> type[T]:
+        _forms[cls.__name__] = (fields, build)
         return cls
 
     return of
@@ -112,7 +123,8 @@ def _by_suffix(path: Path, choices: dict[str, Callable[..., Any]]) -> Callable[.
 
 def _encode(value: Any) -> Any:
     if type(value).__name__ in _classes:
-        fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+        form = _forms.get(type(value).__name__)
+        fields = form[0](value) if form else {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
         return {"type": type(value).__name__} | {k: _encode(v) for k, v in fields.items() if v is not None}
     if isinstance(value, jax.Array | np.ndarray | np.generic):
         return np.asarray(value).tolist()
@@ -142,10 +154,12 @@ def _construct(name: Any, fields: dict[str, Any]) -> Any:
     cls = _classes.get(name) if isinstance(name, str) else None
     if cls is None:
         raise ValueError(f"unknown type {name!r}; known are {', '.join(sorted(_classes))}")
-    known = [f.name for f in dataclasses.fields(cls)]
+    build = _forms[name][1] if name in _forms else cls
+    arguments = inspect.signature(build).parameters
+    known = [*arguments] if name in _forms else [f.name for f in dataclasses.fields(cls)]
     if unknown := sorted(set(fields) - set(known)):
         raise ValueError(f"{name} has no field {unknown[0]!r}; its fields are {', '.join(known)}")
-    needed = [p.name for p in inspect.signature(cls).parameters.values() if p.default is p.empty]
+    needed = [p.name for p in arguments.values() if p.default is p.empty]
     if missing := [field for field in needed if field not in fields]:
         raise ValueError(f"{name} lacks its field {missing[0]!r}; it needs {', '.join(needed)}")
-    return cls(**fields)
+    return build(**fields)

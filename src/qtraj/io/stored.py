@@ -33,6 +33,7 @@ HOMES = (
     "qtraj.path.boundary",
     "qtraj.path.placement",
     "qtraj.path.residual",
+    "qtraj.path.route",
     "qtraj.path.spiral_helix",
     "qtraj.path.thrust_aligned",
     "qtraj.path.track",
