@@ -76,6 +76,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to 
     from qtraj.motion.simulation.solution import Solution as Solution
     from qtraj.path.boundary import BoundaryState as BoundaryState
     from qtraj.path.boundary_problem import axis_between as axis_between
+    from qtraj.path.driving import Driving as Driving
     from qtraj.path.hodograph import AbstractHodograph as AbstractHodograph, Curve as Curve
     from qtraj.path.placement import Placement as Placement
     from qtraj.path.residual import Residual as Residual
@@ -136,6 +137,7 @@ _HOMES = {
     "qtraj.motion.simulation.solution": ("Solution",),
     "qtraj.path.boundary": ("BoundaryState",),
     "qtraj.path.boundary_problem": ("axis_between",),
+    "qtraj.path.driving": ("Driving",),
     "qtraj.path.hodograph": ("AbstractHodograph", "Curve"),
     "qtraj.path.placement": ("Placement",),
     "qtraj.path.residual": ("Residual",),

@@ -18,8 +18,9 @@ from qtraj.foundation.types import ArrayInput
 from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing, require_initial
 from qtraj.path import frame_axes as axes
 from qtraj.path.channel import CHANNELS
+from qtraj.path.driving import usual_frame
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.trihedral import AbstractFrame, Natural
+from qtraj.path.trihedral import AbstractFrame
 
 DEFAULT_OUTPUTS = ("position", "velocity", "acceleration", "quaternion", "curvature", "torsion", "rate")
 
@@ -40,9 +41,9 @@ def evaluate(
     One path gives a `Table` of arrays (n, …), b paths (b, n, …); with `components="first"` the components' axes lead.
     Each component lies contiguously in memory, except those of a rotation-minimizing frame. `outputs` are names of
     `Table`: vectors, frames, and every path quantity. `frame` is the trihedral to hang on the path: `Natural()` (the
-    default), `Upright()`, `ThrustAligned()`, or `RotationMinimizing()`. Labels of `to_xarray()` follow it: tangent,
-    normal, binormal, or forward, left, up. A quaternion's sign is free at each instant; `continuous=True` chooses it so
-    that neighbours in time agree.
+    default, but along a route `Upright()`, or `Driving` where it stops), `Upright()`, `ThrustAligned()`, or
+    `RotationMinimizing()`. Labels of `to_xarray()` follow it: tangent, normal, binormal, or forward, left, up. A
+    quaternion's sign is free at each instant; `continuous=True` chooses it so that neighbours in time agree.
 
     `reduce` "max", "min", "integral" (trapezoidal rule) or "mean" gives a `Reduced` over the instants instead, and no
     sample is stored. `devices` to spread the work over are all local ones, if there is enough to do. `reuse` is the
@@ -75,7 +76,7 @@ def evaluate(
         raise ValueError("times must hold at least one instant")
     if isinstance(frame, RotationMinimizing):
         return _minimizing(task, paths, frame, instants, reuse, devices)
-    frame = Natural() if frame is None else frame
+    frame = usual_frame(paths) if frame is None else frame
     work = (paths, frame)
     traced = any(isinstance(x, Tracer) for x in (*jax.tree.leaves(work), instants))
     values = run(

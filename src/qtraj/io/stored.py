@@ -31,6 +31,7 @@ HOMES = (
     "qtraj.motion.simulation.sensor",
     "qtraj.motion.simulation.solution",
     "qtraj.path.boundary",
+    "qtraj.path.driving",
     "qtraj.path.placement",
     "qtraj.path.residual",
     "qtraj.path.route",

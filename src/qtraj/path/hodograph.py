@@ -39,6 +39,13 @@ class AbstractHodograph(eqx.Module):
         """
         return None
 
+    def nodes(self) -> Float[Array, " nodes"] | None:
+        """Times from 0 on between which the path is smooth [s], for what is followed along it; None for a smooth path.
+
+        The duration may follow, any number of times.
+        """
+        return None
+
     def position(self, t: ScalarLike) -> Vec3:
         """r(t), (3,) [m]."""
         return self.derivatives(t, 0)[0]

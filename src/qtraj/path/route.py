@@ -85,9 +85,11 @@ class Route(AbstractHodograph, AbstractResult):
         t = one_instant(t).astype(self.duration.dtype)
         return jnp.maximum(jnp.searchsorted(self.starts, t, side="right") - 1, 0)
 
-    def nodes(self) -> Float[Array, " rows"]:
-        """The start of each segment; the duration for rows of the padding."""
-        return jnp.minimum(self.starts, self.duration)
+    def nodes(self) -> Float[Array, " nodes"]:
+        """The times of the joints, and of three instants inside each segment [s]; then the duration."""
+        parts = jnp.asarray(np.arange(4) / 4, self.duration.dtype)
+        h = pieces.durations(self.starts, self.duration)
+        return (jnp.minimum(self.starts, self.duration)[:, None] + h[:, None] * parts[None]).ravel()
 
     @property
     def segments(self) -> int:

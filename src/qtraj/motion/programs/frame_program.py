@@ -13,8 +13,9 @@ from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.programs import rotation_minimizing
 from qtraj.motion.programs.rotation_minimizing import RotationMinimizing
+from qtraj.path.driving import require_moving, usual_frame
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.trihedral import AbstractFrame, Natural, trihedral
+from qtraj.path.trihedral import AbstractFrame, trihedral
 
 NODES = 513
 """Instants, equally spaced, between which the sign of the quaternion is followed (and a rotation-minimizing frame)."""
@@ -29,7 +30,10 @@ class FrameProgram(AbstractProgram):
 
     The quaternion has scalar part ≥ 0 at t = 0 and is continuous in t, also as a function of one instant: its sign is
     that of the nearest of the `anchors` (n, 4), quaternions at n equal steps from 0 to the duration, which are followed
-    once, when the program is made (and stored with it). A frame may turn by π between two anchors: 512π rad in all.
+    once, when the program is made (and stored with it). A frame may turn by π between two anchors: 512π rad in all, and
+    along a route, whose segments have four anchors each, by π in a quarter of a segment.
+
+    Without a `frame` it is the natural one, and along a route the upright one: `Driving` where the route stops.
     Where the frame itself is undefined (the natural one where the path is straight, the upright one along its up
     direction, the thrust-aligned one in free fall, most where the path stops) there is no attitude: the natural frame
     flips by π across an inflection.
@@ -37,8 +41,8 @@ class FrameProgram(AbstractProgram):
     Make the program inside the function that is differentiated or vmapped over paths. Outside [0, duration] the path
     goes on by its own rule, and so does the program.
 
-    **Raises:** ValueError for a frame that is none, a rotation-minimizing frame whose `initial` does not fit the path,
-    or anchors of another shape.
+    **Raises:** ValueError for a frame that is none, a rotation-minimizing frame whose `initial` does not fit the path
+    or whose route stops, or anchors of another shape.
     """
 
     path: AbstractHodograph
@@ -52,10 +56,11 @@ class FrameProgram(AbstractProgram):
         anchors: ArrayInput | None = None,
     ):
         self.path = path
-        self.frame = Natural() if frame is None else frame
+        self.frame = usual_frame(path) if frame is None else frame
         if not isinstance(self.frame, AbstractFrame | RotationMinimizing):
             raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
         if isinstance(self.frame, RotationMinimizing):
+            require_moving(path)
             rotation_minimizing.require_initial(path, self.frame.initial)
         self.anchors = _anchors(path, self.frame) if anchors is None else as_float(anchors)
         if self.anchors.ndim != 2 or self.anchors.shape[0] < 2 or self.anchors.shape[1] != 4:
@@ -72,14 +77,23 @@ class FrameProgram(AbstractProgram):
 
 @eqx.filter_jit
 def _attitude(program: FrameProgram, t: Scalar) -> Attitude:
-    last = program.anchors.shape[0] - 1
-    place = stop_gradient(jnp.round(jnp.clip(t / program.duration, 0.0, 1.0) * last))
-    anchor = program.anchors[place.astype(int)]
+    node, anchor = _node(program, t)
     if isinstance(program.frame, RotationMinimizing):
-        return rotation_minimizing.attitude(program.path, t, program.duration * (place / last), anchor)
+        return rotation_minimizing.attitude(program.path, t, node, anchor)
     frame = trihedral(program.path, t, program.frame)
     q = frame.quaternion()
     return Attitude(jnp.where(q @ anchor < 0, -q, q), frame.rate, frame.acceleration)
+
+
+def _node(program: FrameProgram, t: Scalar) -> tuple[Scalar, Quat]:
+    """The time of the nearest anchor, or along pieces the last one before `t`, and the anchor."""
+    times = program.path.nodes()
+    if times is not None:
+        k = jnp.maximum(jnp.searchsorted(stop_gradient(times), stop_gradient(t), side="right") - 1, 0)
+        return times[k], program.anchors[k]
+    last = program.anchors.shape[0] - 1
+    place = stop_gradient(jnp.round(jnp.clip(t / program.duration, 0.0, 1.0) * last))
+    return program.duration * (place / last), program.anchors[place.astype(int)]
 
 
 def _anchors(path: AbstractHodograph, frame: AbstractFrame | RotationMinimizing) -> Float[Array, "n 4"]:
@@ -103,4 +117,5 @@ def _sign_anchors(path: AbstractHodograph, frame: AbstractFrame) -> Float[Array,
 
 
 def _times(path: AbstractHodograph) -> Float[Array, " n"]:
-    return path.duration * jnp.linspace(0.0, 1.0, NODES, dtype=path.duration.dtype)
+    times = path.nodes()
+    return times if times is not None else path.duration * jnp.linspace(0.0, 1.0, NODES, dtype=path.duration.dtype)
