@@ -14,11 +14,14 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to 
     from qtraj.batch.evaluate import evaluate as evaluate
     from qtraj.batch.table import Table as Table
     from qtraj.design.fitting.fit import fit as fit
+    from qtraj.design.fitting.fit_route import fit_route as fit_route
     from qtraj.design.fitting.fitted import Fitted as Fitted
+    from qtraj.design.fitting.fitted_route import FittedRoute as FittedRoute
     from qtraj.design.limits import Limits as Limits
     from qtraj.design.peaks import peak as peak
     from qtraj.design.proof.certificate import Certificate as Certificate
     from qtraj.design.proof.certify import certify as certify
+    from qtraj.design.proof.route_certificate import RouteCertificate as RouteCertificate
     from qtraj.design.tuning.outcome import Tuned as Tuned
     from qtraj.design.tuning.tune import tune as tune
     from qtraj.foundation.compilation_cache import enable_compilation_cache as enable_compilation_cache
@@ -96,11 +99,14 @@ _HOMES = {
     "qtraj.batch.evaluate": ("evaluate",),
     "qtraj.batch.table": ("Table",),
     "qtraj.design.fitting.fit": ("fit",),
+    "qtraj.design.fitting.fit_route": ("fit_route",),
     "qtraj.design.fitting.fitted": ("Fitted",),
+    "qtraj.design.fitting.fitted_route": ("FittedRoute",),
     "qtraj.design.limits": ("Limits",),
     "qtraj.design.peaks": ("peak",),
     "qtraj.design.proof.certificate": ("Certificate",),
     "qtraj.design.proof.certify": ("certify",),
+    "qtraj.design.proof.route_certificate": ("RouteCertificate",),
     "qtraj.design.tuning.outcome": ("Tuned",),
     "qtraj.design.tuning.tune": ("tune",),
     "qtraj.foundation.compilation_cache": ("enable_compilation_cache",),

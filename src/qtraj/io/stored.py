@@ -11,8 +11,10 @@ __all__ = ["load"]
 
 HOMES = (
     "qtraj.design.fitting.fitted",
+    "qtraj.design.fitting.fitted_route",
     "qtraj.design.limits",
     "qtraj.design.proof.certificate",
+    "qtraj.design.proof.route_certificate",
     "qtraj.design.tuning.outcome",
     "qtraj.motion.attitude_residual",
     "qtraj.motion.control.baselines",

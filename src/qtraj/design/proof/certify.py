@@ -2,7 +2,7 @@
 
 import math
 from functools import partial
-from typing import Any
+from typing import Any, overload
 
 import equinox as eqx
 import jax
@@ -17,12 +17,15 @@ from qtraj.design.proof.certificate import Certificate
 from qtraj.design.proof.corridor import with_corridor
 from qtraj.design.proof.inequalities import Parts, Vectors, parts
 from qtraj.design.proof.judge import COUNT, LIMITS, Along, Findings, Scale, judge, present
+from qtraj.design.proof.route import certify_route
+from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.foundation import cores
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials
+from qtraj.path.route import Route
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.values import turned, value
 
@@ -40,6 +43,16 @@ class Known(eqx.Module):
     orientation: Float[Array, "paths 4"]
 
 
+@overload
+def certify(  # pyright: ignore[reportOverlappingOverload]
+    path: Route,
+    limits: Limits,
+    *,
+    corridor: ArrayInput | None = None,
+    reference: SpiralHelix | None = None,
+    throw: bool = False,
+) -> RouteCertificate: ...
+@overload
 def certify(
     path: AbstractHodograph,
     limits: Limits,
@@ -47,7 +60,15 @@ def certify(
     corridor: ArrayInput | None = None,
     reference: SpiralHelix | None = None,
     throw: bool = False,
-) -> Certificate:
+) -> Certificate: ...
+def certify(
+    path: AbstractHodograph,
+    limits: Limits,
+    *,
+    corridor: ArrayInput | None = None,
+    reference: SpiralHelix | None = None,
+    throw: bool = False,
+) -> Certificate | RouteCertificate:
     """What is known of `path` against `limits`, on the whole of it.
 
     Of a path with polynomials every limit is a polynomial inequality in t (paper S; see `inequalities`), whose sign is
@@ -62,6 +83,12 @@ def certify(
     differentiable in the path (envelope theorem). They are the largest values found: of a limit with a wide margin a
     needle between the samples may be missed, its proof is not.
 
+    Of a route every segment is judged, from joint to joint, and a `RouteCertificate` says what holds on the whole, on
+    each segment, and in which intervals a limit is broken. Of quantities at a joint both sides count. At a stop, rates
+    of frames and accelerations along and across the path are judged against the direction of the velocity, which does
+    not vanish there if the velocity does so at a joint; a velocity that is zero to rounding at a joint counts as zero.
+    A segment that stands satisfies every limit.
+
     `corridor` [m] bounds the distance of a spiral-helix from `reference`, another one about the same axis, at equal
     fractions of their durations, counted along the arc: one more limit, the last of the certificate.
 
@@ -71,6 +98,12 @@ def certify(
     """
     if corridor is None and reference is not None:
         raise ValueError("a reference was given without a corridor, its largest distance: pass corridor= beside it")
+    if isinstance(path, Route):
+        if corridor is not None:
+            raise ValueError("a corridor bounds the distance of a SpiralHelix, but a Route was given: leave it out")
+        require_float64(path)
+        judged = certify_route(path, limits)
+        return judged.check() if throw else judged
     found = _certified(path, limits)
     if corridor is not None:
         found = with_corridor(found, path, reference, as_float(corridor))

@@ -60,8 +60,11 @@ class Parts(eqx.Module):
     unit: PerPath
 
 
-def parts(path: MovingPolynomials, duration: PerPath) -> Parts:
-    """The first derivatives of paths that stand side by side on the last axis of all coefficients."""
+def parts(path: MovingPolynomials, duration: PerPath, roundings: int = 0) -> Parts:
+    """The first derivatives of paths that stand side by side on the last axis of all coefficients.
+
+    `roundings` is how often each coefficient has been rounded before, relatively.
+    """
     unit = 0.5 * duration
     # Where height and azimuth begin does not count, and must not coarsen what does.
     y = jnp.zeros_like(path.x[:1]) if path.y is None else path.y
@@ -78,7 +81,7 @@ def parts(path: MovingPolynomials, duration: PerPath) -> Parts:
     found: list[CellPolynomial] = []
     for order, rows in enumerate(_derivatives(x, y, z, angle, signs), start=1):
         a, bound = jnp.split(rows, 2, axis=-1)
-        count = _roundings(max(degrees[:3]), degrees[3], order)
+        count = _roundings(max(degrees[:3]), degrees[3], order) + roundings
         size = jnp.max(jnp.sum(bound, axis=AXIS), axis=0)
         error = after(jnp.full_like(size, UNDERFLOW), count, size)
         found.append(cell_polynomial(a, jnp.where(normal, error, jnp.inf)))
