@@ -226,3 +226,14 @@ def test_few_samples_and_stamps_that_do_not_increase_are_refused():
         qt.fit_route(few)
     with pytest.raises(ValueError, match="must increase strictly"):
         qt.Track([0.0, 1.0, 1.0, 2.0], np.zeros((4, 3)))
+
+
+def test_recorded_attitudes_are_compared_after_the_mounting_is_estimated():
+    track = recorded(40.0, velocities=True)
+    program = qt.FrameProgram(qt.fit_route(track).path)
+    frames = jax.vmap(program)(track.elapsed).quaternion
+    mounting = np.array([np.cos(0.4), 0.0, 0.0, np.sin(0.4)])
+    attitudes = jax.vmap(lambda q: 3.0 * qt.quaternion.product(q, mounting))(frames)
+    found = qt.fit_route(qt.Track(track.times, track.positions, track.velocities, attitudes))
+    assert float(found.attitude.rms) < 1e-6
+    assert "attitude_rms" in found.to_xarray()

@@ -18,8 +18,8 @@ SMOOTHING = 1e-4
 FAR = 10.0
 """A sample farther from the route than so many times the upper quartile of all distances is an outlier."""
 
-ROUNDS = 12
-"""Searches for outliers; in each the bound is halved until it is `FAR`."""
+ROUNDS, NARROWER = 12, 0.3
+"""Searches for outliers; by the second the bound is narrower in each, until it is `FAR`."""
 
 ENDS = 1e-6
 """Of the duration: as well must given knots begin and end with the recording."""
@@ -53,7 +53,7 @@ def without_outliers(recording: Recording, knots: Any) -> tuple[Recording, float
         away = np.linalg.norm(predicted(at, states) - recording.positions, axis=1)
         counted = recording.weights > 0
         least = bound_of(away[counted])
-        bound = max(least, 0.5 * min(bound, away[counted].max()))
+        bound = max(least, NARROWER * min(bound, away[counted].max()))
         weights = (away <= bound).astype(float)
         if bound == least and np.array_equal(weights, recording.weights):
             break

@@ -52,15 +52,18 @@ def rows(knots: Float[np.ndarray, " m"], times: Float[np.ndarray, " n"], order: 
     i = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, len(knots) - 2)
     h = (knots[1:] - knots[:-1])[i]
     u = (times - knots[i]) / h
-    k = np.arange(order, WIDTH)
-    powers = u[:, None] ** (k - order) * (k if order else 1)
-    values = powers @ BASIS[:, order:].T
-    return Rows(i, values * _scales(h) / h[:, None] ** order)
+    powers = np.ones((len(u), WIDTH - order))
+    for k in range(1, powers.shape[1]):
+        np.multiply(powers[:, k - 1], u, out=powers[:, k])
+    factors = BASIS[:, order:] * (np.arange(order, WIDTH) if order else 1)
+    values = powers @ factors.T
+    return Rows(i, values * _scales(h) / (h[:, None] if order else 1))
 
 
 def _scales(h: np.ndarray) -> np.ndarray:
     """The factors that turn states into lengths, (n, 6)."""
-    return h[:, None] ** np.array([0, 1, 2, 0, 1, 2])
+    one, square = np.ones_like(h), h * h
+    return np.stack([one, h, square, one, h, square], axis=1)
 
 
 class System(NamedTuple):

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from qtraj.design.proof.certificate import PROVED
+from qtraj.design.proof.certificate import PROVED, UNDEFINED
 from qtraj.design.proof.inequalities import Parts, Vectors, parts
 from qtraj.design.proof.judge import COUNT, LIMITS, Findings, Scale, judge, present
 from qtraj.foundation import cores
@@ -51,24 +51,39 @@ def findings(segments: Segments, limits: dict[str, float]) -> Found:
     """The findings on every segment against `limits`, by name."""
     names = tuple(limits)
     table = np.array([limits.get(entry.name, 1.0) for entry in LIMITS])
+    given = [entry for entry in LIMITS if entry.name in names]
+    order = [entry.name for entry in given]
     columns = np.array([k for k, entry in enumerate(LIMITS) if entry.name in names])
     c, h = segments.coefficients, segments.durations
-    found = Found(*(np.array(x[:, columns]) for x in _judged(c, c, h, table, names, False)))
     still: Any = ~c[:, 1:].any(axis=(1, 2))
+    groups = _stopping(c, h, still)
+    directions = c.copy()
+    directions[still, 1] = 1.0 / h[still, None]  # any straight, whose proofs are short
+    for _, stop, about in groups:
+        directions[stop] = _integrals(about)
+    found = Found(*(np.array(x[:, columns]) for x in _judged(directions, directions, h, table, names, False)))
     found.codes[still], found.times[still], found.values[still] = PROVED, 0.0, 0.0
-    order = [entry.name for entry in LIMITS if entry.name in names]
-    for end, stop, about in _stopping(c, h, still):
-        for some, keeps in ((DIRECTIONS, False), (ACROSS, True)):
-            chosen = tuple(name for name in order if name in some)
-            if not chosen:
-                continue
-            own = np.array([order.index(name) for name in chosen])
-            rows = np.ix_(stop, own)
-            again = _judged(about, _integrals(about), h[stop], table, chosen, keeps)
-            places = columns[own]
-            found.codes[rows], found.values[rows] = again.codes[:, places], again.values[:, places]
-            times = again.times[:, places]
-            found.times[rows] = h[stop, None] - times if end else times
+    free = tuple(entry.name for entry in given if entry.divisor is None)
+    nowhere = [order.index(entry.name) for entry in given if entry.divisor and entry.name not in (*DIRECTIONS, *ACROSS)]
+    for end, stop, about in groups:
+        own = directions[stop]
+        for chosen, path, along, keeps in (
+            (free, c[stop], c[stop], False),
+            (tuple(name for name in order if name in ACROSS), about, own, True),
+        ):
+            if chosen:
+                again = _judged(path, along, h[stop], table, chosen, keeps)
+                places = [order.index(name) for name in chosen]
+                rows, from_columns = np.ix_(stop, places), columns[places]
+                found.codes[rows], found.values[rows] = again.codes[:, from_columns], again.values[:, from_columns]
+                times = again.times[:, from_columns]
+                found.times[rows] = h[stop, None] - times if end and keeps else times
+        if end:
+            turned = np.ix_(stop, [order.index(name) for name in order if name in DIRECTIONS])
+            found.times[turned] = h[stop, None] - found.times[turned]
+        gone = np.ix_(stop, nowhere)
+        found.codes[gone], found.values[gone] = UNDEFINED, np.nan
+        found.times[gone] = h[stop, None] if end else 0.0
     return found
 
 
