@@ -175,6 +175,16 @@ def test_stops_are_found_and_held_exactly(velocities):
     assert float(found.residual.distance_rms) < 0.01
 
 
+@pytest.mark.parametrize("velocities", [False, True])
+def test_a_recording_of_a_vehicle_that_stands_is_a_point(velocities):
+    t = np.arange(0.0, 20.0, 0.1)
+    noise = np.random.default_rng(5).normal(0, 0.002, (len(t), 3))
+    found = qt.fit_route(qt.Track(t, ORIGIN + noise, np.zeros((len(t), 3)) if velocities else None))
+    np.testing.assert_array_equal(found.stops, [[0.0, t[-1]]])
+    np.testing.assert_allclose(found.path.position(7.0), ORIGIN, rtol=0, atol=0.001)
+    np.testing.assert_array_equal(found.path.velocity(7.0), 0.0)
+
+
 def test_knots_smoothing_and_tolerance_are_obeyed():
     track = recorded(60.0)
     given = qt.fit_route(track, knots=[0.0, 10.0, 30.0, 40.0, 59.9], smoothing=1e-3)

@@ -300,6 +300,17 @@ def test_evaluate_peak_and_dynamics_know_routes(case):
     assert np.isfinite(np.asarray(jax.tree.leaves(forces)[0])).all()
 
 
+def test_the_peak_of_a_long_route_is_found_between_a_thousand_instants():
+    times, orders = states(600, 3, origin=np.zeros(3))
+    orders[2][301] += [0.0, 9.0, 0.0]
+    route = qt.Route(times, *orders)
+    when, most = qt.peak(route, "acceleration")
+    assert float(when) == pytest.approx(times[301] - times[0], abs=0.2)
+    near = float(when) + np.linspace(-0.5, 0.5, 4001)
+    dense = qt.evaluate(route, near, ("acceleration_magnitude",)).acceleration_magnitude
+    assert float(most) == pytest.approx(float(np.max(dense)), rel=1e-6)
+
+
 def test_evaluation_agrees_with_fifty_digits(case):
     route, _, _ = case
     with mpmath.workdps(50):

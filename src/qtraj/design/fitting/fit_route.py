@@ -21,7 +21,7 @@ from qtraj.motion.attitude_residual import compare_attitude
 from qtraj.motion.programs.frame_program import FrameProgram
 from qtraj.path.residual import compare
 from qtraj.path.route import Route
-from qtraj.path.track import Track, known
+from qtraj.path.track import STANDSTILL, Track, known
 
 FINER, GAIN = 3, 0.03
 """The spacing is halved at most so often, as long as that lowers the score by this part."""
@@ -101,6 +101,8 @@ def _recording(track: Track) -> Recording:
 def _stops(recording: Recording) -> list[tuple[float, float]]:
     counted = recording.weights > 0
     times, positions = recording.times[counted], recording.positions[counted]
+    if np.linalg.norm(positions - positions.mean(axis=0), axis=1).max() <= STANDSTILL:
+        return [(0.0, float(recording.times[-1]))]
     if recording.velocities is not None:
         speeds = np.linalg.norm(recording.velocities[counted], axis=1)
     else:
