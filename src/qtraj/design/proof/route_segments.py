@@ -7,6 +7,7 @@ direction of q. Both are judged with q in the place of r', which does not vanish
 grows without bound at a stop, unless the path is straight there.
 """
 
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
 
@@ -64,7 +65,8 @@ def findings(segments: Segments, limits: dict[str, float]) -> Found:
     found = Found(*(np.array(x[:, columns]) for x in _judged(directions, directions, h, table, names, False)))
     found.codes[still], found.times[still], found.values[still] = PROVED, 0.0, 0.0
     free = tuple(entry.name for entry in given if entry.divisor is None)
-    nowhere = [order.index(entry.name) for entry in given if entry.divisor and entry.name not in (*DIRECTIONS, *ACROSS)]
+    somewhere = (*DIRECTIONS, *ACROSS)
+    nowhere = _places(order, [entry.name for entry in given if entry.divisor and entry.name not in somewhere])
     for end, stop, about in groups:
         own = directions[stop]
         for chosen, path, along, keeps in (
@@ -73,18 +75,23 @@ def findings(segments: Segments, limits: dict[str, float]) -> Found:
         ):
             if chosen:
                 again = _judged(path, along, h[stop], table, chosen, keeps)
-                places = [order.index(name) for name in chosen]
+                places = _places(order, chosen)
                 rows, from_columns = np.ix_(stop, places), columns[places]
                 found.codes[rows], found.values[rows] = again.codes[:, from_columns], again.values[:, from_columns]
                 times = again.times[:, from_columns]
                 found.times[rows] = h[stop, None] - times if end and keeps else times
         if end:
-            turned = np.ix_(stop, [order.index(name) for name in order if name in DIRECTIONS])
+            turned = np.ix_(stop, _places(order, [name for name in order if name in DIRECTIONS]))
             found.times[turned] = h[stop, None] - found.times[turned]
         gone = np.ix_(stop, nowhere)
         found.codes[gone], found.values[gone] = UNDEFINED, np.nan
         found.times[gone] = h[stop, None] if end else 0.0
     return found
+
+
+def _places(order: list[str], names: Sequence[str]) -> np.ndarray:
+    """Where names stand in an order."""
+    return np.array([order.index(name) for name in names], np.intp)
 
 
 def _stopping(c: np.ndarray, h: np.ndarray, still: np.ndarray) -> list[tuple[bool, np.ndarray, np.ndarray]]:
