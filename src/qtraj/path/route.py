@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 from qtraj.foundation.arrays import as_array, as_float, concrete, one_instant, real_vector, warn_if_coarse
 from qtraj.foundation.document import storable, stored_as
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import AbstractResult, extent, in_lanes
+from qtraj.foundation.result import AbstractResult, extent, batch_prefix
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
 from qtraj.path import pieces, route_input, route_length, route_nearest
 from qtraj.path.hodograph import AbstractHodograph
@@ -258,7 +258,7 @@ class Route(AbstractHodograph, AbstractResult):
         }
         degree = c.shape[-2] - 1
         shape = f"{count} segments of degree {degree}, {extent(self.duration, 's')}"
-        return Record(f"{in_lanes(self.duration.shape)}{shape}", variables, attributes={"frame": "world"})
+        return Record(f"{batch_prefix(self.duration.shape)}{shape}", variables, attributes={"frame": "world"})
 
     def _durations(self) -> np.ndarray:
         """The durations of the segments, known."""

@@ -172,8 +172,8 @@ def _judged(
     blocks = cores.split(np.arange(len(h)), TOGETHER)
     calls = [(cores.take(rows, block, TOGETHER), table, index, count) for block in blocks]
     found: Any = None
-    for block, answers in zip(blocks, cores.each(_compiled, calls), strict=True):
-        found = cores.room(len(h), answers) if found is None else found
+    for block, answers in zip(blocks, cores.map_blocks(_compiled, calls), strict=True):
+        found = cores.allocate(len(h), answers) if found is None else found
         cores.put(found, block, answers)
     return found
 
