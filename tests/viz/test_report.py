@@ -124,7 +124,9 @@ def test_tables_have_the_status_of_each_limit(paths):
 
 
 def test_names_of_limits_are_words():
-    result = "; ".join([*LIMIT_VARIABLES, "max_jerk by 3 %: larger max_steps, my_angular_rate, angular_rates of end.V_h"])
+    result = "; ".join(
+        [*LIMIT_VARIABLES, "max_jerk by 3 %: larger max_steps, my_angular_rate, angular_rates of end.V_h"]
+    )
     text = " ".join(Page(report_page(two_paths(tuning_result=result, rate_convention="angular_acceleration"))).text)
     for name in (*LIMIT_VARIABLES, "max_jerk"):
         assert name.replace("_", " ") in text
