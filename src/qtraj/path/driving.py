@@ -1,9 +1,9 @@
-"""The frame of a vehicle that drives a route: upright, held where the route stops, and facing ahead when it reverses.
+"""The frame of a vehicle on a route: upright, constant at a stop, and opposite to the velocity in reverse.
 
-Where the speed vanishes a path has no tangent, and where it reverses the tangent turns about at once; the vehicle does
-neither. So below a threshold of speed the heading and the pitch are polynomials that lead from their values and rates
-before the stop to those after it, by way of a rest; and where the path goes on more backwards than forwards, the
-vehicle is taken to reverse: its forward axis is against the tangent.
+Where the speed is zero a path has no tangent, and where the vehicle reverses the tangent changes its sign. So below a
+threshold of speed heading and pitch are polynomials from their values and rates before the stop, through a constant
+part, to those after it. If the path then continues in the opposite direction, by more than 90°, the vehicle reverses,
+and its forward axis is opposite to the tangent.
 """
 
 import dataclasses
@@ -41,11 +41,11 @@ SETTLING = 1.0
 class Driving(AbstractFrame):
     """The upright frame of a vehicle on a route with stops and reversals; made by `Driving.along(route)`.
 
-    As `Upright` where the vehicle moves forwards; where it reverses, x is against the path. At a stop heading and pitch
-    are held: they lead continuously, with their first two derivatives, from the last direction to the next one. Then
+    It equals `Upright` while the vehicle moves forwards; in reverse, x is opposite to the velocity. At a stop, heading
+    and pitch continue from the last direction to the next one, with continuous first and second derivatives, and
     `defined` is true, though the path has no tangent.
 
-    `starts` (rows,) [s] are the times from which a row counts; `signs` 1 forwards, −1 in reverse, 0 at a stop; `angles`
+    `starts` (rows,) [s] are the start times of the rows; `signs` 1 forwards, −1 in reverse, 0 at a stop; `angles`
     (rows, 2, 6) the ascending coefficients of heading and pitch [rad] in the time since then at a stop. Rows are padded
     with infinite starts.
     """
@@ -124,9 +124,9 @@ class Driving(AbstractFrame):
 
 
 def usual_frame(path: AbstractHodograph) -> AbstractFrame:
-    """The frame of a path where none is given: natural, or along a route upright and held where that stops.
+    """The default frame of a path: natural, for a route upright, and `Driving` for a route that stops.
 
-    Of routes whose numbers are not known yet, inside a trace, and of many routes at once it is upright.
+    For traced routes, and for a batch of routes, it is always upright.
     """
     if not isinstance(path, Route):
         return Natural()
@@ -142,7 +142,7 @@ def _known(route: Route) -> bool:
 
 
 def require_moving(path: AbstractHodograph) -> None:
-    """Raise a ValueError for a known route that stops, where nothing that follows the tangent can pass."""
+    """Raise a ValueError for a concrete route that stops, where it has no tangent."""
     if not isinstance(path, Route) or not _known(path):
         return
     segments = known_segments(path)

@@ -1,4 +1,4 @@
-"""Routes: a whole drive or flight as one path of polynomial segments that share their states at the joints."""
+"""Routes: a whole drive or flight as one path of polynomial segments."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
 JOINED = 1e-6
-"""[m] Routes are joined where their ends agree to this, or to a few roundings of their coordinates."""
+"""[m] Routes can be joined if their ends agree to this, or to a few roundings of their coordinates."""
 
 
 def _fields(route: Any) -> dict[str, Any]:
-    """What a document holds of a route: its segments without the padding."""
+    """The stored fields of a route: its segments without the padding."""
     count = route.segments
     return {
         "starts": np.asarray(route.starts)[:count],
@@ -45,13 +45,13 @@ class Route(AbstractHodograph, AbstractResult):
     `times` (n,) [s], increasing strictly; `position` [m], `velocity` [m/s], `acceleration` [m/s²] and, if given, `jerk`
     [m/s³] (n, 3): the states at the joints, world axes. The segments are quintics, and the route has a continuous
     acceleration (C²); with the jerk they are septics, and the jerk is continuous too (C³). Path time 0 is the first
-    joint, whatever its time is. `Route.from_piecewise` takes splines of SciPy, of any continuity.
+    joint. `Route.from_piecewise` accepts splines of SciPy, of any continuity.
 
-    Positions are stored about the first joint, so that large coordinates lose no digits. `starts` (rows,) [s] and
-    `coefficients` (rows, terms, 3), ascending in the time since a segment's start [m s^-k] about `origin` (3,), hold
-    the segments; rows are padded to a power of two, with infinite starts, so that routes of similar length share
-    executables and can be stacked. At a joint the later side counts; outside [0, duration] the first and the last
-    segment go on.
+    Positions are stored relative to the first joint, so that large coordinates lose no digits. The segments are
+    `starts` (rows,) [s] and `coefficients` (rows, terms, 3), ascending in the time since a segment's start [m s^-k],
+    relative to `origin` (3,). Rows are padded to a power of two, with infinite starts, so that routes of similar length
+    share executables and can be stacked. At a joint the later segment is used; outside [0, duration] the first and the
+    last segment are extrapolated.
 
     **Raises:** ValueError for wrong shapes, values that are not finite, or times that do not increase strictly.
     """
@@ -82,7 +82,7 @@ class Route(AbstractHodograph, AbstractResult):
         return jnp.stack([rows[0] + self.origin, *rows[1:]])
 
     def index(self, t: ScalarLike) -> Int[Array, ""]:
-        """The number of the segment at `t` [s], from 0; the later one at a joint."""
+        """The index of the segment at `t` [s]; at a joint of the later one."""
         t = one_instant(t).astype(self.duration.dtype)
         return jnp.maximum(jnp.searchsorted(self.starts, t, side="right") - 1, 0)
 
@@ -96,7 +96,7 @@ class Route(AbstractHodograph, AbstractResult):
     def segments(self) -> int:
         """The number of segments.
 
-        **Raises:** ValueError inside a trace, where it is not known.
+        **Raises:** ValueError inside a trace, where it is unavailable.
         """
         return int(np.isfinite(_known(self.starts)).sum(axis=-1).max())
 
@@ -104,12 +104,12 @@ class Route(AbstractHodograph, AbstractResult):
     def times(self) -> Float[Array, " n"]:
         """The times of the joints [s], from 0 to the duration.
 
-        **Raises:** ValueError inside a trace, where their number is not known.
+        **Raises:** ValueError inside a trace, where their number is unavailable.
         """
         return as_array(np.append(_known(self.starts)[: self.segments], _known(self.duration)), self.starts.dtype)
 
     def joints(self, order: int = 2) -> Float[Array, "n {order}+1 3"]:
-        """Position and derivatives up to `order` at all joints, world axes; the later side of each."""
+        """Position and derivatives up to `order` at all joints, world axes, on the later side."""
         starts, c = (_known(x)[: self.segments] for x in (self.starts, self.coefficients))
         first = np.stack(pieces.values(c, np.zeros(len(c), c.dtype), order), axis=1)
         last = np.stack(pieces.values(c[-1], _known(self.duration) - starts[-1], order))
@@ -118,7 +118,7 @@ class Route(AbstractHodograph, AbstractResult):
         return as_array(found, c.dtype)
 
     def jumps(self, order: int = 2) -> Float[Array, "inner {order}+1 3"]:
-        """What the later segment has more than the earlier one at each inner joint, for r and its derivatives."""
+        """The jumps of r and its derivatives at each inner joint: later segment minus earlier one."""
         h = self._durations()
         c = _known(self.coefficients)[: self.segments]
         ends = np.stack(pieces.values(c[:-1], h[:-1], order), axis=1)
@@ -128,37 +128,37 @@ class Route(AbstractHodograph, AbstractResult):
     def length(self) -> Scalar:
         """Arc length over the duration [m].
 
-        By Gauss–Legendre quadrature in each segment: to round-off where the speed keeps clear of zero, or vanishes at
-        joints only; where a segment stops or nearly stops inside, to about 1e-5 of that segment's length.
+        By Gauss–Legendre quadrature in each segment. Its error is round-off, unless the speed is zero or nearly zero
+        inside a segment: there it is about 1e-5 of that segment's length.
         """
         return route_length.total(self.starts, self.coefficients, self.duration)
 
     def arc_length(self, t: ScalarLike) -> Scalar:
-        """Arc length from the start to the time `t` [s], 0 ≤ t ≤ duration, [m]; as exact as `length`."""
+        """Arc length from the start to the time `t` [s], 0 ≤ t ≤ duration, [m]; as accurate as `length`."""
         t = one_instant(t).astype(self.duration.dtype)
         return route_length.until(self.starts, self.coefficients, self.duration, t)
 
     def time_at(self, length: ScalarLike) -> Scalar:
-        """The time [s] at which the route has covered an arc length [m]; the earliest one where it stands.
+        """The time [s] at which the arc length reaches `length` [m]; the earliest one if the route stands there.
 
-        Lengths below zero or beyond the end give the start or the end. Differentiable: dt/ds is one over the speed.
+        Lengths outside the range give the start or the end. Differentiable: dt/ds is the inverse of the speed.
         """
         s = one_instant(length).astype(self.duration.dtype)
         return route_length.inverse(self.starts, self.coefficients, self.duration, s)
 
     def nearest(self, point: ArrayInput) -> Nearest:
-        """The time, position and distance where the route is nearest to a `point` (3,), world axes.
+        """The time, position and distance of the route's nearest point to a `point` (3,), world axes.
 
-        Sought in 16 parts of every segment by Newton's method; differentiable (envelope theorem).
+        The search refines 16 parts of every segment by Newton's method; differentiable (envelope theorem).
         """
         local = real_vector(point, "the point", 3).astype(self.duration.dtype) - self.origin
         time, position, distance = route_nearest.nearest(self.starts, self.coefficients, self.duration, local)
         return Nearest(time, position + self.origin, distance)
 
     def segment(self, i: int) -> "Route":
-        """Segment `i` as a route of its own, exactly; negative numbers count from the end.
+        """Segment `i` as a route, exactly; negative indices count from the end.
 
-        **Raises:** IndexError where there is no such segment.
+        **Raises:** IndexError if there is no such segment.
         """
         count = self.segments
         if not -count <= i < count:
@@ -170,7 +170,7 @@ class Route(AbstractHodograph, AbstractResult):
     def window(self, t0: ArrayInput, t1: ArrayInput) -> "Route":
         """The part from `t0` to `t1` [s], whose time 0 is `t0`; the same curve, joints included.
 
-        **Raises:** ValueError where t0 ≥ t1 or the window leaves the route.
+        **Raises:** ValueError if t0 ≥ t1 or the window is not within the route.
         """
         start, end, duration = (float(np.asarray(x)) for x in (t0, t1, _known(self.duration)))
         if not 0 <= start < end <= duration:
@@ -187,7 +187,7 @@ class Route(AbstractHodograph, AbstractResult):
         return built(new, c, np.asarray(end - start, c.dtype), _known(self.origin))
 
     def reversed(self) -> "Route":
-        """The same curve run through from its end to its start, in the same times."""
+        """The same curve from its end to its start, with the same durations."""
         c = pieces.backwards(_known(self.coefficients)[: self.segments], self._durations())[::-1]
         starts = _known(self.duration) - _known(self.times)[:0:-1]
         return built(starts, c, _known(self.duration), _known(self.origin))
@@ -224,14 +224,14 @@ class Route(AbstractHodograph, AbstractResult):
 
     @classmethod
     def from_path(cls, path: AbstractHodograph, tolerance: ArrayInput = 1e-3) -> "Route":
-        """A path with polynomials, such as a spiral-helix, as a route that is never farther from it than `tolerance`.
+        """A polynomial path, such as a spiral-helix, as a route whose distance from it is at most `tolerance` [m].
 
-        Both at the same time, in metres, and proved: the septics that meet the path's position, velocity, acceleration
-        and jerk at both ends of a segment of duration h leave it by at most h⁸/(2⁸·8!)·max |r⁽⁸⁾|, which is bounded on
-        each segment, with the rounding of the numbers.
+        The distance is at equal times, and the bound is proved: septics with the path's position, velocity,
+        acceleration and jerk at both ends of a segment of duration h differ from it by at most h⁸/(2⁸·8!)·max |r⁽⁸⁾|,
+        which is bounded on each segment, including rounding.
 
-        **Raises:** ValueError for a path without polynomials, a tolerance that is not positive, and one that would need
-        more than 65536 segments or is below the rounding of the coordinates.
+        **Raises:** ValueError for a path without polynomials, or for a tolerance that is not positive, needs more than
+        65536 segments, or is below the rounding of the coordinates.
         """
         return built(*route_input.from_path(path, tolerance))
 
@@ -244,9 +244,9 @@ class Route(AbstractHodograph, AbstractResult):
         return PPoly(np.moveaxis(c, 0, 1)[::-1], np.asarray(self.times, float))
 
     def record(self) -> Record:
-        """The segments over `segment`, with their coefficients over `power`: what the route is, exactly.
+        """The exact segments over `segment`, with their coefficients over `power`.
 
-        Its samples are those of `qtraj.evaluate(route, times).to_xarray()`.
+        For samples call `qtraj.evaluate(route, times).to_xarray()`.
         """
         count = self.segments
         starts, c = np.asarray(self.starts)[..., :count], np.asarray(self.coefficients)[..., :count, :, :]

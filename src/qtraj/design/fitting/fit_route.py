@@ -38,23 +38,23 @@ def fit_route(
     *,
     throw: bool = False,
 ) -> FittedRoute:
-    """The route that follows a whole `track`, with stops and straights; path time 0 is its first sample.
+    """Fit a route to a whole `track`, with stops and straight parts; path time 0 is its first sample.
 
     `knots` [s since the first sample]: a number, their spacing, or the times of the joints, increasing from 0 to the
-    duration. `smoothing` [s⁵] weighs ∫|r⃛|²dt against the sum of squared distances [m²]. Without them both are chosen by
-    what the route predicts in stretches of 1.5 s that are left out: the recorded velocities, or where there are none
-    the positions. With a `tolerance` [m] the smoothing is the largest with which the positions are met to that root
-    mean square.
+    duration. `smoothing` [s⁵] is the weight of ∫|r⃛|²dt, relative to the sum of squared distances [m²]. By default both
+    are chosen by cross-validation: how well the route predicts intervals of 1.5 s that are left out, in velocity if it
+    is recorded, otherwise in position. A `tolerance` [m] selects the largest smoothing with at most that root mean
+    square of the distances.
 
-    Where the vehicle stands, slower than a two-hundredth of its largest speed within 0.1 m for a second or more, the
-    route stands exactly: velocity and acceleration vanish at both ends. Samples that are ten times as far off as the
-    upper quartile of all are left out as `outliers`. Gaps are bridged with the least jerk. The result's `covariance()`
-    is that of the joint states. Recorded attitudes do not enter the fit; the result's `attitude` compares them with the
-    route's upright frame, by `compare_attitude`. Geographical coordinates become metres by `read_track(...,
-    projection=...)`. Use float64. Gradients do not pass through the fit, but the route has them like any other path.
+    A stop is detected if the speed is below 0.5 % of the largest one, within 0.1 m, for a second or more. There the
+    velocity and acceleration of the route are exactly zero. Samples whose distance exceeds ten times the upper quartile
+    are left out as `outliers`. Gaps are bridged with minimum jerk. `covariance()` of the result is that of the joint
+    states. Recorded attitudes are not used in the fit; `attitude` of the result compares them with the route's upright
+    frame, by `compare_attitude`. For geographical coordinates use `read_track(..., projection=...)`. Use float64. The
+    fit is not differentiable, but the route is, like any other path.
 
-    **Raises:** ValueError for knots that are none, a tolerance or smoothing that is not positive or cannot be met, both
-    at once, or fewer than eight samples. RuntimeError with `throw` where the numbers are not finite.
+    **Raises:** ValueError for invalid knots, a tolerance or smoothing that is not positive or cannot be satisfied, both
+    at once, or fewer than eight samples. RuntimeError with `throw` if the result is not finite.
     """
     _require(tolerance=tolerance, smoothing=smoothing)
     recording = _recording(track)

@@ -1,4 +1,4 @@
-"""The result of `fit_route`: the route, how well it follows and predicts its recording, and what was left out of it."""
+"""The result of `fit_route`: the route, its residual and prediction error, outliers, stops and gaps."""
 
 import math
 
@@ -21,14 +21,18 @@ from qtraj.path.route import Route
 class FittedRoute(AbstractOutcome):
     """The result of `fit_route`.
 
-    `path`, the `Route`, whose time 0 is the first sample; `residual`, how well it follows the samples that count;
-    `prediction_error` [m], the root mean square of the distance at every other sample from a route through the others;
-    `stretch_error` [m], the same in whole stretches that were left out; `smoothing` [s⁵], the weight of ∫|r⃛|²dt against
-    the sum of squared distances; `outliers` (k,), the numbers of samples that were left out; `stops` (m, 2) [s], where
-    the vehicle stands; `gaps` (j, 2) [s], where nothing is recorded for longer than a few joints, so that the route
-    there is a guess; `position_sigma` [m] per axis, of the residuals; `information` (6, 3 n), the diagonals of the
-    matrix of the least squares, in units of its inverse square, from which `covariance()` follows; `attitude`, where
-    the recording has attitudes, how they differ from the route's upright frame, and how the recorder is mounted in it.
+    - `path`: the `Route`; its time 0 is the first sample.
+    - `residual`: the differences between the route and the samples that are not outliers.
+    - `prediction_error` [m]: the root mean square distance of every other sample from a route fitted to the rest.
+    - `stretch_error` [m]: the same for whole intervals that were left out.
+    - `smoothing` [s⁵]: the weight of ∫|r⃛|²dt, relative to the sum of squared distances.
+    - `outliers` (k,): the indices of samples that were left out.
+    - `stops` (m, 2), `gaps` (j, 2) [s]: the intervals of stops, and those without samples for longer than a few joints,
+      where the route is a guess.
+    - `position_sigma` [m]: the standard deviation of the residuals per axis.
+    - `information` (6, 3 n): the diagonals of the normal matrix, in units of position_sigma^-2, for `covariance()`.
+    - `attitude`: for a recording with attitudes, their difference from the route's upright frame, and the mounting of
+      the recorder in it.
     """
 
     path: Route
@@ -75,14 +79,14 @@ class FittedRoute(AbstractOutcome):
     def covariance(self) -> Float[np.ndarray, "n 3 3"]:
         """The covariance of position, velocity and acceleration at each joint, the same for x, y and z (SI units).
 
-        As if the errors of the samples were independent: errors that hang together in time make it larger, by about the
-        number of samples in which they do. At the ends of a stop velocity and acceleration are known to be zero.
+        It assumes independent errors of the samples. With errors that are correlated over k samples it is larger, about
+        k times. At the ends of a stop velocity and acceleration are exactly zero.
         """
         sigma = float(np.asarray(self.position_sigma))
         return sigma**2 * covariances(np.asarray(self.information, float))
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """What was fitted, what was left out, and where the route is a guess."""
+        """The result in words: errors, outliers and gaps."""
         code = ResultCode(int(np.asarray(self.code)))
         if code != ResultCode.successful:
             return code.text
@@ -98,7 +102,7 @@ class FittedRoute(AbstractOutcome):
         return " ".join(texts)
 
     def record(self) -> Record:
-        """The route, the residual, each of its names with `residual_` in front, and the numbers of the fit."""
+        """The route, the residual (with the prefix `residual_`), and the numbers of the fit."""
         path, residual = self.path.record(), self.residual.record()
         variables = {
             **path.variables,

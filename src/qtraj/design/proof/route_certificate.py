@@ -1,4 +1,4 @@
-"""What is known of a route against its limits: on the whole, on each segment, and where limits are broken."""
+"""Certificates of routes: on the whole route, on each segment, and where limits are broken."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -17,11 +17,12 @@ from qtraj.foundation.types import ArrayInput
 
 @storable
 class RouteCertificate(AbstractOutcome):
-    """The findings on each given limit of a route; made by `certify(route, limits)`.
+    """The findings on each limit of a route; `certify(route, limits)` returns it.
 
-    `whole`, the `Certificate` of the route: of each limit the worst finding of all segments. `segments`, those of the
-    segments, a row each, with times of the route. `starts` (segments,) [s], where these start. `broken` (k, 2) [s],
-    the intervals in which a limit is broken, by the limit's number in `broken_limits` (k,).
+    - `whole`: the `Certificate` of the route, with the worst finding of all segments for each limit.
+    - `segments`: a batch of certificates, one for each segment, with times of the route.
+    - `starts` (segments,) [s]: the start times of the segments.
+    - `broken` (k, 2) [s]: the intervals in which a limit is broken; `broken_limits` (k,) are the indices of the limits.
     """
 
     whole: Certificate
@@ -64,12 +65,12 @@ class RouteCertificate(AbstractOutcome):
 
     @property
     def met(self) -> bool:
-        """Whether every limit was found met."""
+        """Whether every limit is satisfied, by proof or by refined sampling."""
         return self.whole.met
 
     @property
     def unmet(self) -> list[str]:
-        """Names of the limits that were not found met."""
+        """Names of the limits that are not known to be satisfied."""
         return self.whole.unmet
 
     @property
@@ -78,30 +79,30 @@ class RouteCertificate(AbstractOutcome):
         return self.whole.active
 
     def margin(self, name: str) -> Any:
-        """Limit less the largest value on the route, in the limit's unit; negative where the limit is broken."""
+        """The limit minus the largest value on the route, in the limit's unit; negative if the limit is violated."""
         return self.whole.margin(name)
 
     def margins(self, name: str) -> Float[np.ndarray, " segments"]:
-        """The same for each segment; NaN where the quantity does not exist."""
+        """The same for each segment; NaN where the quantity is undefined."""
         _, values, limits = self.segments.worst[name]
         return np.asarray(limits - values)
 
     def intervals(self, name: str) -> list[tuple[float, float]]:
         """The intervals (start, end) [s] in which a limit is broken, in order.
 
-        Their ends are where the limit's polynomial inequality changes its sign between 65 instants of a broken segment,
-        the instant of its largest value among them.
+        Their ends are the sign changes of the limit's polynomial inequality, searched between 65 instants of a broken
+        segment, one of which is the instant of its largest value.
         """
         k = self.names.index(name)
         chosen = np.asarray(self.broken)[np.asarray(self.broken_limits) == k]
         return [(float(a), float(b)) for a, b in chosen]
 
     def describe(self, name: str) -> str:
-        """The largest value of one quantity against its limit, in words."""
+        """The largest value of one quantity, and its limit, in words."""
         return self.whole.describe(name)
 
     def findings(self, at: tuple[int, ...] = ()) -> Sequence[Finding]:
-        """What is known of each limit, on the whole route or, with `at` = (i,), on segment i."""
+        """The finding on each limit, on the whole route or, with `at` = (i,), on segment i."""
         return self.segments.findings(at) if at else self.whole.findings()
 
     @property
@@ -110,11 +111,11 @@ class RouteCertificate(AbstractOutcome):
         return self.whole.code
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """What the findings come to."""
+        """The result in words."""
         return self.whole.explain(at)
 
     def record(self) -> Record:
-        """The findings on the whole, as of a `Certificate`; on segments and intervals with these words in front."""
+        """The findings on the whole route; those on segments and intervals have the prefixes `segment_`, `broken_`."""
         whole, parts = self.whole.record(), self.segments.record()
         variables = dict(whole.variables)
         for name in ("status", "worst_value", "worst_time"):
