@@ -15,11 +15,14 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
     from qtraj.batch.evaluate import evaluate as evaluate
     from qtraj.batch.table import Table as Table
     from qtraj.design.fitting.fit import fit as fit
+    from qtraj.design.fitting.fit_route import fit_route as fit_route
     from qtraj.design.fitting.fitted import Fitted as Fitted
+    from qtraj.design.fitting.fitted_route import FittedRoute as FittedRoute
     from qtraj.design.limits import Limits as Limits
     from qtraj.design.peaks import peak as peak
     from qtraj.design.proof.certificate import Certificate as Certificate
     from qtraj.design.proof.certify import certify as certify
+    from qtraj.design.proof.route_certificate import RouteCertificate as RouteCertificate
     from qtraj.design.tuning.outcome import Tuned as Tuned
     from qtraj.design.tuning.tune import tune as tune
     from qtraj.foundation.compilation_cache import enable_compilation_cache as enable_compilation_cache
@@ -82,9 +85,12 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
     from qtraj.path.boundary import BoundaryState as BoundaryState
     from qtraj.path.boundary_problem import axis_between as axis_between
     from qtraj.path.change import PathChange as PathChange, compare_paths as compare_paths
+    from qtraj.path.driving import Driving as Driving
     from qtraj.path.hodograph import AbstractHodograph as AbstractHodograph, Curve as Curve
     from qtraj.path.placement import Placement as Placement
     from qtraj.path.residual import Residual as Residual
+    from qtraj.path.route import Route as Route
+    from qtraj.path.route_nearest import Nearest as Nearest
     from qtraj.path.spiral_helix import SpiralHelix as SpiralHelix
     from qtraj.path.thrust_aligned import ThrustAligned as ThrustAligned
     from qtraj.path.track import Track as Track
@@ -99,11 +105,14 @@ _HOMES = {
     "qtraj.batch.evaluate": ("evaluate",),
     "qtraj.batch.table": ("Table",),
     "qtraj.design.fitting.fit": ("fit",),
+    "qtraj.design.fitting.fit_route": ("fit_route",),
     "qtraj.design.fitting.fitted": ("Fitted",),
+    "qtraj.design.fitting.fitted_route": ("FittedRoute",),
     "qtraj.design.limits": ("Limits",),
     "qtraj.design.peaks": ("peak",),
     "qtraj.design.proof.certificate": ("Certificate",),
     "qtraj.design.proof.certify": ("certify",),
+    "qtraj.design.proof.route_certificate": ("RouteCertificate",),
     "qtraj.design.tuning.outcome": ("Tuned",),
     "qtraj.design.tuning.tune": ("tune",),
     "qtraj.foundation.compilation_cache": ("enable_compilation_cache",),
@@ -145,9 +154,12 @@ _HOMES = {
     "qtraj.path.boundary": ("BoundaryState",),
     "qtraj.path.boundary_problem": ("axis_between",),
     "qtraj.path.change": ("PathChange", "compare_paths"),
+    "qtraj.path.driving": ("Driving",),
     "qtraj.path.hodograph": ("AbstractHodograph", "Curve"),
     "qtraj.path.placement": ("Placement",),
     "qtraj.path.residual": ("Residual",),
+    "qtraj.path.route": ("Route",),
+    "qtraj.path.route_nearest": ("Nearest",),
     "qtraj.path.spiral_helix": ("SpiralHelix",),
     "qtraj.path.thrust_aligned": ("ThrustAligned",),
     "qtraj.path.track": ("Track",),

@@ -50,8 +50,21 @@ def single():
     vectors = jnp.eye(3)
     return {
         "path": path,
+        "route": qt.Route(INSTANTS, *(np.arange(9.0).reshape(3, 3) / k for k in (3, 5, 7))),
         "fitted": qt.Fitted(path, compare(path, track), qt.ResultCode.held_by_bounds, 9, [5.0, 20.0]),
+        "fitted route": qt.FittedRoute(
+            qt.Route([0.0, 4 / 3], *np.zeros((3, 2, 3))),
+            compare(path, track),
+            1 / 3,
+            outliers=[2, 3],
+            stops=[[0.0, 1 / 3]],
+        ),
         "certificate": certificate,
+        "route certificate": qt.RouteCertificate(
+            certificate,
+            qt.Certificate(certificate.names, *np.arange(12.0).reshape(3, 2, 2) % 5, [0.5, 0.7]),
+            [0.0, 1.5],
+        ),
         "state": qt.BoundaryState([10.0, 0, 1 / 7], [1.0, 4.0, 1 / 3], [0.0, -1.6, 1 / 7]),
         "tuned": qt.Tuned(path, *ends, 1 / 3, certificate, 0, 7, "try less"),
         "table": qt.Table(jnp.asarray(INSTANTS), quaternion=jnp.asarray(quaternion), speed=jnp.asarray(INSTANTS)),
@@ -141,7 +154,8 @@ def test_every_dataset_has_meanings_and_provenance(results):
         assert dataset.attrs["scenario_sha256"] == "bc9c"
         for key, variable in dataset.data_vars.items():
             assert variable.attrs["long_name"], (name, key)
-            worded = variable.dtype.kind in "UO" or key in ("objective", "bound", "worst_value", "peak", "margin")
+            numbers = ("objective", "bound", "worst_value", "segment_worst_value", "peak", "margin")
+            worded = variable.dtype.kind in "UO" or key in numbers
             assert worded or variable.attrs["units"], (name, key)
 
 
@@ -333,6 +347,9 @@ def test_functions_return_results():
         qt.LoopHistory,
         qt.LoopVerdict,
         qt.PathChange,
+        qt.Route,
+        qt.RouteCertificate,
+        qt.FittedRoute,
     }
     wanted |= {
         qt.Attitude,

@@ -20,8 +20,9 @@ from qtraj.foundation.types import ArrayInput
 from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing, require_initial
 from qtraj.path import frame_axes as axes
 from qtraj.path.channel import CHANNELS
+from qtraj.path.driving import usual_frame
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.trihedral import AbstractFrame, Natural
+from qtraj.path.trihedral import AbstractFrame
 
 DEFAULT_OUTPUTS = ("position", "velocity", "acceleration", "quaternion", "curvature", "torsion", "rate")
 
@@ -41,10 +42,10 @@ def evaluate(
 
     One path gives a `Table` of arrays (n, …), b paths (b, n, …); with `components="first"` the component axes come
     first. Each component is contiguous in memory, except for a rotation-minimizing frame. `outputs` are names of
-    `Table`: vectors, frames, and every path quantity. `frame` is the frame along the path: `Natural()` (the default),
-    `Upright()`, `ThrustAligned()`, or `RotationMinimizing()`. The labels of `to_xarray()` depend on it: tangent,
-    normal, binormal, or forward, left, up. The sign of a quaternion is arbitrary at each instant; with
-    `continuous=True` it is continuous in time.
+    `Table`: vectors, frames, and every path quantity. `frame` is the frame along the path: `Natural()` (the default,
+    but for a route `Upright()`, or `Driving` if it stops), `Upright()`, `ThrustAligned()`, or `RotationMinimizing()`.
+    The labels of `to_xarray()` depend on it: tangent, normal, binormal, or forward, left, up. The sign of a quaternion
+    is arbitrary at each instant; with `continuous=True` it is continuous in time.
 
     `reduce` "max", "min", "integral" (trapezoidal rule) or "mean" returns a `Reduced` over the instants instead, and
     stores no samples. `devices` are the devices to use, by default all local ones for large inputs. `reuse` is the
@@ -77,7 +78,7 @@ def evaluate(
         raise ValueError("times must have at least one instant")
     if isinstance(frame, RotationMinimizing):
         return _minimizing(task, paths, frame, instants, reuse, devices)
-    frame = Natural() if frame is None else frame
+    frame = usual_frame(paths) if frame is None else frame
     work = (paths, frame)
     traced = any(isinstance(x, Tracer) for x in (*jax.tree.leaves(work), instants))
     values = run(

@@ -11,8 +11,10 @@ __all__ = ["load"]
 
 HOMES = (
     "qtraj.design.fitting.fitted",
+    "qtraj.design.fitting.fitted_route",
     "qtraj.design.limits",
     "qtraj.design.proof.certificate",
+    "qtraj.design.proof.route_certificate",
     "qtraj.design.tuning.outcome",
     "qtraj.motion.attitude_residual",
     "qtraj.motion.control.baselines",
@@ -31,8 +33,10 @@ HOMES = (
     "qtraj.motion.simulation.sensor",
     "qtraj.motion.simulation.solution",
     "qtraj.path.boundary",
+    "qtraj.path.driving",
     "qtraj.path.placement",
     "qtraj.path.residual",
+    "qtraj.path.route",
     "qtraj.path.spiral_helix",
     "qtraj.path.thrust_aligned",
     "qtraj.path.track",

@@ -40,6 +40,13 @@ class AbstractHodograph(eqx.Module):
         """
         return None
 
+    def nodes(self) -> Float[Array, " nodes"] | None:
+        """Increasing times from 0 [s] between which the path is smooth, or None for a path that is smooth everywhere.
+
+        The last ones may all equal the duration.
+        """
+        return None
+
     def position(self, t: ScalarLike) -> Vec3:
         """r(t), (3,) [m]."""
         return self.derivatives(t, 0)[0]

@@ -26,6 +26,7 @@ from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate, upright_rates
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.regularity import has_natural_frame, has_tangent, has_upright_frame
+from qtraj.path.route import Route
 
 STEEP = 0.75
 """If the squared vertical component of a unit tangent is larger, fallback axes refer to world x instead of world z."""
@@ -101,11 +102,12 @@ class AbstractFrame(eqx.Module):
 
 
 def trihedral(path: "AbstractHodograph", t: ScalarLike, frame: "AbstractFrame | None" = None) -> "Trihedral":
-    """The trihedral of `path` at one instant `t` [s]: the natural one, or that of another `frame`.
+    """The trihedral of `path` at one instant `t` [s]: natural, for a route upright, or of another `frame`.
 
     **Raises:** ValueError for an array of instants, or an invalid `frame`.
     """
-    frame = Natural() if frame is None else frame
+    if frame is None:
+        frame = Upright() if isinstance(path, Route) else Natural()
     if not isinstance(frame, AbstractFrame):
         raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
     t = one_instant(t)

@@ -17,6 +17,7 @@ from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import batch_prefix, counts_text
 from qtraj.foundation.types import ArrayInput
 from qtraj.foundation.units import with_unit
+from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
 
 STATUSES = ("proved", "sampled", "broken", "undecided", "undefined")
@@ -207,6 +208,15 @@ class Certificate(AbstractOutcome):
             texts = ", ".join(f"{count} {text}" for count, text in zip(counts, STATUSES, strict=True) if count)
             return f"findings on {', '.join(self.names)} of {self.codes[..., 0].size} paths: {texts}"
         return "\n".join(f"{name} {self.describe(name)}: {status}" for name, status in self.status.items())
+
+
+def require_float64(path: AbstractHodograph) -> None:
+    """Raise a ValueError for a path in lower precision than float64."""
+    if path.duration.dtype != jnp.float64:
+        raise ValueError(
+            f"certificates need float64, but this path is in {path.duration.dtype}. Call "
+            "jax.config.update('jax_enable_x64', True) before building it."
+        )
 
 
 def _concrete(x: Array) -> np.ndarray:

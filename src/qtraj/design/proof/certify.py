@@ -4,7 +4,7 @@ from __future__ import annotations  # so that `help` shows short names
 
 import math
 from functools import partial
-from typing import Any
+from typing import Any, overload
 
 import equinox as eqx
 import jax
@@ -15,16 +15,19 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra.quaternion import conjugate, rotate
 from qtraj.design.limits import Limits
-from qtraj.design.proof.certificate import Certificate
+from qtraj.design.proof.certificate import Certificate, require_float64
 from qtraj.design.proof.corridor import add_corridor
 from qtraj.design.proof.inequalities import PathDerivatives, Vectors, path_derivatives
 from qtraj.design.proof.judge import LIMIT_COUNT, LIMITS, Evaluate, Findings, Scale, indices, judge
+from qtraj.design.proof.route import certify_route
+from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.foundation import cores
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials
+from qtraj.path.route import Route
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.values import to_turned_basis, value
 
@@ -42,6 +45,16 @@ class PolynomialPaths(eqx.Module):
     orientation: Float[Array | np.ndarray, "*paths 4"]
 
 
+@overload
+def certify(  # pyright: ignore[reportOverlappingOverload]
+    path: Route,
+    limits: Limits,
+    *,
+    corridor: ArrayInput | None = None,
+    reference: SpiralHelix | None = None,
+    throw: bool = False,
+) -> RouteCertificate: ...
+@overload
 def certify(
     path: AbstractHodograph,
     limits: Limits,
@@ -49,7 +62,15 @@ def certify(
     corridor: ArrayInput | None = None,
     reference: SpiralHelix | None = None,
     throw: bool = False,
-) -> Certificate:
+) -> Certificate: ...
+def certify(
+    path: AbstractHodograph,
+    limits: Limits,
+    *,
+    corridor: ArrayInput | None = None,
+    reference: SpiralHelix | None = None,
+    throw: bool = False,
+) -> Certificate | RouteCertificate:
     """Check `limits` on the whole of `path`.
 
     For a polynomial path every limit is a polynomial inequality in t (paper S; see `inequalities`). Its sign is proved
@@ -67,6 +88,11 @@ def certify(
     differentiable in the path (envelope theorem). They are the largest values found: if a limit has a wide margin, the
     search may miss a narrow peak below the limit, but the proof does not.
 
+    For a route every segment is checked separately. The `RouteCertificate` gives the status on the whole route and on
+    each segment, and the intervals where a limit is broken. At a joint the values on both sides count. At a joint where
+    the velocity is zero, up to rounding, rates of frames and accelerations along and across the path are computed from
+    the direction of the velocity, which has a limit there. A segment without motion satisfies every limit.
+
     `corridor` [m] bounds the distance of a spiral-helix from `reference`, another one about the same axis, at equal
     fractions of their durations, measured along the arc. It is one more limit, the last of the certificate.
 
@@ -76,6 +102,12 @@ def certify(
     """
     if corridor is None and reference is not None:
         raise ValueError("a reference was given without a corridor: pass corridor=, the largest distance, as well")
+    require_float64(path)
+    if isinstance(path, Route):
+        if corridor is not None:
+            raise ValueError("a corridor limits the distance of a SpiralHelix, but a Route was given: omit it")
+        route_certificate = certify_route(path, limits)
+        return route_certificate.check() if throw else route_certificate
     certificate = _certify(path, limits)
     if corridor is not None:
         certificate = add_corridor(certificate, path, reference, as_float(corridor))
@@ -83,7 +115,6 @@ def certify(
 
 
 def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
-    require_float64(path)
     names, batch = tuple(limits.given()), path.duration.shape
     dtype = path.duration.dtype
     if not names:
@@ -114,15 +145,6 @@ def _judge_batch(source: Any, limits: Any, index: Any, count: Any, batch: tuple[
         return empty.astype(np.int32), empty, empty
     flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[len(batch) :]), (source, limits))
     return jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), function(*flat, index, count))
-
-
-def require_float64(path: AbstractHodograph) -> None:
-    """Raise a ValueError for a path in lower precision than float64."""
-    if path.duration.dtype != jnp.float64:
-        raise ValueError(
-            f"certificates need float64, but this path is in {path.duration.dtype}. Call "
-            "jax.config.update('jax_enable_x64', True) before building it."
-        )
 
 
 def _source(path: AbstractHodograph, axes: int) -> Any:

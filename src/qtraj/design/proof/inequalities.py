@@ -60,8 +60,11 @@ class PathDerivatives(eqx.Module):
     unit: PerPath
 
 
-def path_derivatives(path: MovingPolynomials, duration: PerPath) -> PathDerivatives:
-    """The derivatives up to `ORDER` of a batch of paths, which is the last axis of all coefficients."""
+def path_derivatives(path: MovingPolynomials, duration: PerPath, roundings: int = 0) -> PathDerivatives:
+    """The derivatives up to `ORDER` of a batch of paths, which is the last axis of all coefficients.
+
+    `roundings` is the number of relative roundings that each coefficient has already.
+    """
     unit = 0.5 * duration
     # The initial height and azimuth do not matter. Without them the other coefficients keep their full precision.
     y = jnp.zeros_like(path.x[:1]) if path.y is None else path.y
@@ -78,7 +81,7 @@ def path_derivatives(path: MovingPolynomials, duration: PerPath) -> PathDerivati
     derivatives: list[CellPolynomial] = []
     for order, coefficients_and_bounds in enumerate(_derivatives(x, y, z, angle, signs), start=1):
         a, bound = jnp.split(coefficients_and_bounds, 2, axis=-1)
-        count = _n_roundings(max(degrees[:3]), degrees[3], order)
+        count = _n_roundings(max(degrees[:3]), degrees[3], order) + roundings
         size = jnp.max(jnp.sum(bound, axis=AXIS), axis=0)
         error = add_rounding(jnp.full_like(size, UNDERFLOW), count, size)
         derivatives.append(cell_polynomial(a, jnp.where(is_normal, error, jnp.inf)))
