@@ -42,6 +42,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to 
         LogarithmicFeedback as LogarithmicFeedback,
         QuaternionFeedback as QuaternionFeedback,
     )
+    from qtraj.motion.control.hysteresis import HystereticLaw as HystereticLaw
     from qtraj.motion.control.laws import AccelerationLaw as AccelerationLaw, RateLaw as RateLaw
     from qtraj.motion.control.response import error_response as error_response
     from qtraj.motion.profiles.s_curve import SCurve as SCurve
@@ -112,6 +113,7 @@ _HOMES = {
     "qtraj.motion.attitude": ("AbstractProgram", "Attitude"),
     "qtraj.motion.attitude_residual": ("AttitudeResidual", "compare_attitude"),
     "qtraj.motion.control.baselines": ("GeometricFeedback", "LogarithmicFeedback", "QuaternionFeedback"),
+    "qtraj.motion.control.hysteresis": ("HystereticLaw",),
     "qtraj.motion.control.laws": ("AccelerationLaw", "RateLaw"),
     "qtraj.motion.control.response": ("error_response",),
     "qtraj.motion.profiles.s_curve": ("SCurve",),

@@ -17,6 +17,7 @@ HOMES = (
     "qtraj.motion.attitude_residual",
     "qtraj.motion.control.baselines",
     "qtraj.motion.control.closed_form",
+    "qtraj.motion.control.hysteresis",
     "qtraj.motion.control.laws",
     "qtraj.motion.profiles.profile",
     "qtraj.motion.profiles.s_curve",

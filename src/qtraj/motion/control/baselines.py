@@ -30,8 +30,8 @@ class QuaternionFeedback(AbstractLaw):
         self.k1, self.k2 = gain(k1, "k1", 3), gain(k2, "k2", 3)
 
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
-        mu = unit(error_quaternion(reference, quaternion))
-        return _feedback(self, reference, mu, rate, 2 * jnp.where(mu[0] < 0, -mu[1:], mu[1:]))
+        mu = error_quaternion(reference, quaternion)
+        return signed_quaternion_feedback(self, reference, jnp.where(mu[0] < 0, -quaternion, quaternion), rate)
 
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
         return error_quaternion(reference, quaternion)
@@ -75,6 +75,12 @@ class LogarithmicFeedback(AbstractLaw):
 
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
         return error_quaternion(reference, quaternion)
+
+
+def signed_quaternion_feedback(law: QuaternionFeedback, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
+    """The command of `law` with e = 2μ_v/|μ|, for the sign of λ that is given."""
+    mu = unit(error_quaternion(reference, quaternion))
+    return _feedback(law, reference, mu, rate, 2 * mu[1:])
 
 
 def _feedback(

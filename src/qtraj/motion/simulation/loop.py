@@ -14,6 +14,7 @@ from qtraj.foundation.arrays import concrete
 from qtraj.foundation.types import Quat, Scalar
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.control.errors import pure
+from qtraj.motion.control.hysteresis import HystereticLaw, first_sign, renewed, signed
 from qtraj.motion.control.laws import AbstractLaw, RateLaw
 from qtraj.motion.simulation import ode
 from qtraj.motion.simulation.actuator import Actuator
@@ -53,6 +54,11 @@ class Loop(eqx.Module):
             raise ValueError("a strapdown computer needs a rate that does not jump: take an AccelerationLaw")
 
     @property
+    def holds(self) -> bool:
+        """Whether sensor or actuator sample, so that the command is held between renewals."""
+        return any(part is not None and part.sampling is not None for part in (self.sensor, self.actuator))
+
+    @property
     def commands_rate(self) -> bool:
         """Whether the law commands the rate and not the acceleration."""
         return isinstance(self.law, RateLaw)
@@ -88,8 +94,11 @@ class Plant(eqx.Module):
             return state * self.scale.quaternion, command
         return self.scale.unpack(state)
 
-    def states(self, states: Float[Array, "n d"], commands: Float[Array, "n 4"]) -> States:
-        return States(*jax.vmap(self.unpack)(states, commands), commands)
+    def states(
+        self, states: Float[Array, "n d"], commands: Float[Array, "n 4"], signs: Float[Array, " n"] | None
+    ) -> States:
+        quaternions, rates = jax.vmap(self.unpack)(states, commands)
+        return States(quaternions if signs is None else signs[:, None] * quaternions, rates, commands)
 
     def slope(self, t: Scalar, state: State, command: Quat) -> State:
         """d/dt of the state vector [1/s]."""
@@ -103,29 +112,41 @@ class Plant(eqx.Module):
 
 
 def run(loop: Loop, task: Task, renewals: Float[Array, " m"] | None) -> tuple[States, Int[Array, ""]]:
-    """The motion at the task's times and the outcome: with `renewals` [s] the command is held between them, without it
-    is continuous."""
+    """The motion at the task's times and the outcome.
+
+    With `renewals` [s] the command is held between them where sensor or actuator sample, and continuous where only a
+    law looks at its sign; without them it is continuous.
+    """
     plant = Plant(loop, Scale(task))
-    return _continuous(plant, task) if renewals is None else _sampled(plant, task, renewals)
+    if renewals is None or not loop.holds:
+        return _continuous(plant, task, renewals)
+    return _sampled(plant, task, renewals)
 
 
-def _continuous(plant: Plant, task: Task) -> tuple[States, Int[Array, ""]]:
+def _continuous(plant: Plant, task: Task, looks: Float[Array, " m"] | None) -> tuple[States, Int[Array, ""]]:
     loop = plant.loop
 
-    def command(t: Scalar, state: State) -> Quat:
-        known = plant.unpack(state, task.rate)  # a rate law looks at no rate
-        if loop.sensor is not None:
-            memory = loop.sensor.start(*known)
-            *known, _ = loop.sensor.measure(jnp.asarray(0), jnp.zeros_like(t), *known, memory)
-        return loop.command(t, *known)
+    def known(t: Scalar, state: State) -> tuple[Quat, Quat]:
+        seen = plant.unpack(state, task.rate)  # a rate law looks at no rate
+        if loop.sensor is None:
+            return seen
+        return loop.sensor.measure(jnp.asarray(0), jnp.zeros_like(t), *seen, loop.sensor.start(*seen))[:2]
 
-    def field(t: Scalar, state: State, memory: None) -> State:
-        return plant.slope(t, state, command(t, state))
+    def command(t: Scalar, state: State, sign: Scalar | None) -> Quat:
+        quaternion, rate = known(t, state)
+        return loop.command(t, signed(sign, quaternion), rate)
 
-    grid, outputs = task.grid()
-    start = plant.pack(task.quaternion, task.rate)
-    states, _, code = ode.march(field, ode.keep, start, None, grid, task.tolerances, task.method)
-    return plant.states(states[outputs], jax.vmap(command)(task.times, states[outputs])), code
+    def field(t: Scalar, state: State, sign: Scalar | None) -> State:
+        return plant.slope(t, state, command(t, state, sign))
+
+    def look(k: Int[Array, ""], t: Scalar, state: State, sign: Scalar | None) -> Scalar | None:
+        return renewed(loop.law, sign, loop.reference(t, state.dtype), known(t, state)[0])
+
+    grid, outputs = task.grid(looks)
+    start, sign = plant.pack(task.quaternion, task.rate), first_sign(loop.law, task.quaternion)
+    states, signs, code = ode.march(field, look, start, sign, grid, task.tolerances, task.method)
+    states, signs = states[outputs], jax.tree.map(lambda x: x[outputs], signs)
+    return plant.states(states, jax.vmap(command)(task.times, states, signs), signs), code
 
 
 def _sampled(plant: Plant, task: Task, renewals: Float[Array, " m"]) -> tuple[States, Int[Array, ""]]:
@@ -135,37 +156,49 @@ def _sampled(plant: Plant, task: Task, renewals: Float[Array, " m"]) -> tuple[St
         return plant.slope(t, state, memory[0])
 
     def renew(k: Int[Array, ""], t: Scalar, state: State, memory: Memory) -> Memory:
-        held, count, before, sensed = memory
-        known = plant.unpack(state, held)
+        held, count, before, sensed, sign = memory
+        quaternion, rate = plant.unpack(state, held)
         if loop.sensor is not None:
-            *known, sensed = loop.sensor.measure(count, t - before, *known, sensed)
-        return loop.command(t, *known).astype(held.dtype), count + 1, t, sensed
+            quaternion, rate, sensed = loop.sensor.measure(count, t - before, quaternion, rate, sensed)
+        sign = renewed(loop.law, sign, loop.reference(t, quaternion.dtype), quaternion)
+        return loop.command(t, signed(sign, quaternion), rate).astype(held.dtype), count + 1, t, sensed, sign
 
     sensed = None if loop.sensor is None else loop.sensor.start(task.quaternion, task.rate)
-    memory = (jnp.zeros_like(task.rate), jnp.asarray(0), task.times[0], sensed)
+    sign = first_sign(loop.law, task.quaternion)
+    memory = (jnp.zeros_like(task.rate), jnp.asarray(0), task.times[0], sensed, sign)
     grid, outputs = task.grid(renewals)
     start = plant.pack(task.quaternion, task.rate)
     states, memories, code = ode.march(field, renew, start, memory, grid, task.tolerances, task.method)
-    states, commands = states[outputs], memories[0][outputs]
-    return plant.states(states, jnp.where(jnp.isfinite(states[:, :1]), commands, jnp.nan)), code
+    states = states[outputs]
+    commands, signs = (jax.tree.map(lambda x: x[outputs], memories[k]) for k in (0, 4))
+    return plant.states(states, jnp.where(jnp.isfinite(states[:, :1]), commands, jnp.nan), signs), code
 
 
 def renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:
-    """The instants of new commands [s], from those of sensor and actuator; None for a continuous loop.
+    """The instants of new commands or looks at the sign [s], from those of the parts; None for a continuous loop.
 
-    **Raises:** ValueError where the two differ, where a period is traced or gives more than `MOST_RENEWALS` instants,
-    or where the first instant comes late.
+    **Raises:** ValueError where they differ, where a hysteretic law has none, where a period is traced or gives more
+    than `MOST_RENEWALS` instants, or where the first instant comes late.
     """
     with jax.ensure_compile_time_eval():  # what is known outside a trace stays known inside
         return _renewal_instants(loop, times)
 
 
 def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:
-    given = [part.sampling for part in (loop.sensor, loop.actuator) if part is not None and part.sampling is not None]
+    look = loop.law.sampling if isinstance(loop.law, HystereticLaw) else None
+    parts = [None if part is None else part.sampling for part in (loop.sensor, loop.actuator)]
+    given = [sampling for sampling in (*parts, look) if sampling is not None]
     if not given:
+        if isinstance(loop.law, HystereticLaw):
+            raise ValueError(
+                "nothing says when the hysteretic law looks at its sign: give it, the sensor or the actuator a "
+                "sampling period [s]"
+            )
         return None
-    if len(given) == 2 and not _same(given[0], given[1]):
-        raise ValueError("sensor and actuator sample differently: give both the same period or instants, or one none")
+    if not all(_same(given[0], other) for other in given[1:]):
+        raise ValueError(
+            "sensor, actuator and hysteretic law sample differently: give all the same period or instants, or none"
+        )
     sampling = given[0].astype(times.dtype)
     if sampling.ndim:
         _require_early(sampling, times)

@@ -13,9 +13,11 @@ from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.control.errors import error_angle
+from qtraj.motion.control.hysteresis import inner
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
 from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.disturbance import AbstractDisturbance, DisturbanceAcceleration
+from qtraj.motion.simulation.initial_sign import NEARER, require_sign, start_quaternion
 from qtraj.motion.simulation.loop import Loop, renewal_instants, run
 from qtraj.motion.simulation.ode import MAX_STEPS, Method
 from qtraj.motion.simulation.sensor import AbstractSensor
@@ -40,6 +42,7 @@ def simulate(
     rtol: ArrayInput = 1e-10,
     atol: ArrayInput = 1e-12,
     *,
+    sign: str = NEARER,
     jumps: ArrayInput | None = None,
     adjoint: Any = None,
     max_steps: int = MAX_STEPS,
@@ -48,6 +51,9 @@ def simulate(
     """The motion of a body that `law` makes follow `program`, from `quaternion` (4,) and body `rate` (4,) [rad/s].
 
     `times` (n,) [s]: instants of the program's own time, increasing; the first is that of the initial state.
+    `sign`: λ and −λ are one attitude, and "nearer" starts with the one nearer to the program. With the other the body
+    takes the long way round. "as given" keeps the sign of `quaternion`: after `control.place` or `control.choose_sign`,
+    which look at the rate too, or to study that way. Later changes of sign need a `HystereticLaw`.
     `disturbance`: a `DisturbanceTorque`, a `DisturbanceAcceleration`, or a function t → (3,) [rad/s²] in body axes.
     `sensor`: `Sensor` or `Gyros`; None knows all. `actuator`: limits and hold. If sensor or actuator samples, the
     command is renewed at its instants only, one solve from each to the next. `jumps` are instants where program or
@@ -58,19 +64,21 @@ def simulate(
     Every `command` is the one the actuator gives, without the disturbance, and at a renewal the new one. The body is
     assumed to supply the commanded acceleration: `dynamics.torque` tells the torque for that.
 
-    **Raises:** ValueError as `integrate`; for parts that are none, or a disturbance that is no function of the time
-    alone; for a disturbance or a strapdown computer with a
-    rate law; where sensor and actuator sample differently; for a period that is traced or much too short. RuntimeError
-    with `throw`.
+    **Raises:** ValueError as `integrate`; for another `sign`; for parts that are none, or a disturbance that is no
+    function of the time alone; for a disturbance or a strapdown computer with a rate law; where sensor and actuator
+    sample differently; for a period that is traced or much too short. RuntimeError with `throw`.
     """
+    require_sign(sign)
     task = checked(quaternion, rate, times, jumps, rtol, atol, Method(solver, adjoint, max_steps))
     loop = Loop(program, law, _disturbance(disturbance), sensor, Actuator() if actuator is None else actuator)
-    solution = _simulate(loop, task, renewal_instants(loop, task.times))
+    solution = _simulate(loop, task, renewal_instants(loop, task.times), sign)
     return solution.check() if throw else solution
 
 
 @eqx.filter_jit
-def _simulate(loop: Loop, task: Task, renewals: Float[Array, " m"] | None) -> Solution:
+def _simulate(loop: Loop, task: Task, renewals: Float[Array, " m"] | None, sign: str) -> Solution:
+    first = loop.reference(task.times[0], task.times.dtype)
+    task = eqx.tree_at(lambda x: x.quaternion, task, start_quaternion(sign, first, task.quaternion))
     states, code = run(loop, task, renewals)
     references = jax.vmap(lambda t: loop.reference(t, t.dtype))(task.times)
     errors = jax.vmap(loop.law.deviation)(references, states.quaternion)
@@ -84,7 +92,7 @@ def _judged(
     law: AbstractLaw, code: Int[Array, ""], references: Attitude, quaternions: Float[Array, "n 4"]
 ) -> Int[Array, ""]:
     """The outcome, refined for laws that have a pole at μ = 0."""
-    if not isinstance(law, AccelerationLaw | RateLaw):
+    if not isinstance(inner(law), AccelerationLaw | RateLaw):
         return code
     lengths = jnp.sqrt(jax.vmap(norm_squared)(quaternions))
     least = jnp.nanmin(lengths)
