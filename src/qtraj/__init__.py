@@ -72,6 +72,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to 
         Sinusoid as Sinusoid,
     )
     from qtraj.motion.simulation.kinematics import integrate as integrate
+    from qtraj.motion.simulation.open_loop import open_loop as open_loop
     from qtraj.motion.simulation.sensor import Gyros as Gyros, Sensor as Sensor
     from qtraj.motion.simulation.simulate import simulate as simulate
     from qtraj.motion.simulation.solution import Solution as Solution
@@ -131,6 +132,7 @@ _HOMES = {
     "qtraj.motion.simulation.actuator": ("Actuator",),
     "qtraj.motion.simulation.disturbance": ("DisturbanceAcceleration", "DisturbanceTorque", "Sinusoid"),
     "qtraj.motion.simulation.kinematics": ("integrate",),
+    "qtraj.motion.simulation.open_loop": ("open_loop",),
     "qtraj.motion.simulation.sensor": ("Gyros", "Sensor"),
     "qtraj.motion.simulation.simulate": ("simulate",),
     "qtraj.motion.simulation.solution": ("Solution",),

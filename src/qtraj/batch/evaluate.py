@@ -16,9 +16,10 @@ from qtraj.batch.task import Task
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing, require_initial
-from qtraj.path import frame_axes as axes
 from qtraj.path.channel import CHANNELS
+from qtraj.path.frame_axes import MINIMIZING
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.rate_axes import BODY, require_axes
 from qtraj.path.trihedral import AbstractFrame, Natural
 
 DEFAULT_OUTPUTS = ("position", "velocity", "acceleration", "quaternion", "curvature", "torsion", "rate")
@@ -34,6 +35,7 @@ def evaluate(
     reduce: str | None = None,
     devices: Sequence[Any] | None = None,
     reuse: Table | None = None,
+    axes: str = BODY,
 ) -> Any:
     """Evaluate one path, or a stack of paths as `jax.vmap` makes it, at `times` [s], shared (n,) or per path (b, n).
 
@@ -44,6 +46,8 @@ def evaluate(
     normal, binormal, or forward, left, up. A quaternion's sign is free at each instant; `continuous=True` chooses it so
     that neighbours in time agree.
 
+    `axes` are those of `rate` and `angular_acceleration`: "body", the frame's own, or "inertial", the world's.
+
     `reduce` "max", "min", "integral" (trapezoidal rule) or "mean" gives a `Reduced` over the instants instead, and no
     sample is stored. `devices` to spread the work over are all local ones, if there is enough to do. `reuse` is the
     table of an earlier call of the same form: its arrays are written over and must not be used again, which spares
@@ -52,16 +56,18 @@ def evaluate(
     Paths that have `polynomials`, with a natural or upright frame, are fastest. The call may be traced, and
     differentiated in both modes.
 
-    **Raises:** ValueError for something else than a path, unknown outputs, components, reductions, times that are
+    **Raises:** ValueError for something else than a path, unknown outputs, components, axes, reductions, times that are
     neither (n,) nor (b, n), a table to reuse that is not of this form, or a rotation-minimizing frame with `reduce`
     or `reuse`.
     """
+    require_axes(axes)
     task = Task(
         names=_names(outputs),
         components=_one_of(components, ("last", "first"), "components"),
         batched=_batched(paths),
         continuous=continuous,
         reduce=None if reduce is None else _one_of(reduce, REDUCTIONS, "reduce"),
+        axes=axes,
     )
     if frame is not None and not isinstance(frame, AbstractFrame | RotationMinimizing):
         raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
@@ -81,9 +87,10 @@ def evaluate(
     values = run(
         task, work, instants, None if traced else devices, traced, _old(reuse, task, (*rows, instants.shape[-1]))
     )
+    form: Any = {"batched": task.batched, "components": components, "frame": frame.name, "axes": axes}
     if task.reduce is not None:
-        return Reduced(*values, reduction=task.reduce, batched=task.batched, components=components, frame=frame.name)
-    return Table(time=instants, **values, batched=task.batched, components=components, frame=frame.name)
+        return Reduced(*values, reduction=task.reduce, **form)
+    return Table(time=instants, **values, **form)
 
 
 def _minimizing(
@@ -106,7 +113,8 @@ def _minimizing(
     plain = evaluate(paths, instants, names, components=task.components, devices=devices).values if names else {}
     values = plain | hung(task, paths, frame, instants)
     ordered = {name: values[name] for name in task.names}
-    return Table(time=instants, **ordered, batched=task.batched, components=task.components, frame=axes.MINIMIZING)
+    form: Any = {"batched": task.batched, "components": task.components, "frame": MINIMIZING, "axes": task.axes}
+    return Table(time=instants, **ordered, **form)
 
 
 def _names(outputs: Sequence[str]) -> tuple[str, ...]:
@@ -140,8 +148,12 @@ def _old(reuse: Table | None, task: Task, lead: tuple[int, ...]) -> dict[str, An
     if reuse is None:
         return None
     arrays: dict[str, Any] = {name: getattr(reuse, name, None) for name in task.names}
-    form = (reuse.batched, reuse.components) if isinstance(reuse, Table) else None
-    if form != (task.batched, task.components) or any(x is None for x in arrays.values()) or task.reduce is not None:
+    form = (reuse.batched, reuse.components, reuse.axes) if isinstance(reuse, Table) else None
+    if (
+        form != (task.batched, task.components, task.axes)
+        or any(x is None for x in arrays.values())
+        or task.reduce is not None
+    ):
         raise ValueError("reuse must be the table of an earlier call with the same outputs, components and paths")
     shape = np.shape(next(iter(arrays.values())))
     known = shape[: len(lead)] if task.components == "last" else shape[-len(lead) :]

@@ -25,6 +25,7 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials, moving_components
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import PathQuantity
+from qtraj.path.rate_axes import BODY
 from qtraj.path.regularity import bends, leaves_vertical, moves
 from qtraj.path.trihedral import STEEP, AbstractFrame, Natural, Upright
 
@@ -53,8 +54,8 @@ class Instants:
     Vectors are triples of arrays. Each is formed when it is first asked for.
     """
 
-    def __init__(self, paths: AbstractHodograph, t: Times, frame: AbstractFrame):
-        self.frame, self.t = frame, t
+    def __init__(self, paths: AbstractHodograph, t: Times, frame: AbstractFrame, axes: str = BODY):
+        self.frame, self.t, self.axes = frame, t, axes
         known = eqx.filter_vmap(lambda path: path.polynomials())(paths)
         if known is None:
             self.basis, rows = Basis(), _world_rows(paths, t)
@@ -113,11 +114,18 @@ class Instants:
 
     @property
     def rate(self) -> Triple:
-        return self._hung.rate
+        return self._seen(self._hung.rate)
 
     @property
     def acceleration(self) -> Triple:
-        return self._hung.acceleration
+        return self._seen(self._hung.acceleration)
+
+    def _seen(self, v: Triple) -> Triple:
+        """A vector of the frame in the axes that are asked for."""
+        if self.axes == BODY:
+            return v
+        a, b, c = (scaled(axis, part) for axis, part in zip(self._hung.axes, v, strict=True))
+        return self.basis.world((total([a[0], b[0], c[0]]), total([a[1], b[1], c[1]]), total([a[2], b[2], c[2]])))
 
     @property
     def defined(self) -> Array:

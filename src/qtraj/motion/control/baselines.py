@@ -11,7 +11,7 @@ from qtraj.algebra.quaternion import conjugate, rotate, unit
 from qtraj.algebra.rotation import to_rotation_vector
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Quat, Vec3
-from qtraj.motion.attitude import Attitude
+from qtraj.motion.attitude import Attitude, require_body_axes
 from qtraj.motion.control.errors import error_quaternion, pure
 from qtraj.motion.control.laws import AbstractLaw, Gain, apply, gain
 
@@ -91,6 +91,7 @@ def _feedback(
     attitude_error: Vec3,
 ) -> Quat:
     """(0, μ⁻¹ε⁰μ + w×Ω − K1Ω − K2e): the program's acceleration in body axes, and the feedback."""
+    require_body_axes(reference)
     back = conjugate(mu)
     w = rotate(back, reference.rate)
     excess = rate[1:] - w
