@@ -66,6 +66,8 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to 
     )
     from qtraj.motion.propagation.strapdown import propagate_samples as propagate_samples
     from qtraj.motion.simulation.actuator import Actuator as Actuator
+    from qtraj.motion.simulation.body import ReactionWheels as ReactionWheels, RigidBody as RigidBody
+    from qtraj.motion.simulation.body_motion import BodyMotion as BodyMotion
     from qtraj.motion.simulation.disturbance import (
         DisturbanceAcceleration as DisturbanceAcceleration,
         DisturbanceTorque as DisturbanceTorque,
@@ -130,6 +132,8 @@ _HOMES = {
     "qtraj.motion.propagation.propagate": ("Propagation", "propagate", "propagate_with_estimate"),
     "qtraj.motion.propagation.strapdown": ("propagate_samples",),
     "qtraj.motion.simulation.actuator": ("Actuator",),
+    "qtraj.motion.simulation.body": ("ReactionWheels", "RigidBody"),
+    "qtraj.motion.simulation.body_motion": ("BodyMotion",),
     "qtraj.motion.simulation.disturbance": ("DisturbanceAcceleration", "DisturbanceTorque", "Sinusoid"),
     "qtraj.motion.simulation.kinematics": ("integrate",),
     "qtraj.motion.simulation.open_loop": ("open_loop",),

@@ -28,6 +28,8 @@ HOMES = (
     "qtraj.motion.programs.rotation_minimizing",
     "qtraj.motion.programs.table_program",
     "qtraj.motion.simulation.actuator",
+    "qtraj.motion.simulation.body",
+    "qtraj.motion.simulation.body_motion",
     "qtraj.motion.simulation.disturbance",
     "qtraj.motion.simulation.sensor",
     "qtraj.motion.simulation.solution",

@@ -64,10 +64,10 @@ class DisturbanceAcceleration(AbstractDisturbance):
     course: Course
 
     def __init__(self, course: Callable[[Scalar], Vec3] | ArrayInput):
-        self.course = _course(course, "the disturbance acceleration")
+        self.course = course_of(course, "the disturbance acceleration")
 
     def acceleration(self, t: Scalar) -> Vec3:
-        return _at(self.course, t)
+        return at_instant(self.course, t)
 
 
 @storable
@@ -85,15 +85,16 @@ class DisturbanceTorque(AbstractDisturbance):
     inertia: Float[Array, "3 3"]
 
     def __init__(self, course: Callable[[Scalar], Vec3] | ArrayInput, inertia: ArrayInput):
-        self.course = _course(course, "the disturbance torque")
+        self.course = course_of(course, "the disturbance torque")
         self.inertia = inertia_matrix(inertia)
 
     def acceleration(self, t: Scalar) -> Vec3:
-        torque = _at(self.course, t)
+        torque = at_instant(self.course, t)
         return jnp.linalg.solve(self.inertia.astype(torque.dtype), torque)
 
 
-def _course(course: Callable[[Scalar], Vec3] | ArrayInput, name: str) -> Any:
+def course_of(course: Callable[[Scalar], Vec3] | ArrayInput, name: str) -> Any:
+    """A function of time as a tree, or a constant vector (3,); ValueError for what is neither."""
     if not callable(course):
         return real_vector(course, name, 3)
     _require_function_of_time(course, name)
@@ -114,7 +115,8 @@ def _require_function_of_time(course: Callable[..., Any], name: str) -> None:
         ) from error
 
 
-def _at(course: Course, t: Scalar) -> Vec3:
+def at_instant(course: Course, t: Scalar) -> Vec3:
+    """The vector (3,) at the time `t` [s]."""
     if not callable(course):
         return course
     vector = as_float(course(t))

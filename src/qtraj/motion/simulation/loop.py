@@ -1,4 +1,4 @@
-"""The closed loop as one differential equation, continuous or with commands renewed at given instants."""
+"""The parts that close a loop around a body, and the instants at which they renew the command."""
 
 from typing import Any
 
@@ -7,21 +7,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import DTypeLike
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from qtraj.algebra.quaternion import derivative
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.types import Quat, Scalar
 from qtraj.motion.attitude import AbstractProgram, Attitude
-from qtraj.motion.control.errors import pure
-from qtraj.motion.control.hysteresis import HystereticLaw, first_sign, renewed, signed
+from qtraj.motion.control.hysteresis import HystereticLaw
 from qtraj.motion.control.laws import AbstractLaw, RateLaw
-from qtraj.motion.simulation import ode
 from qtraj.motion.simulation.actuator import Actuator
+from qtraj.motion.simulation.body import RigidBody
 from qtraj.motion.simulation.disturbance import AbstractDisturbance
-from qtraj.motion.simulation.ode import Memory, State
 from qtraj.motion.simulation.sensor import AbstractSensor, Gyros
-from qtraj.motion.simulation.task import Scale, Task
 
 ROUNDING = 1e-9
 """A last renewal this part of a period before the end counts as one at the end, and so does what round-off moves."""
@@ -41,6 +37,7 @@ class Loop(eqx.Module):
     disturbance: AbstractDisturbance | None
     sensor: AbstractSensor | None
     actuator: Actuator
+    body: RigidBody | None = None
 
     def __check_init__(self):
         _require_kind(self.program, AbstractProgram, "program", "FrameProgram(path)")
@@ -48,6 +45,9 @@ class Loop(eqx.Module):
         _require_kind(self.disturbance, AbstractDisturbance | None, "disturbance", "DisturbanceTorque(torque, inertia)")
         _require_kind(self.sensor, AbstractSensor | None, "sensor", "Gyros(0.1)")
         _require_kind(self.actuator, Actuator, "actuator", "Actuator(1.0)")
+        _require_kind(self.body, RigidBody | None, "body", "RigidBody(inertia)")
+        if self.commands_rate and self.body is not None:
+            raise ValueError("a rate law moves no body with inertia: take an AccelerationLaw")
         if self.commands_rate and self.disturbance is not None:
             raise ValueError("a rate law leaves no room for a disturbing acceleration: take an AccelerationLaw")
         if self.commands_rate and isinstance(self.sensor, Gyros):
@@ -70,108 +70,6 @@ class Loop(eqx.Module):
     def command(self, t: Scalar, quaternion: Quat, rate: Quat) -> Quat:
         """The actuator's command for what the sensor shows."""
         return self.actuator(self.law(self.reference(t, quaternion.dtype), quaternion, rate))
-
-
-class States(eqx.Module):
-    """λ, ω and the command in force at the output instants."""
-
-    quaternion: Float[Array, "n 4"]
-    rate: Float[Array, "n 4"]
-    command: Float[Array, "n 4"]
-
-
-class Plant(eqx.Module):
-    """The body under a command: in R⁸ for accelerations, in R⁴ for rates."""
-
-    loop: Loop
-    scale: Scale
-
-    def pack(self, quaternion: Quat, rate: Quat) -> State:
-        return quaternion / self.scale.quaternion if self.loop.commands_rate else self.scale.pack(quaternion, rate)
-
-    def unpack(self, state: State, command: Quat) -> tuple[Quat, Quat]:
-        if self.loop.commands_rate:
-            return state * self.scale.quaternion, command
-        return self.scale.unpack(state)
-
-    def states(
-        self, states: Float[Array, "n d"], commands: Float[Array, "n 4"], signs: Float[Array, " n"] | None
-    ) -> States:
-        quaternions, rates = jax.vmap(self.unpack)(states, commands)
-        return States(quaternions if signs is None else signs[:, None] * quaternions, rates, commands)
-
-    def slope(self, t: Scalar, state: State, command: Quat) -> State:
-        """d/dt of the state vector [1/s]."""
-        command = command.astype(state.dtype)
-        if self.loop.commands_rate:
-            return derivative(state, command)
-        if self.loop.disturbance is not None:
-            command = command + pure(self.loop.disturbance.acceleration(t).astype(state.dtype))
-        quaternion, rate = self.scale.unpack(state)
-        return self.scale.pack(derivative(quaternion, rate), command)
-
-
-def run(loop: Loop, task: Task, renewals: Float[Array, " m"] | None) -> tuple[States, Int[Array, ""]]:
-    """The motion at the task's times and the outcome.
-
-    With `renewals` [s] the command is held between them where sensor or actuator sample, and continuous where only a
-    law looks at its sign; without them it is continuous.
-    """
-    plant = Plant(loop, Scale(task))
-    if renewals is None or not loop.holds:
-        return _continuous(plant, task, renewals)
-    return _sampled(plant, task, renewals)
-
-
-def _continuous(plant: Plant, task: Task, looks: Float[Array, " m"] | None) -> tuple[States, Int[Array, ""]]:
-    loop = plant.loop
-
-    def known(t: Scalar, state: State) -> tuple[Quat, Quat]:
-        seen = plant.unpack(state, task.rate)  # a rate law looks at no rate
-        if loop.sensor is None:
-            return seen
-        return loop.sensor.measure(jnp.asarray(0), jnp.zeros_like(t), *seen, loop.sensor.start(*seen))[:2]
-
-    def command(t: Scalar, state: State, sign: Scalar | None) -> Quat:
-        quaternion, rate = known(t, state)
-        return loop.command(t, signed(sign, quaternion), rate)
-
-    def field(t: Scalar, state: State, sign: Scalar | None) -> State:
-        return plant.slope(t, state, command(t, state, sign))
-
-    def look(k: Int[Array, ""], t: Scalar, state: State, sign: Scalar | None) -> Scalar | None:
-        return renewed(loop.law, sign, loop.reference(t, state.dtype), known(t, state)[0])
-
-    grid, outputs = task.grid(looks)
-    start, sign = plant.pack(task.quaternion, task.rate), first_sign(loop.law, task.quaternion)
-    states, signs, code = ode.march(field, look, start, sign, grid, task.tolerances, task.method)
-    states, signs = states[outputs], jax.tree.map(lambda x: x[outputs], signs)
-    return plant.states(states, jax.vmap(command)(task.times, states, signs), signs), code
-
-
-def _sampled(plant: Plant, task: Task, renewals: Float[Array, " m"]) -> tuple[States, Int[Array, ""]]:
-    loop = plant.loop
-
-    def field(t: Scalar, state: State, memory: Memory) -> State:
-        return plant.slope(t, state, memory[0])
-
-    def renew(k: Int[Array, ""], t: Scalar, state: State, memory: Memory) -> Memory:
-        held, count, before, sensed, sign = memory
-        quaternion, rate = plant.unpack(state, held)
-        if loop.sensor is not None:
-            quaternion, rate, sensed = loop.sensor.measure(count, t - before, quaternion, rate, sensed)
-        sign = renewed(loop.law, sign, loop.reference(t, quaternion.dtype), quaternion)
-        return loop.command(t, signed(sign, quaternion), rate).astype(held.dtype), count + 1, t, sensed, sign
-
-    sensed = None if loop.sensor is None else loop.sensor.start(task.quaternion, task.rate)
-    sign = first_sign(loop.law, task.quaternion)
-    memory = (jnp.zeros_like(task.rate), jnp.asarray(0), task.times[0], sensed, sign)
-    grid, outputs = task.grid(renewals)
-    start = plant.pack(task.quaternion, task.rate)
-    states, memories, code = ode.march(field, renew, start, memory, grid, task.tolerances, task.method)
-    states = states[outputs]
-    commands, signs = (jax.tree.map(lambda x: x[outputs], memories[k]) for k in (0, 4))
-    return plant.states(states, jnp.where(jnp.isfinite(states[:, :1]), commands, jnp.nan), signs), code
 
 
 def renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:

@@ -10,19 +10,23 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.quaternion import norm_squared
 from qtraj.foundation.outcome import ResultCode
-from qtraj.foundation.types import ArrayInput
+from qtraj.foundation.types import ArrayInput, Quat, Scalar
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.control.errors import error_angle
 from qtraj.motion.control.hysteresis import inner
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
 from qtraj.motion.simulation.actuator import Actuator
+from qtraj.motion.simulation.body import RigidBody
+from qtraj.motion.simulation.body_motion import BodyMotion, deviation_of, residual_of
+from qtraj.motion.simulation.closed_loop import run
 from qtraj.motion.simulation.disturbance import AbstractDisturbance, DisturbanceAcceleration
 from qtraj.motion.simulation.initial_sign import NEARER, require_sign, start_quaternion
-from qtraj.motion.simulation.loop import Loop, renewal_instants, run
+from qtraj.motion.simulation.loop import Loop, renewal_instants
 from qtraj.motion.simulation.ode import MAX_STEPS, Method
+from qtraj.motion.simulation.plant import Held, Plant, States
 from qtraj.motion.simulation.sensor import AbstractSensor
 from qtraj.motion.simulation.solution import Solution
-from qtraj.motion.simulation.task import Task, checked
+from qtraj.motion.simulation.task import Scale, Task, checked
 
 NEAR = 0.1
 """An error quaternion that at an instant is below this part of its first (and of 1) is worth a word: the gain grew by
@@ -43,6 +47,7 @@ def simulate(
     atol: ArrayInput = 1e-12,
     *,
     sign: str = NEARER,
+    body: RigidBody | None = None,
     jumps: ArrayInput | None = None,
     adjoint: Any = None,
     max_steps: int = MAX_STEPS,
@@ -61,8 +66,12 @@ def simulate(
     `throw` are those of `integrate`. Of a `RateLaw` the rate is the command: `rate` gives its dtype only, and there can
     be no disturbance.
 
-    Every `command` is the one the actuator gives, without the disturbance, and at a renewal the new one. The body is
-    assumed to supply the commanded acceleration: `dynamics.torque` tells the torque for that.
+    `body`: a `RigidBody`, turned by torques that are formed with the inertia the computer assumes, by wheels that may
+    saturate, under external torques. The law's error equation is then no longer exact, and the solution's `body` and
+    `result` say by how much. None for a body that gives the commanded acceleration exactly.
+
+    Every `command` is the one the actuator gives, without the disturbance, and at a renewal the new one. Without
+    a `body`, `dynamics.torque` tells the torque for it.
 
     **Raises:** ValueError as `integrate`; for another `sign`; for parts that are none, or a disturbance that is no
     function of the time alone; for a disturbance or a strapdown computer with a rate law; where sensor and actuator
@@ -70,7 +79,7 @@ def simulate(
     """
     require_sign(sign)
     task = checked(quaternion, rate, times, jumps, rtol, atol, Method(solver, adjoint, max_steps))
-    loop = Loop(program, law, _disturbance(disturbance), sensor, Actuator() if actuator is None else actuator)
+    loop = Loop(program, law, _disturbance(disturbance), sensor, Actuator() if actuator is None else actuator, body)
     solution = _simulate(loop, task, renewal_instants(loop, task.times), sign)
     return solution.check() if throw else solution
 
@@ -85,7 +94,34 @@ def _simulate(loop: Loop, task: Task, renewals: Float[Array, " m"] | None, sign:
     angles = jax.vmap(error_angle)(references, states.quaternion)
     code = _judged(loop.law, code, references, states.quaternion)
     commands = "rate" if isinstance(loop.law, RateLaw) else "acceleration"
-    return Solution(task.times, states.quaternion, states.rate, code, states.command, errors, angles, "body", commands)
+    moved = _body_motion(loop, task, states, references)
+    motion = (task.times, states.quaternion, states.rate, code, states.held.command, errors, angles)
+    return Solution(*motion, "body", commands, moved)
+
+
+def _body_motion(loop: Loop, task: Task, states: States, references: Attitude) -> BodyMotion | None:
+    """Torques, and how far the error equation is from exact, of a body with inertia."""
+    if loop.body is None:
+        return None
+    plant = Plant(loop, Scale(task))
+    law, body = inner(loop.law), loop.body
+
+    def mismatch(t: Scalar, reference: Attitude, quaternion: Quat, rate: Quat, momentum: Array, held: Held) -> Quat:
+        epsilon = plant.disturbed(t, plant.acceleration(t, rate, momentum, held))
+        return epsilon - loop.law(reference, quaternion, rate)
+
+    known = (states.quaternion, states.rate, states.momentum, states.held)
+    missed = jax.vmap(mismatch)(task.times, references, *known)
+    torques = jax.vmap(lambda held, momentum: body.control_torque(body.given(held.order, momentum)))(
+        states.held, states.momentum
+    )
+    residuals = deviations = None
+    if isinstance(law, AccelerationLaw):
+        residuals = jax.vmap(lambda *x: residual_of(law, *x))(references, states.quaternion, missed)
+    if isinstance(loop.law, AccelerationLaw):
+        deviations = deviation_of(loop.law, references, task.times, states.quaternion, states.rate)
+    momenta = None if body.wheels is None else states.momentum
+    return BodyMotion(task.times, torques, missed[:, 1:], momenta, residuals, deviations)
 
 
 def _judged(
