@@ -45,6 +45,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to 
     from qtraj.motion.control.hysteresis import HystereticLaw as HystereticLaw
     from qtraj.motion.control.laws import AccelerationLaw as AccelerationLaw, RateLaw as RateLaw
     from qtraj.motion.control.response import error_response as error_response
+    from qtraj.motion.profiles.cubic_spline import CubicSpline as CubicSpline
     from qtraj.motion.profiles.s_curve import SCurve as SCurve
     from qtraj.motion.profiles.smooth_step import Cubic as Cubic, Quintic as Quintic, Septic as Septic
     from qtraj.motion.profiles.time_optimal import TimeOptimal as TimeOptimal
@@ -119,6 +120,7 @@ _HOMES = {
     "qtraj.motion.control.hysteresis": ("HystereticLaw",),
     "qtraj.motion.control.laws": ("AccelerationLaw", "RateLaw"),
     "qtraj.motion.control.response": ("error_response",),
+    "qtraj.motion.profiles.cubic_spline": ("CubicSpline",),
     "qtraj.motion.profiles.s_curve": ("SCurve",),
     "qtraj.motion.profiles.smooth_step": ("Cubic", "Quintic", "Septic"),
     "qtraj.motion.profiles.time_optimal": ("TimeOptimal",),

@@ -19,6 +19,7 @@ HOMES = (
     "qtraj.motion.control.closed_form",
     "qtraj.motion.control.hysteresis",
     "qtraj.motion.control.laws",
+    "qtraj.motion.profiles.cubic_spline",
     "qtraj.motion.profiles.profile",
     "qtraj.motion.profiles.s_curve",
     "qtraj.motion.profiles.smooth_step",
