@@ -10,7 +10,7 @@ from qtraj._version import __version__ as __version__
 from qtraj.foundation import drawing as _drawing
 
 if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to them
-    from qtraj.algebra import quaternion as quaternion, rotation as rotation
+    from qtraj.algebra import matrices as matrices, quaternion as quaternion, rotation as rotation
     from qtraj.batch.evaluate import evaluate as evaluate
     from qtraj.batch.table import Table as Table
     from qtraj.design.fitting.fit import fit as fit
@@ -162,6 +162,7 @@ _MODULES = {
     "control": "qtraj.motion.control",
     "dynamics": "qtraj.motion.dynamics",
     "exchange": "qtraj.io.exchange",
+    "matrices": "qtraj.algebra.matrices",
     "quaternion": "qtraj.algebra.quaternion",
     "rotation": "qtraj.algebra.rotation",
     **{room: f"qtraj.{room}" for room in _ROOMS},
