@@ -10,7 +10,12 @@ from qtraj._version import __version__ as __version__
 from qtraj.foundation import drawing as _drawing
 
 if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to them
-    from qtraj.algebra import matrices as matrices, quaternion as quaternion, rotation as rotation
+    from qtraj.algebra import (
+        dual_quaternion as dual_quaternion,
+        matrices as matrices,
+        quaternion as quaternion,
+        rotation as rotation,
+    )
     from qtraj.batch.evaluate import evaluate as evaluate
     from qtraj.batch.table import Table as Table
     from qtraj.design.fitting.fit import fit as fit
@@ -45,6 +50,18 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` makes a name public to 
     from qtraj.motion.control.hysteresis import HystereticLaw as HystereticLaw
     from qtraj.motion.control.laws import AccelerationLaw as AccelerationLaw, RateLaw as RateLaw
     from qtraj.motion.control.response import error_response as error_response
+    from qtraj.motion.manipulator.arm import Arm as Arm, Joint as Joint, stanford_arm as stanford_arm
+    from qtraj.motion.manipulator.arm_motion import ArmMotion as ArmMotion
+    from qtraj.motion.manipulator.inverse import Damping as Damping
+    from qtraj.motion.manipulator.simulate_arm import simulate_arm as simulate_arm
+    from qtraj.motion.pose.pose_law import (
+        PoseLaw as PoseLaw,
+        PoseProgram as PoseProgram,
+        closed_pose as closed_pose,
+        pose_error as pose_error,
+    )
+    from qtraj.motion.pose.pose_motion import PoseMotion as PoseMotion
+    from qtraj.motion.pose.simulate_pose import simulate_pose as simulate_pose
     from qtraj.motion.profiles.cubic_spline import CubicSpline as CubicSpline
     from qtraj.motion.profiles.s_curve import SCurve as SCurve
     from qtraj.motion.profiles.smooth_step import Cubic as Cubic, Quintic as Quintic, Septic as Septic
@@ -120,6 +137,13 @@ _HOMES = {
     "qtraj.motion.control.hysteresis": ("HystereticLaw",),
     "qtraj.motion.control.laws": ("AccelerationLaw", "RateLaw"),
     "qtraj.motion.control.response": ("error_response",),
+    "qtraj.motion.manipulator.arm": ("Arm", "Joint", "stanford_arm"),
+    "qtraj.motion.manipulator.arm_motion": ("ArmMotion",),
+    "qtraj.motion.manipulator.inverse": ("Damping",),
+    "qtraj.motion.manipulator.simulate_arm": ("simulate_arm",),
+    "qtraj.motion.pose.pose_law": ("PoseLaw", "PoseProgram", "closed_pose", "pose_error"),
+    "qtraj.motion.pose.pose_motion": ("PoseMotion",),
+    "qtraj.motion.pose.simulate_pose": ("simulate_pose",),
     "qtraj.motion.profiles.cubic_spline": ("CubicSpline",),
     "qtraj.motion.profiles.s_curve": ("SCurve",),
     "qtraj.motion.profiles.smooth_step": ("Cubic", "Quintic", "Septic"),
@@ -161,6 +185,7 @@ _ROOMS = ("algebra", "batch", "cli", "design", "foundation", "io", "motion", "pa
 _MODULES = {
     "control": "qtraj.motion.control",
     "dynamics": "qtraj.motion.dynamics",
+    "dual_quaternion": "qtraj.algebra.dual_quaternion",
     "exchange": "qtraj.io.exchange",
     "matrices": "qtraj.algebra.matrices",
     "quaternion": "qtraj.algebra.quaternion",
