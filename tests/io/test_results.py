@@ -58,6 +58,21 @@ def single():
         "trihedral": qt.Trihedral(*vectors, *vectors[0] / 3, *vectors[:2] / 7, jnp.asarray(True)),
         "attitude": qt.Attitude(jnp.ones(4) / 2, jnp.ones(3) / 3, jnp.ones(3) / 7),
         "closed": qt.Solution(INSTANTS, quaternion, rate, 0, rate / 3, quaternion / 5, INSTANTS / 3),
+        "body": qt.BodyMotion(INSTANTS, rate[:, 1:] / 5, rate[:, 1:] / 9, rate / 3, rate / 11, quaternion / 13),
+        "arm": qt.ArmMotion(
+            INSTANTS, *[quaternion] * 3, rate[:, 1:], quaternion, rate, quaternion / 5, *[INSTANTS / 3] * 3, 0, INSTANTS
+        ),
+        "pose": qt.PoseMotion(
+            INSTANTS,
+            *[rate[:, 1:]] * 3,
+            quaternion,
+            rate,
+            rate / 3,
+            np.concatenate([quaternion, rate], axis=1),
+            INSTANTS,
+            INSTANTS / 3,
+            0,
+        ),
         "open": qt.Solution(INSTANTS, quaternion, rate, qt.ResultCode.max_steps_reached, axes="inertial"),
         "closed form": qt.control.ClosedMotion(INSTANTS, quaternion / 5, quaternion, INSTANTS / 3),
         "friction": qt.dynamics.FrictionDemand(jnp.asarray(1 / 3), jnp.asarray(0.5)),
