@@ -24,6 +24,9 @@ INSTANTS = np.array([0.0, 0.1, 1 / 3])
 LANES = 3
 REACHED = qt.ResultCode.successful
 HOSTILE = "<script>alert(1)</script>&\"'"
+TOLD_BY_MEANING = ("objective", "bound", "worst_value", "smallest", "missed")
+TOLD_BY_MEANING += ("joints", "joint_rates", "joint_accelerations")
+"""Numbers whose units depend on the case, such as angles and lengths of joints; their meaning says which."""
 LONGEST = 240
 """Characters of a summary that still is one."""
 
@@ -139,7 +142,7 @@ def test_every_dataset_says_what_it_holds_and_where_it_is_from(results):
         assert dataset.attrs["scenario_sha256"] == "bc9c"
         for key, variable in dataset.data_vars.items():
             assert variable.attrs["long_name"], (name, key)
-            worded = variable.dtype.kind in "UO" or key in ("objective", "bound", "worst_value")
+            worded = variable.dtype.kind in "UO" or key in TOLD_BY_MEANING
             assert worded or variable.attrs["units"], (name, key)
 
 
@@ -328,7 +331,10 @@ def test_what_the_calls_give_back_are_results():
         qt.SpiralHelix,
     }
     wanted |= {
+        qt.ArmMotion,
         qt.Attitude,
+        qt.BodyMotion,
+        qt.PoseMotion,
         qt.AttitudeResidual,
         qt.BoundaryState,
         qt.Residual,
