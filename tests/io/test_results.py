@@ -24,6 +24,9 @@ INSTANTS = np.array([0.0, 0.1, 1 / 3])
 BATCH = 3
 REACHED = qt.ResultCode.successful
 HOSTILE = "<script>alert(1)</script>&\"'"
+UNITS_IN_MEANING = ("objective", "bound", "worst_value", "smallest", "missed")
+UNITS_IN_MEANING += ("joints", "joint_rates", "joint_accelerations")
+"""Numbers whose units depend on the case, such as angles and lengths of joints; the meaning contains them."""
 LONGEST = 240
 """Maximum number of characters of a summary."""
 
@@ -139,7 +142,7 @@ def test_every_dataset_has_meanings_and_provenance(results):
         assert dataset.attrs["scenario_sha256"] == "bc9c"
         for key, variable in dataset.data_vars.items():
             assert variable.attrs["long_name"], (name, key)
-            worded = variable.dtype.kind in "UO" or key in ("objective", "bound", "worst_value")
+            worded = variable.dtype.kind in "UO" or key in UNITS_IN_MEANING
             assert worded or variable.attrs["units"], (name, key)
 
 
@@ -328,7 +331,10 @@ def test_functions_return_results():
         qt.SpiralHelix,
     }
     wanted |= {
+        qt.ArmMotion,
         qt.Attitude,
+        qt.BodyMotion,
+        qt.PoseMotion,
         qt.AttitudeResidual,
         qt.BoundaryState,
         qt.Residual,

@@ -29,7 +29,7 @@ def to_pose(dual: DualQuat) -> tuple[Vec3, Quat]:
 
 
 def product(a: DualQuat, b: DualQuat) -> DualQuat:
-    """Λ_a∘Λ_b: the pose b, given in the axes of the pose a."""
+    """Λ_a∘Λ_b: the pose b, described in the axes of the pose a."""
     cross = quaternion.product(a[:4], b[4:]) + quaternion.product(a[4:], b[:4])
     return jnp.concatenate([quaternion.product(a[:4], b[:4]), cross])
 
@@ -46,7 +46,7 @@ def inverse(dual: DualQuat) -> DualQuat:
 
 
 def transform(dual: DualQuat, point: Vec3) -> Vec3:
-    """A point of the body (3,) [m], body axes, where it is in inertial axes."""
+    """The position in inertial axes of a point of the body (3,) [m], body axes."""
     position, q = to_pose(dual)
     return position + quaternion.rotate(q, point)
 

@@ -1,4 +1,4 @@
-"""How an arm moved: its joints, its gripper against the program, and what singularities took away."""
+"""The motion of an arm: its joints, its gripper compared with the program, and the effect of singularities."""
 
 import os
 
@@ -22,9 +22,9 @@ class ArmMotion(AbstractOutcome):
     `joints`, `joint_rates`, `joint_accelerations` (n, m): angles [rad] and lengths [m]. `position` (n, 3) [m] and
     `quaternion` (n, 4) of the gripper, of any length; `rate` (n, 4) [rad/s], inertial axes, ω0 first. `error` (n, 4):
     the law's error quaternion; `angle` (n,) [rad] to the program; `distance` (n,) [m] to the path, None without one.
-    `smallest` (n,): the smallest singular value of the Jacobian. `missed` (n,): the length of what the gripper's
-    acceleration lacked [rad/s², m/s²]: 0, but for rounding, away from singularities. Instants that were not reached are
-    NaN; `code` is a `ResultCode` and `result` its text.
+    `smallest` (n,): the smallest singular value of the Jacobian. `missed` (n,): the length of the missing part of the
+    gripper's acceleration [rad/s², m/s²]: 0, except for round-off, away from singularities. Instants that were not
+    reached are NaN; `code` is a `ResultCode` and `result` its text.
     """
 
     times: Float[Array, "*batch n"]
@@ -72,13 +72,13 @@ class ArmMotion(AbstractOutcome):
         document.save(self, file)
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """How one motion ended, and what singularities took away."""
+        """The result of one motion in words, and the effect of singularities."""
         code, missed = ResultCode(int(np.asarray(self.code)[at])), np.asarray(self.missed)[at]
         text = "finished: every instant was reached." if code == ResultCode.successful else code.text
-        known = missed[np.isfinite(missed)]
-        if not known.size:
+        finite = missed[np.isfinite(missed)]
+        if not finite.size:
             return f"{text} No instant was reached."
-        return f"{text} The gripper lacked up to {known.max():.3g} of its acceleration (rad/s², m/s²)."
+        return f"{text} The gripper lacked up to {finite.max():.3g} of its acceleration (rad/s², m/s²)."
 
     def record(self) -> Record:
         """The motion over `time`, or over `sample` where each batch element has its own times."""

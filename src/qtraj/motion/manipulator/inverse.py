@@ -2,7 +2,7 @@
 
 q̈ = Jᵀ(JJᵀ + ρ²I)⁻¹ b is the shortest q̈ with Jq̈ = b where ρ = 0. Near a singularity, where the smallest singular value
 σ of J falls below a threshold σ₀, ρ² = (1 − (σ/σ₀)²) ρ₀² keeps q̈ bounded (Chiaverini, Siciliano and Egeland, 1994): the
-gripper then gets less than it was asked for, along the direction that it can hardly move in.
+acceleration of the gripper is then smaller than commanded, in the direction in which it can hardly move.
 """
 
 import equinox as eqx
@@ -20,8 +20,8 @@ class Damping(eqx.Module):
     """How joint accelerations are bounded near singularities.
 
     `threshold` σ₀: smallest singular value of the Jacobian, in rad and m, below which damping begins. `largest` ρ₀: at
-    the singularity itself. `idle` [1/s]: how fast motion of the joints that the gripper does not feel dies out, for
-    arms with more joints than are needed.
+    the singularity itself. `idle` [1/s]: the decay rate of joint motion that does not move the gripper, for
+    arms with redundant joints.
 
     **Raises:** ValueError for numbers that are not positive (`idle`: negative).
     """
@@ -47,13 +47,13 @@ def smallest_singular_value(jacobian: Float[Array, "m n"]) -> Scalar:
 def joint_accelerations(
     jacobian: Float[Array, "m n"], wanted: Float[Array, " m"], joint_rates: Float[Array, " n"], damping: Damping
 ) -> Float[Array, " n"]:
-    """q̈ with Jq̈ = `wanted` as nearly as damping lets it; motion that the gripper does not feel is braked."""
+    """q̈ with Jq̈ = `wanted` as closely as the damping permits; joint motion that does not move the gripper decays."""
     sigma, threshold = smallest_singular_value(jacobian), damping.threshold.astype(wanted.dtype)
     share = jnp.maximum(1 - (sigma / threshold) ** 2, 0.0) * damping.largest.astype(wanted.dtype) ** 2
     gram = _gram(jacobian) + share * jnp.eye(jacobian.shape[0], dtype=jacobian.dtype)
     felt = _matmul(jacobian, joint_rates)
     idle = damping.idle.astype(wanted.dtype)
-    # −idle·(q̇ − J⁺Jq̇) and J⁺ of what is wanted, in one solve.
+    # −idle·(q̇ − J⁺Jq̇) and J⁺·wanted, in one solve.
     return _matmul(jacobian.T, jnp.linalg.solve(gram, wanted + idle * felt)) - idle * joint_rates
 
 

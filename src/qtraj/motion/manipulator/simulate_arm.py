@@ -1,9 +1,9 @@
-"""An arm whose gripper a law makes follow a program: joints → λ, ω → ε in inertial axes → accelerations of the joints.
+"""Control of the gripper of an arm: joints → λ, ω → ε in inertial axes → accelerations of the joints.
 
 Paper C names manipulators with sensors in their joints as the case for commands in inertial axes (remark 1, (2.2)). The
 gripper's attitude and rate come from the joints; the law, the inertial error among others, gives ε_ξ; the geometric
-Jacobian turns that into q̈. |λ| and ω0 are the computer's own, as always. Where the arm is not singular the gripper gets
-what the law asks for, so its error obeys the same linear equation as that of a free body.
+Jacobian turns that into q̈. |λ| and ω0 are variables of the computer. Where the arm is not singular the gripper has
+the commanded acceleration, so its error satisfies the same linear equation as the error of a free body.
 """
 
 from typing import Any, NamedTuple
@@ -57,16 +57,16 @@ class _Job(eqx.Module):
         return jax.tree.map(lambda x: x.astype(state.dtype), self.program(t))
 
     def wanted(self, t: Scalar, reference: Attitude, at: "_Look") -> tuple[Scalar, Array]:
-        """The virtual part of the law's command, and what the gripper shall do: (ε_ξ) or (ε_ξ, a)."""
+        """The virtual part of the law's command, and the wanted acceleration of the gripper: (ε_ξ) or (ε_ξ, a)."""
         command = to_inertial(at.quaternion, self.law(reference, at.quaternion, at.rate))
         if self.path is None:
             return command[0], command[1:]
         r = self.path.derivatives(t, 2).astype(command.dtype)
-        pull = self.gains[0] * (at.velocity - r[1]) + self.gains[1] * (at.position - r[0])
-        return command[0], jnp.concatenate([command[1:], r[2] - pull])
+        feedback = self.gains[0] * (at.velocity - r[1]) + self.gains[1] * (at.position - r[0])
+        return command[0], jnp.concatenate([command[1:], r[2] - feedback])
 
     def accelerations(self, t: Scalar, state: State, at: "_Look") -> tuple[Scalar, Array, Array, Array]:
-        """ε0, q̈, what of the wanted acceleration was missed, and the rows of the Jacobian."""
+        """ε0, q̈, the missing part of the wanted acceleration, and the rows of the Jacobian."""
         _, q_dot, _, _ = self.split(state)
         virtual, wanted = self.wanted(t, self.reference(t, state), at)
         rows, bias = at.jacobian[: wanted.shape[0]], at.bias[: wanted.shape[0]]
@@ -103,16 +103,16 @@ def simulate_arm(
     max_steps: int = MAX_STEPS,
     throw: bool = False,
 ) -> ArmMotion:
-    """The motion of an arm whose gripper `law` makes follow `program`, from `joints` (m,) and `joint_rates` (m,).
+    """The motion of an arm whose gripper follows `program` under `law`, from `joints` (m,) and `joint_rates` (m,).
 
     Angles [rad] and lengths [m] and their rates [1/s]. `times` (n,) [s]: instants of the program's own time, the first
-    that of the initial state. `path`: a hodograph that the gripper's position shall follow, with `gains` (k1 [1/s],
+    is that of the initial state. `path`: a hodograph for the position of the gripper, with `gains` (k1 [1/s],
     k2 [1/s²]) of its error r̈ + k1ṙ + k2r = 0; without one the attitude alone is commanded, by the smallest joint
     accelerations. `damping`: a `Damping`, near singularities. The sign of λ is the one nearer to the program. `rtol`,
     `atol`, `solver`, `adjoint`, `max_steps` and `throw` are those of `integrate`.
 
-    **Raises:** ValueError for parts that are none, other shapes, a law that commands rates or has a memory, fewer
-    joints than are commanded, or times that do not increase. RuntimeError with `throw` where an instant was missed.
+    **Raises:** ValueError for parts of another type, other shapes, a law that commands rates or has a memory, too
+    few joints, or times that do not increase. RuntimeError with `throw` where an instant was missed.
     """
     count = len(arm.joints) if isinstance(arm, Arm) else 0
     rows = 3 if path is None else 6

@@ -25,9 +25,9 @@ Place = TypeAliasType("Place", Float[Array, "3 3"])
 
 @storable
 class PoseProgram(eqx.Module):
-    """Where a body shall be and how it shall point: a path, and a program of its attitude.
+    """The wanted position and attitude of a body: a path and an attitude program.
 
-    **Raises:** ValueError for a path or a program that is none.
+    **Raises:** ValueError for a path or a program of another type.
     """
 
     path: AbstractHodograph
@@ -61,7 +61,8 @@ class PoseLaw(eqx.Module):
 
     `k1` [1/s] and `k2` [1/s²] of the position: a scalar, (3,) along inertial axes, or (3, 3).
 
-    **Raises:** ValueError for a law that commands rates or is none, and for gains of another shape or not finite.
+    **Raises:** ValueError for a law that commands rates or is of another type, and for gains of another shape or not
+    finite.
     """
 
     attitude: AbstractLaw
@@ -80,8 +81,8 @@ class PoseLaw(eqx.Module):
         self, place: Place, reference: Attitude, position: Vec3, velocity: Vec3, quaternion: Quat, rate: Quat
     ) -> tuple[Quat, Vec3]:
         """ε (4,) [rad/s²], body axes, virtual part first, and the acceleration a (3,) [m/s²], inertial axes."""
-        pull = apply(self.k1, velocity - place[1]) + apply(self.k2, position - place[0])
-        return self.attitude(reference, quaternion, rate), place[2] - pull
+        feedback = apply(self.k1, velocity - place[1]) + apply(self.k2, position - place[0])
+        return self.attitude(reference, quaternion, rate), place[2] - feedback
 
 
 def pose_error(program: DualQuat, body: DualQuat) -> DualQuat:
@@ -99,7 +100,7 @@ def closed_pose(
     rate: Quat,
     times: Float[Array, " n"],
 ) -> Float[Array, "n 8"]:
-    """The poses Λ (n, 8) in closed form, where nothing disturbs them, from a state at the first of `times` [s].
+    """The poses Λ (n, 8) in closed form, without disturbances, from a state at the first of `times` [s].
 
     **Raises:** ValueError for an attitude law whose error is not linear.
     """

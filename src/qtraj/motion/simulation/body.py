@@ -1,10 +1,10 @@
-"""A rigid body that turns by Euler's equations, under torques that a computer forms with the inertia it assumes.
+"""A rigid body that turns by Euler's equations, under torques that a computer calculates with the inertia it assumes.
 
 Body:    J ω̇ + ω×(Jω + Ah) = −Au + M,    wheels:    ḣ = u
 
 J is the inertia with the wheels' share across their axes, A (3, n) has the unit spin axes as columns, h (n,) are the
 axial momenta of the wheels, u (n,) the torques of their motors, M an external torque. Without wheels −Au is a torque
-that acts on the body directly (thrusters). To give the acceleration ε of the law, the computer asks for
+that acts on the body directly (thrusters). To give the acceleration ε of the law, the computer commands
 M_c = J_a ε + ω×(J_a ω + Ah) with its own J_a, and divides it among the wheels by the pseudo-inverse, −Au = M_c.
 """
 
@@ -32,11 +32,12 @@ Momenta = Float[Array, " n"]
 
 @storable
 class ReactionWheels(eqx.Module):
-    """Three or more reaction wheels, whose motors turn the body by turning them.
+    """Three or more reaction wheels, whose motors exert torques on the body.
 
     `axes` (n, 3): spin axes in body axes, of any length. `max_torque` [N m] and `max_momentum` [N m s] of each wheel,
-    numbers or (n,), None for none. Beyond the torque all motors are reduced alike, so that the torque on the body keeps
-    its direction. A wheel at its momentum cannot be driven further, only back. `momentum` (n,) [N m s]: at the start.
+    numbers or (n,), None for no limit. Above it the torques of all motors are scaled by the same factor, so the torque
+    on the body keeps its direction. At its maximum momentum a wheel can only be slowed down. `momentum` (n,) [N m s]:
+    at the start.
 
     **Raises:** ValueError for axes of another shape or that do not span the space, limits that are not positive, or
     momenta of another shape.
@@ -76,13 +77,13 @@ class ReactionWheels(eqx.Module):
 
 @storable
 class RigidBody(eqx.Module):
-    """What `simulate` turns: a body with inertia, torques and perhaps wheels, in place of one that obeys exactly.
+    """A rigid body for `simulate`, with inertia, torques and optional wheels.
 
-    `inertia` [kg m²]: a scalar, (3,) principal moments or (3, 3); `assumed`: the one that the computer forms its
-    torques with, None for the same. `torque` [N m]: an external one in body axes, constant (3,) or a function t → (3,).
+    `inertia` [kg m²]: a scalar, (3,) principal moments or (3, 3); `assumed`: the one with which the computer calculates
+    torques, None for the same. `torque` [N m]: an external one in body axes, constant (3,) or a function t → (3,).
     `wheels`: `ReactionWheels`; None for a torque that acts from outside, whose length `max_torque` [N m] limits.
 
-    With the assumed inertia right, no external torque and no limit reached, the body obeys the law exactly.
+    With the exact inertia, no external torque and no active limit, the body follows the law exactly.
 
     **Raises:** ValueError for inertias that are not symmetric and positive, a torque of another shape, or `max_torque`
     beside wheels, which have their own.
@@ -120,7 +121,7 @@ class RigidBody(eqx.Module):
         return jnp.zeros_like(self.inertia, shape=(0,)) if self.wheels is None else self.wheels.momentum
 
     def order(self, acceleration: Vec3, rate: Vec3, momentum: Momenta) -> Torques:
-        """What the computer asks of the motors [N m] for an acceleration [rad/s²], within their torque.
+        """The ordered motor torques [N m] for an acceleration [rad/s²], within their limits.
 
         Without wheels the torque on the body (3,).
         """
@@ -135,7 +136,7 @@ class RigidBody(eqx.Module):
         return motors / jnp.maximum(use, 1.0)
 
     def given(self, order: Torques, momentum: Momenta) -> Torques:
-        """What the motors give of an order: a wheel at its momentum is not driven further."""
+        """The actual motor torques of an order: a wheel at its maximum momentum is not accelerated further."""
         if self.wheels is None or self.wheels.max_momentum is None:
             return order
         full = jnp.abs(momentum) >= self.wheels.max_momentum.astype(momentum.dtype)

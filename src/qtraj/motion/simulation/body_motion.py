@@ -86,11 +86,11 @@ class BodyMotion(AbstractResult):
 
 
 def residual_of(law: AccelerationLaw, reference: Attitude, quaternion: Quat, mismatch: Quat) -> Quat:
-    """ẍ + K1ẋ + K2x [1/s²] where ε is off by `mismatch` (4,): λ̈ is off by ½λ∘mismatch, and the error with it."""
-    excess = 0.5 * product(quaternion, mismatch)
+    """ẍ + K1ẋ + K2x [1/s²] where ε is off by `mismatch` (4,): λ̈ is then off by ½λ∘mismatch."""
+    slope_error = 0.5 * product(quaternion, mismatch)
     if law.error == "body":
-        return product(conjugate(reference.quaternion), excess)
-    return product(excess, conjugate(reference.quaternion)) if law.error == "inertial" else excess
+        return product(conjugate(reference.quaternion), slope_error)
+    return product(slope_error, conjugate(reference.quaternion)) if law.error == "inertial" else slope_error
 
 
 def deviation_of(
@@ -110,5 +110,5 @@ def _length(x: Array) -> np.ndarray:
 
 def _largest(x: Array) -> float:
     lengths = _length(x)
-    known = lengths[np.isfinite(lengths)]
-    return float(known.max()) if known.size else float("nan")
+    finite = lengths[np.isfinite(lengths)]
+    return float(finite.max()) if finite.size else float("nan")

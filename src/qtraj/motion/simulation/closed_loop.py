@@ -1,4 +1,4 @@
-"""The closed loop as one differential equation, continuous or with commands renewed at given instants."""
+"""The closed loop as one differential equation, continuous or with new commands at discrete instants."""
 
 import jax
 import jax.numpy as jnp
@@ -14,10 +14,10 @@ from qtraj.motion.simulation.task import Scale, Task
 
 
 def run(loop: Loop, task: Task, renewals: Float[Array, " m"] | None) -> tuple[States, Int[Array, ""]]:
-    """The motion at the task's times and the outcome.
+    """The motion at the task's times, and the result code.
 
-    With `renewals` [s] the command is held between them where sensor or actuator sample, and continuous where only a
-    law looks at its sign; without them it is continuous.
+    With `renewals` [s] the command is held between them if sensor or actuator sample, and continuous if only the law
+    updates its sign; without `renewals` it is continuous.
     """
     plant = Plant(loop, Scale(task))
     if renewals is None or not loop.holds:
@@ -25,26 +25,26 @@ def run(loop: Loop, task: Task, renewals: Float[Array, " m"] | None) -> tuple[St
     return _sampled(plant, task, renewals)
 
 
-def _continuous(plant: Plant, task: Task, looks: Float[Array, " m"] | None) -> tuple[States, Int[Array, ""]]:
+def _continuous(plant: Plant, task: Task, updates: Float[Array, " m"] | None) -> tuple[States, Int[Array, ""]]:
     loop = plant.loop
 
-    def known(t: Scalar, state: State) -> tuple[Quat, Quat]:
-        seen = plant.unpack(state, task.rate)  # a rate law looks at no rate
+    def measured(t: Scalar, state: State) -> tuple[Quat, Quat]:
+        exact = plant.unpack(state, task.rate)  # a rate law does not use the rate
         if loop.sensor is None:
-            return seen
-        return loop.sensor.measure(jnp.asarray(0), jnp.zeros_like(t), *seen, loop.sensor.start(*seen))[:2]
+            return exact
+        return loop.sensor.measure(jnp.asarray(0), jnp.zeros_like(t), *exact, loop.sensor.start(*exact))[:2]
 
     def command(t: Scalar, state: State, sign: Scalar | None) -> Held:
-        quaternion, rate = known(t, state)
+        quaternion, rate = measured(t, state)
         return plant.hold(state, loop.command(t, signed(sign, quaternion), rate), rate)
 
     def field(t: Scalar, state: State, sign: Scalar | None) -> State:
         return plant.slope(t, state, command(t, state, sign))
 
     def look(k: Int[Array, ""], t: Scalar, state: State, sign: Scalar | None) -> Scalar | None:
-        return renewed(loop.law, sign, loop.reference(t, state.dtype), known(t, state)[0])
+        return renewed(loop.law, sign, loop.reference(t, state.dtype), measured(t, state)[0])
 
-    grid, outputs = task.grid(looks)
+    grid, outputs = task.grid(updates)
     start, sign = plant.pack(task.quaternion, task.rate), first_sign(loop.law, task.quaternion)
     states, signs, code = ode.march(field, look, start, sign, grid, task.tolerances, task.method)
     states, signs = states[outputs], jax.tree.map(lambda x: x[outputs], signs)

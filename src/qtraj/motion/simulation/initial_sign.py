@@ -19,7 +19,7 @@ def require_sign(sign: str) -> None:
 
 
 def start_quaternion(sign: str, reference: Attitude, quaternion: Quat) -> Quat:
-    """λ with the sign that is wanted: "nearer", μ0 ≥ 0 against the program, or "as given"."""
+    """λ with the requested sign: "nearer", μ0 ≥ 0 against the program, or "as given"."""
     if sign == AS_GIVEN:
         return quaternion
     far = stop_gradient(jnp.sum(reference.quaternion.astype(quaternion.dtype) * quaternion)) < 0
