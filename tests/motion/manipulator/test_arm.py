@@ -61,6 +61,13 @@ def test_pose_and_jacobian_against_homogeneous_matrices():
         np.testing.assert_allclose(arm.bias(q, jnp.asarray(q_dot)), slope @ q_dot, atol=1e-8)
 
 
+def test_an_arm_may_be_made_inside_a_trace():
+    inside = jax.jit(lambda q: qt.stanford_arm().pose(q)[0])(jnp.asarray(JOINTS))
+    np.testing.assert_allclose(inside, homogeneous(JOINTS)[0][:3, 3], atol=1e-14)
+    with pytest.raises(ValueError, match="must be known, not traced"):
+        jax.jit(lambda rows: qt.Arm.from_dh(rows).home_position)(jnp.asarray(DH))
+
+
 def program():
     start = qt.stanford_arm().pose(jnp.asarray(JOINTS))[1]
     off = qt.rotation.from_rotation_vector(jnp.asarray([0.4, -0.3, 0.5]))

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra import quaternion, rotation
 from qtraj.algebra.quaternion import product, rotate
-from qtraj.foundation.arrays import as_float, concrete, real_vector, require_finite
+from qtraj.foundation.arrays import as_float, concrete, real_vector
 from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Quat, Vec3
 
@@ -83,12 +83,18 @@ class Arm(eqx.Module):
         A joint turns about, or moves along, the z axis of the frame before it; its value adds to θ or d. `kinds` are
         "revolute" or "prismatic"; None: all revolute.
 
-        **Raises:** ValueError for rows of another shape, or kinds that are not one for each.
+        **Raises:** ValueError for rows of another shape, not finite or traced, or kinds that are not one for each.
         """
-        table = np.asarray(as_float(rows))
+        with jax.ensure_compile_time_eval():  # what is known outside a trace stays known inside
+            table = concrete(as_float(rows))
+        if table is None:
+            raise ValueError(
+                "Denavit–Hartenberg rows must be known, not traced: build Arm(joints, position) from arrays"
+            )
         if table.ndim != 2 or table.shape[0] == 0 or table.shape[1] != 4:
             raise ValueError(f"rows (n, 4) of a, alpha, d, theta were expected, but shape {table.shape} was given")
-        require_finite(as_float(rows), "Denavit–Hartenberg rows")
+        if not np.isfinite(table).all():
+            raise ValueError(f"Denavit–Hartenberg rows must be finite, but {table.tolist()} was given")
         kinds = [REVOLUTE] * len(table) if kinds is None else list(kinds)
         if len(kinds) != len(table):
             raise ValueError(f"{len(table)} rows need as many kinds, but {len(kinds)} were given")
