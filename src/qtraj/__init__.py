@@ -11,7 +11,12 @@ from qtraj._version import __version__ as __version__
 from qtraj.foundation import drawing as _drawing
 
 if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
-    from qtraj.algebra import quaternion as quaternion, rotation as rotation
+    from qtraj.algebra import (
+        dual_quaternion as dual_quaternion,
+        matrices as matrices,
+        quaternion as quaternion,
+        rotation as rotation,
+    )
     from qtraj.batch.evaluate import evaluate as evaluate
     from qtraj.batch.table import Table as Table
     from qtraj.design.fitting.fit import fit as fit
@@ -46,8 +51,22 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
         LogarithmicFeedback as LogarithmicFeedback,
         QuaternionFeedback as QuaternionFeedback,
     )
+    from qtraj.motion.control.hysteresis import HystereticLaw as HystereticLaw
     from qtraj.motion.control.laws import AccelerationLaw as AccelerationLaw, RateLaw as RateLaw
     from qtraj.motion.control.response import error_response as error_response
+    from qtraj.motion.manipulator.arm import Arm as Arm, Joint as Joint, stanford_arm as stanford_arm
+    from qtraj.motion.manipulator.arm_motion import ArmMotion as ArmMotion
+    from qtraj.motion.manipulator.inverse import Damping as Damping
+    from qtraj.motion.manipulator.simulate_arm import simulate_arm as simulate_arm
+    from qtraj.motion.pose.pose_law import (
+        PoseLaw as PoseLaw,
+        PoseProgram as PoseProgram,
+        closed_pose as closed_pose,
+        pose_error as pose_error,
+    )
+    from qtraj.motion.pose.pose_motion import PoseMotion as PoseMotion
+    from qtraj.motion.pose.simulate_pose import simulate_pose as simulate_pose
+    from qtraj.motion.profiles.cubic_spline import CubicSpline as CubicSpline
     from qtraj.motion.profiles.s_curve import SCurve as SCurve
     from qtraj.motion.profiles.smooth_step import Cubic as Cubic, Quintic as Quintic, Septic as Septic
     from qtraj.motion.profiles.time_optimal import TimeOptimal as TimeOptimal
@@ -71,6 +90,8 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
     )
     from qtraj.motion.propagation.strapdown import propagate_samples as propagate_samples
     from qtraj.motion.simulation.actuator import Actuator as Actuator
+    from qtraj.motion.simulation.body import ReactionWheels as ReactionWheels, RigidBody as RigidBody
+    from qtraj.motion.simulation.body_motion import BodyMotion as BodyMotion
     from qtraj.motion.simulation.disturbance import (
         DisturbanceAcceleration as DisturbanceAcceleration,
         DisturbanceTorque as DisturbanceTorque,
@@ -79,6 +100,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
     from qtraj.motion.simulation.kinematics import integrate as integrate
     from qtraj.motion.simulation.loop_history import LoopHistory as LoopHistory, loop_history as loop_history
     from qtraj.motion.simulation.loop_verdict import LoopVerdict as LoopVerdict, judge_loop as judge_loop
+    from qtraj.motion.simulation.open_loop import open_loop as open_loop
     from qtraj.motion.simulation.sensor import Gyros as Gyros, Sensor as Sensor
     from qtraj.motion.simulation.simulate import simulate as simulate
     from qtraj.motion.simulation.solution import Solution as Solution
@@ -127,8 +149,17 @@ _HOMES = {
     "qtraj.motion.attitude": ("AbstractProgram", "Attitude"),
     "qtraj.motion.attitude_residual": ("AttitudeResidual", "compare_attitude"),
     "qtraj.motion.control.baselines": ("GeometricFeedback", "LogarithmicFeedback", "QuaternionFeedback"),
+    "qtraj.motion.control.hysteresis": ("HystereticLaw",),
     "qtraj.motion.control.laws": ("AccelerationLaw", "RateLaw"),
     "qtraj.motion.control.response": ("error_response",),
+    "qtraj.motion.manipulator.arm": ("Arm", "Joint", "stanford_arm"),
+    "qtraj.motion.manipulator.arm_motion": ("ArmMotion",),
+    "qtraj.motion.manipulator.inverse": ("Damping",),
+    "qtraj.motion.manipulator.simulate_arm": ("simulate_arm",),
+    "qtraj.motion.pose.pose_law": ("PoseLaw", "PoseProgram", "closed_pose", "pose_error"),
+    "qtraj.motion.pose.pose_motion": ("PoseMotion",),
+    "qtraj.motion.pose.simulate_pose": ("simulate_pose",),
+    "qtraj.motion.profiles.cubic_spline": ("CubicSpline",),
     "qtraj.motion.profiles.s_curve": ("SCurve",),
     "qtraj.motion.profiles.smooth_step": ("Cubic", "Quintic", "Septic"),
     "qtraj.motion.profiles.time_optimal": ("TimeOptimal",),
@@ -144,10 +175,13 @@ _HOMES = {
     "qtraj.motion.propagation.propagate": ("Propagation", "propagate", "propagate_with_estimate"),
     "qtraj.motion.propagation.strapdown": ("propagate_samples",),
     "qtraj.motion.simulation.actuator": ("Actuator",),
+    "qtraj.motion.simulation.body": ("ReactionWheels", "RigidBody"),
+    "qtraj.motion.simulation.body_motion": ("BodyMotion",),
     "qtraj.motion.simulation.disturbance": ("DisturbanceAcceleration", "DisturbanceTorque", "Sinusoid"),
     "qtraj.motion.simulation.kinematics": ("integrate",),
     "qtraj.motion.simulation.loop_history": ("LoopHistory", "loop_history"),
     "qtraj.motion.simulation.loop_verdict": ("LoopVerdict", "judge_loop"),
+    "qtraj.motion.simulation.open_loop": ("open_loop",),
     "qtraj.motion.simulation.sensor": ("Gyros", "Sensor"),
     "qtraj.motion.simulation.simulate": ("simulate",),
     "qtraj.motion.simulation.solution": ("Solution",),
@@ -174,7 +208,9 @@ _PACKAGES = ("algebra", "batch", "cli", "design", "foundation", "io", "motion", 
 _MODULES = {
     "control": "qtraj.motion.control",
     "dynamics": "qtraj.motion.dynamics",
+    "dual_quaternion": "qtraj.algebra.dual_quaternion",
     "exchange": "qtraj.io.exchange",
+    "matrices": "qtraj.algebra.matrices",
     "quaternion": "qtraj.algebra.quaternion",
     "rotation": "qtraj.algebra.rotation",
     **{name: f"qtraj.{name}" for name in _PACKAGES},

@@ -24,6 +24,9 @@ INSTANTS = np.array([0.0, 0.1, 1 / 3])
 BATCH = 3
 REACHED = qt.ResultCode.successful
 HOSTILE = "<script>alert(1)</script>&\"'"
+UNITS_IN_MEANING = ("objective", "bound", "worst_value", "segment_worst_value", "peak", "margin", "smallest", "missed")
+UNITS_IN_MEANING += ("joints", "joint_rates", "joint_accelerations")
+"""Numbers whose units depend on the case, such as angles and lengths of joints; the meaning contains them."""
 LONGEST = 240
 """Maximum number of characters of a summary."""
 
@@ -71,6 +74,21 @@ def single():
         "trihedral": qt.Trihedral(*vectors, *vectors[0] / 3, *vectors[:2] / 7, jnp.asarray(True)),
         "attitude": qt.Attitude(jnp.ones(4) / 2, jnp.ones(3) / 3, jnp.ones(3) / 7),
         "closed": qt.Solution(INSTANTS, quaternion, rate, 0, rate / 3, quaternion / 5, INSTANTS / 3),
+        "body": qt.BodyMotion(INSTANTS, rate[:, 1:] / 5, rate[:, 1:] / 9, rate / 3, rate / 11, quaternion / 13),
+        "arm": qt.ArmMotion(
+            INSTANTS, *[quaternion] * 3, rate[:, 1:], quaternion, rate, quaternion / 5, *[INSTANTS / 3] * 3, 0, INSTANTS
+        ),
+        "pose": qt.PoseMotion(
+            INSTANTS,
+            *[rate[:, 1:]] * 3,
+            quaternion,
+            rate,
+            rate / 3,
+            np.concatenate([quaternion, rate], axis=1),
+            INSTANTS,
+            INSTANTS / 3,
+            0,
+        ),
         "open": qt.Solution(INSTANTS, quaternion, rate, qt.ResultCode.max_steps_reached, axes="inertial"),
         "closed form": qt.control.ClosedMotion(INSTANTS, quaternion / 5, quaternion, INSTANTS / 3),
         "friction": qt.dynamics.FrictionDemand(jnp.asarray(1 / 3), jnp.asarray(0.5)),
@@ -154,8 +172,7 @@ def test_every_dataset_has_meanings_and_provenance(results):
         assert dataset.attrs["scenario_sha256"] == "bc9c"
         for key, variable in dataset.data_vars.items():
             assert variable.attrs["long_name"], (name, key)
-            numbers = ("objective", "bound", "worst_value", "segment_worst_value", "peak", "margin")
-            worded = variable.dtype.kind in "UO" or key in numbers
+            worded = variable.dtype.kind in "UO" or key in UNITS_IN_MEANING
             assert worded or variable.attrs["units"], (name, key)
 
 
@@ -352,7 +369,10 @@ def test_functions_return_results():
         qt.FittedRoute,
     }
     wanted |= {
+        qt.ArmMotion,
         qt.Attitude,
+        qt.BodyMotion,
+        qt.PoseMotion,
         qt.AttitudeResidual,
         qt.BoundaryState,
         qt.Residual,

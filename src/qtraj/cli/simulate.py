@@ -143,7 +143,7 @@ def _simulated(
         loop = (task.program, task.law, task.quaternion, task.rate)
         around = (task.disturbance, task.sensor, task.actuator)
         tolerances: Any = {"rtol": task.rtol, "atol": task.atol}
-        solution = simulation.simulate(*loop, times, *around, jumps=task.jumps, **tolerances)
+        solution = simulation.simulate(*loop, times, *around, jumps=task.jumps, sign="as given", **tolerances)
         history = loop_history(*loop, solution)
     except ValueError as error:
         raise ValueError(f"{given.file}: {error}") from error

@@ -12,7 +12,7 @@ from qtraj.foundation.arrays import as_float, concrete, real_vector, require_fin
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Mat3, Scalar, ScalarLike, Vec3
-from qtraj.motion.attitude import Attitude
+from qtraj.motion.attitude import Attitude, require_body_axes
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, Natural, Upright, trihedral
 
@@ -43,6 +43,7 @@ def torque(attitude: Attitude, inertia: ArrayInput) -> Vec3:
 
     **Raises:** ValueError for an inertia of another shape, or one that is not symmetric and positive.
     """
+    require_body_axes(attitude)
     J = inertia_matrix(inertia).astype(attitude.rate.dtype)
     momentum = jnp.matmul(J, attitude.rate, precision="highest")
     return jnp.matmul(J, attitude.acceleration, precision="highest") + jnp.cross(attitude.rate, momentum)

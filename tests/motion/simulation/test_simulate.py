@@ -156,7 +156,7 @@ def test_the_two_signs_of_the_quaternion():
     law, times = AccelerationLaw(2.0, 1.0), np.linspace(0, 6, 61)
 
     def run(start):
-        return simulate(Rest(), law, start, np.zeros(4), times)
+        return simulate(Rest(), law, start, np.zeros(4), times, sign="as given")
 
     stuck = run(-IDENTITY)
     assert not stuck.successful
@@ -171,7 +171,7 @@ def test_the_two_signs_of_the_quaternion():
     assert smooth.result.startswith("finished: every instant")
     assert smooth.peak_command < 0.1 < 10 < passed.peak_command
     with pytest.raises(RuntimeError, match="negative scalar part"):
-        simulate(Rest(), law, -IDENTITY, np.zeros(4), times, throw=True)
+        simulate(Rest(), law, -IDENTITY, np.zeros(4), times, sign="as given", throw=True)
 
 
 def test_a_constant_torque_leads_to_the_offset_of_linear_theory():

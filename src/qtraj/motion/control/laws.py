@@ -18,7 +18,7 @@ from qtraj.foundation.arrays import as_float, require_finite
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat
-from qtraj.motion.attitude import Attitude
+from qtraj.motion.attitude import Attitude, require_body_axes
 from qtraj.motion.control.errors import (
     error_quaternion,
     error_rate,
@@ -117,6 +117,7 @@ class RateLaw(AbstractLaw):
 
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat | None = None) -> Quat:
         """The command (4,) [rad/s] in body axes; `rate` is not used."""
+        require_body_axes(reference)
         mu = error_quaternion(reference, quaternion)
         feedback = apply(self.k, mu - target("body", mu))
         return product(inverse(mu), product(pure(reference.rate), mu) - 2 * feedback)

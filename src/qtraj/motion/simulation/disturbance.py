@@ -79,14 +79,14 @@ class DisturbanceAcceleration(AbstractDisturbance):
 
     @renamed_arguments(course="signal")
     def __init__(self, signal: SignalInput):
-        self.signal = _checked_signal(signal, "the disturbance acceleration")
+        self.signal = checked_signal(signal, "the disturbance acceleration")
 
     def __repr__(self) -> str:
         return shown(self, signal="rad/s²")
 
     def acceleration(self, t: Scalar) -> Vec3:
         """The signal (3,) [rad/s²] at the time `t` [s]."""
-        return _at(self.signal, t)
+        return at_instant(self.signal, t)
 
 
 @reads_older(_from_older)
@@ -106,7 +106,7 @@ class DisturbanceTorque(AbstractDisturbance):
 
     @renamed_arguments(course="signal")
     def __init__(self, signal: SignalInput, inertia: ArrayInput):
-        self.signal = _checked_signal(signal, "the disturbance torque")
+        self.signal = checked_signal(signal, "the disturbance torque")
         self.inertia = inertia_matrix(inertia)
 
     def __repr__(self) -> str:
@@ -114,11 +114,12 @@ class DisturbanceTorque(AbstractDisturbance):
 
     def acceleration(self, t: Scalar) -> Vec3:
         """J⁻¹ times the signal (3,) [rad/s²] at the time `t` [s]."""
-        torque = _at(self.signal, t)
+        torque = at_instant(self.signal, t)
         return jnp.linalg.solve(self.inertia.astype(torque.dtype), torque)
 
 
-def _checked_signal(signal: SignalInput, name: str) -> Any:
+def checked_signal(signal: SignalInput, name: str) -> Any:
+    """A function of time as a pytree, or a constant vector (3,); ValueError for anything else."""
     if not callable(signal):
         return real_vector(signal, name, 3)
     _require_function_of_time(signal, name)
@@ -139,7 +140,8 @@ def _require_function_of_time(signal: Callable[..., Any], name: str) -> None:
         ) from error
 
 
-def _at(signal: Signal, t: Scalar) -> Vec3:
+def at_instant(signal: Signal, t: Scalar) -> Vec3:
+    """The vector (3,) at the time `t` [s]."""
     if not callable(signal):
         return signal
     vector = as_float(signal(t))

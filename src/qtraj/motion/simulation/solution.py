@@ -5,6 +5,7 @@ import re
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -17,6 +18,7 @@ from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import batch_prefix, extent, times_text
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.checks import require_axes
+from qtraj.motion.simulation.body_motion import BodyMotion
 
 FINISHED = "finished: every instant was reached."
 
@@ -42,7 +44,8 @@ class Solution(AbstractOutcome):
     `command` (n, 4), the limited command in body axes, [rad/s²] or [rad/s] for a rate law; `error` (n, 4), the law's
     error quaternion; `angle` (n,) [rad], between body and program, 0 … π. Instants that were not reached are NaN.
     `code` is a `ResultCode` and `result` its text. Under `vmap` all fields have the batch dimensions in front. `axes`:
-    "body" or "inertial", of the rate. `commands`: "acceleration", or "rate" for a rate law.
+    "body" or "inertial", of the rate. `commands`: "acceleration", or "rate" for a rate law. `body`: a `BodyMotion` with
+    torques, wheels and the deviation from the exact error equation, only for a simulated `RigidBody`.
 
     **Raises:** ValueError for other `axes` or `commands`.
     """
@@ -56,6 +59,7 @@ class Solution(AbstractOutcome):
     angle: Float[Array, "*batch n"] | None
     axes: str = eqx.field(static=True)
     commands: str = eqx.field(static=True)
+    body: BodyMotion | None
 
     def __init__(
         self,
@@ -68,6 +72,7 @@ class Solution(AbstractOutcome):
         angle: ArrayInput | None = None,
         axes: str = "body",
         commands: str = "acceleration",
+        body: BodyMotion | None = None,
     ):
         self.times, self.quaternion, self.rate = as_float(times), as_float(quaternion), as_float(rate)
         self.code = jnp.asarray(code, jnp.int32)
@@ -77,12 +82,15 @@ class Solution(AbstractOutcome):
         require_axes(axes)
         if commands not in ("acceleration", "rate"):
             raise ValueError(f"commands must be 'acceleration' or 'rate', but {commands!r} was given")
-        self.axes, self.commands = axes, commands
+        self.axes, self.commands, self.body = axes, commands, body
 
     def explain(self, at: tuple[int, ...]) -> str:
         """The result of one motion in words, with advice and the last instant that was reached."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         text = FINISHED if code == ResultCode.successful else code.text
+        if self.body is not None:
+            moved: BodyMotion = jax.tree.map(lambda x: np.asarray(x)[at], self.body)
+            text = f"{text} {moved.exactness().capitalize()}."
         reached = np.isfinite(np.asarray(self.quaternion)[at]).all(axis=-1)
         if reached.all():
             return text
@@ -108,6 +116,7 @@ class Solution(AbstractOutcome):
             "code": Quantity(self.code, "1", "how it ended, as a number"),
         }
         variables = {name: q for name, q in columns.items() if q.values is not None}
+        variables |= {} if self.body is None else self.body.variables()
         reached = f"{np.sum(self.successful)} of {self.code.size} reached every instant"
         result = reached if self.code.ndim else _brief(str(self.result))
         error = "" if self.angle is None else f", angle to the program {extent(self.angle, 'rad')}"
