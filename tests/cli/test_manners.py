@@ -17,7 +17,7 @@ from rich.console import Console
 import qtraj as qt
 from qtraj.cli import output, terminal
 from qtraj.cli.app import app
-from qtraj.cli.layout import column_table
+from qtraj.cli.layout import plain_table
 from qtraj.foundation.plain import finite
 from qtraj.foundation.progress import Progress
 from qtraj.foundation.progress_bar import watching
@@ -218,7 +218,7 @@ def test_shells_complete_commands_options_and_values(qtraj, shell):
 
 def test_a_narrow_terminal_folds_numbers_and_cuts_none():
     narrow = Console(file=io.StringIO(), width=20)
-    table = column_table("value", "limit")
+    table = plain_table(right=("value", "limit"))
     table.add_row("0.0501612", "0.0444444")
     narrow.print(table)
     digits = [line.split() for line in narrow.file.getvalue().splitlines() if any(map(str.isdigit, line))]

@@ -78,11 +78,6 @@ def facts_table(rows: Sequence[tuple[str, str]]) -> Table:
     return table
 
 
-def column_table(*names: str) -> Table:
-    """An empty table of numbers."""
-    return plain_table(right=names)
-
-
 def numbers_table(
     columns: Mapping[str, np.ndarray],
     headers: Mapping[str, Sequence[str]],
@@ -100,7 +95,7 @@ def numbers_table(
         here = known.get(name, np.ones(len(columns[name]), bool))
         write = digits if name in significant else decimals
         cells += [write(column, here) for column in values]
-    table = column_table(*[header for names in headers.values() for header in names])
+    table = plain_table(right=tuple(header for names in headers.values() for header in names))
     rows = list(zip(*cells, strict=True))
     if len(rows) > MOST_ROWS:
         rows = [*rows[: MOST_ROWS // 2], tuple("…" for _ in rows[0]), *rows[-(MOST_ROWS // 2) :]]

@@ -10,6 +10,7 @@ from rich.text import Text
 
 from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import FrameName, Outcome
+from qtraj.foundation.naming import naming
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress_bar import Watch, watching
 
@@ -134,7 +135,7 @@ def _simulated(
     from qtraj.scenario.loop import prepare
     from qtraj.scenario.part import radians
 
-    try:
+    with naming(f"{given.file}: "):
         watch.say("preparing the program and the law")
         task = prepare(given, samples, frame)
         watch.say("simulating")
@@ -145,8 +146,6 @@ def _simulated(
         tolerances: Any = {"rtol": task.rtol, "atol": task.atol}
         solution = simulation.simulate(*loop, times, *around, jumps=task.jumps, sign="as given", **tolerances)
         history = loop_history(*loop, solution)
-    except ValueError as error:
-        raise ValueError(f"{given.file}: {error}") from error
     settled = given.scenario.simulation.settled
     angle = SETTLED if settled is None else radians(given.scenario.angles) * settled
     return task, history, judge_loop(history, task.law, *around, angle, **tolerances)

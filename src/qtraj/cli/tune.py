@@ -15,6 +15,7 @@ from rich.text import Text
 from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES, either
+from qtraj.foundation.naming import naming
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress_bar import Watch, watching
 
@@ -148,14 +149,12 @@ def _tuned(
         raise ValueError(f"{given.file}: the table [limits] is missing or empty: there is nothing to tune for")
     watch.say("fitting the recording" if given.scenario.track else "laying the path")
     task = lay(given, *chosen)
-    try:
+    with naming(f"{given.file}: "):
         watch.say("judging the path")
         corridor = task.part.corridor
         before = certify(task.path, task.limits, corridor=corridor, reference=None if corridor is None else task.path)
         watch.say("tuning")
         return task, before, tune(**task.tuning(), progress=watch.tuning)
-    except ValueError as error:
-        raise ValueError(f"{given.file}: {error}") from error
 
 
 def _ranges(part: "TunePart") -> str:

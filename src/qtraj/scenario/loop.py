@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from pydantic import Field, model_validator
 
+from qtraj.foundation.naming import naming
 from qtraj.foundation.types import Quat
 from qtraj.io.saved import is_saved, saved_path, saved_program
 from qtraj.motion.attitude import AbstractProgram
@@ -30,7 +31,6 @@ from qtraj.scenario.loop_parts import (
     ErrorPart,
     FeedbackPart,
     SensorPart,
-    naming,
 )
 from qtraj.scenario.part import (
     ANGLES,

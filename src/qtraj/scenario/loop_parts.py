@@ -1,7 +1,5 @@
 """Tables of a closed loop: the law with its gains, how the body starts, what disturbs, measures and acts."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Annotated, Any, Literal
 
 import jax
@@ -10,6 +8,7 @@ import numpy as np
 from pydantic import Field, PlainValidator, model_validator
 from pydantic_core import PydanticCustomError
 
+from qtraj.foundation.naming import naming
 from qtraj.foundation.types import Quat
 from qtraj.motion.attitude import Attitude
 from qtraj.motion.control import gains
@@ -82,15 +81,6 @@ def _limit(value: Any) -> Any:
     if min(_numbers(value, 3)) <= 0 or (isinstance(value, list) and isinstance(value[0], list)):
         raise PydanticCustomError("numbers", "not positive")
     return value
-
-
-@contextmanager
-def naming(where: str) -> Iterator[None]:
-    """Say in the message of a ValueError where in the scenario its cause stands."""
-    try:
-        yield
-    except ValueError as error:
-        raise ValueError(f"{where}{error}") from error
 
 
 Gain = Annotated[Any, PlainValidator(_gain)]

@@ -7,7 +7,7 @@ The `title` of a key says what it means. Its `description` says what it may hold
 import math
 import sys
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, Self
 
 import jax.numpy as jnp
 import numpy as np
@@ -44,8 +44,6 @@ FORMS = ("quaternion", "euler", "rotation_vector", "gibbs")
 SEQUENCE = "three axes, fixed such as 'xyz' or moving such as 'ZYX', none twice in a row"
 LONGER = 1e-9
 """Relative: a rotation vector may be this much longer than a half turn."""
-
-A = TypeVar("A", bound="AttitudePart")
 
 
 def key(title: str, description: str, *default: Any) -> Any:
@@ -89,7 +87,7 @@ class AttitudePart(Part):
     gibbs: Vector | None = key("Gibbs vector", f"{THREE}: tan(angle/2) times the unit axis, without unit", None)
 
     @model_validator(mode="after")
-    def _belonging(self: A) -> A:
+    def _belonging(self) -> Self:
         forms = self.given(*FORMS)
         if len(forms) > 1:
             raise ValueError(f"there are several attitudes ({', '.join(forms)}): give one of {', '.join(FORMS)}")

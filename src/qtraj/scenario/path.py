@@ -8,6 +8,7 @@ from pydantic import create_model, model_validator
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.initial import initial_path
+from qtraj.foundation.naming import naming
 from qtraj.io.saved import saved_path
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.change import sampled
@@ -159,7 +160,7 @@ def lay(
         "limits": Limits(**scenario.limits.limits()),
         "part": scenario.tune,
     }
-    try:
+    with naming(f"{given.file}: "):
         if scenario.track is not None:
             track = scenario.track.read(given.beside)
             fitted = (scenario.fit or FitPart()).fit(track, chosen["motion"])
@@ -167,8 +168,6 @@ def lay(
         if scenario.path is not None:
             return _along(saved_path(given.beside(scenario.path)), **chosen)
         return _between(scenario, **chosen)
-    except ValueError as error:
-        raise ValueError(f"{given.file}: {error}") from error
 
 
 def _along(path: SpiralHelix, part: TunePart, **chosen: Any) -> PathTask:

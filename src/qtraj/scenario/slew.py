@@ -5,6 +5,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import model_validator
 
+from qtraj.foundation.naming import naming
 from qtraj.motion.dynamics import inertia_matrix
 from qtraj.motion.profiles.profile import AbstractProfile
 from qtraj.motion.profiles.s_curve import SCurve
@@ -154,7 +155,7 @@ class SlewPart(Part):
         """
         attitudes = np.stack([attitude.attitude(angles) for attitude in self.attitudes().values()])
         program, law = self._within(attitudes, angles), self.law
-        try:
+        with naming("" if strict else "[law]: "):
             if strict and law.limits(angles) and law.duration is not None:
                 limited = law.law(angles, limited=True)
                 for angle in np.atleast_1d(program.angle if isinstance(program, EulerTurn) else program.angles):
@@ -163,15 +164,11 @@ class SlewPart(Part):
             if body is None or body.max_torque is None or (law.given("duration", *END_RATES) and not strict):
                 return program
             return within_torque(program, body.inertia, body.max_torque)
-        except ValueError as error:
-            raise ValueError(str(error) if strict else f"[law]: {error}") from error
 
     def _within(self, attitudes: np.ndarray, angles: str) -> EulerTurn | SlewSequence:
-        try:
+        with naming("[law]: "):
             law = self.law.law(angles)
             return SlewSequence(attitudes, law) if len(attitudes) > 2 else EulerTurn(attitudes[0], attitudes[1], law)
-        except ValueError as error:
-            raise ValueError(f"[law]: {error}") from error
 
 
 class SlewScenario(NamedPart, SlewPart):
@@ -185,7 +182,5 @@ def slew_program(given: ScenarioFile[SlewScenario]) -> EulerTurn | SlewSequence:
 
     **Raises:** ValueError, naming the scenario, for a duration in which no such slew is possible.
     """
-    try:
+    with naming(f"{given.file}: "):
         return given.scenario.program(given.scenario.angles)
-    except ValueError as error:
-        raise ValueError(f"{given.file}: {error}") from error
