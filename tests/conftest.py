@@ -16,6 +16,9 @@ from qtraj.foundation.compilation_cache import default_folder, enable_compilatio
 CHECKS_TYPES = os.environ.get("QTRAJ_TESTS_CHECK_TYPES", "") not in ("", "0")
 """Whether every shape and type is checked at run time, which doubles the tracing time."""
 
+MAX_MAPS = 40_000
+"""Memory maps of a test process above which compiled code is dropped; each compiled function has a few."""
+
 UNUSED = 14 * 24 * 3600
 """[s] Compiled code of other versions or flags is deleted after this time without a run."""
 
@@ -52,6 +55,15 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
 
 if CHECKS_TYPES:
     jaxtyping.install_import_hook("qtraj", "beartype.beartype")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_memory_maps():
+    """Drop compiled code before the kernel's limit of 65 530 memory maps per process is reached, where LLVM fails."""
+    yield
+    maps = Path("/proc/self/maps")
+    if maps.exists() and maps.read_bytes().count(b"\n") > MAX_MAPS:
+        jax.clear_caches()
 
 
 @pytest.fixture(scope="module")

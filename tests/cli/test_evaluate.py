@@ -128,14 +128,14 @@ def test_the_frame_is_chosen_and_names_the_columns(qtraj, tmp_path, frame, label
     assert dataset["rate"].values[:, 0] == pytest.approx(np.full(5, rolling[frame]), abs=ROUND_OFF)
 
 
-def test_a_lane_change_does_not_roll_the_vehicle_over(qtraj, tmp_path):
+def test_changing_sides_does_not_roll_the_vehicle_over(qtraj, tmp_path):
     """The natural trihedral turns over where the bend changes sides; the frame of a vehicle does not."""
     bends = qt.SpiralHelix([50.0, 0.0, 3.0, -2.0], [0.0, 0.2], [0.0, 0.0], 1.0)
-    bends.save(tmp_path / "lane.json")
+    bends.save(tmp_path / "s_bend.json")
     up = {}
     for frame in ("upright", "natural"):
         content = json.loads(
-            qtraj("evaluate", tmp_path / "lane.json", "--frame", frame, "--also", "dcm", "--json").stdout
+            qtraj("evaluate", tmp_path / "s_bend.json", "--frame", frame, "--also", "dcm", "--json").stdout
         )
         up[frame] = np.array(content["columns"]["dcm"])[:, 2, 2]
     assert up["natural"].min() < -0.9 < 0.9 < up["natural"].max()

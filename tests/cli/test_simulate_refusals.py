@@ -21,7 +21,7 @@ BAD = {
         SLEW.replace("max_acc", "max_ac") + LAW,
         ["unknown key 'program.slew.law.max_aceleration'", "did you mean 'max_acceleration'?"],
     ),
-    "an impossible turn": (SLEW + "duration = 0.1\n" + LAW, ["[law]: a turn by", "Allow more time"]),
+    "an impossible turn": (SLEW + "duration = 0.1\n" + LAW, ["[law]: a slew by", "Allow more time"]),
     "no gains": (SLEW + "[law]\n", ["[law]: there are no gains", "settling_time", "[law.weights]"]),
     "a turn that breaks its limits": (
         SLEW.replace("max_acceleration = 20", "kind = 'quintic'\nduration = 10\nmax_rate = 1") + LAW,
@@ -47,7 +47,7 @@ BAD = {
     ),
     "commands without end": (
         SLEW + LAW + "[sensor]\nsampling = 1e-7\n",
-        ["the key 'sensor.sampling': a sampling period of 1e-07 s means", "no more than 1000000 are possible"],
+        ["the key 'sensor.sampling': a sampling period of 1e-07 s means", "but the maximum is 1000000"],
     ),
     "a held command without end": (
         SLEW + LAW + "[actuator]\nsampling = 1e-7\n",

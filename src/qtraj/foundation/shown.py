@@ -19,7 +19,8 @@ def shown(module: Any, **units: str) -> str:
 
     `units` are the units of fields, as they are displayed.
     """
-    fields = {f.name: getattr(module, f.name, None) for f in dataclasses.fields(module) if f.repr}
+    names = module._fields if isinstance(module, tuple) else [f.name for f in dataclasses.fields(module) if f.repr]
+    fields = {name: getattr(module, name, None) for name in names}
     texts = [f"{name}={_text(x, units.get(name, ''))}" for name, x in fields.items() if x is not None]
     return f"{type(module).__name__}({', '.join(texts)})"
 

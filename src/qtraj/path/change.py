@@ -1,5 +1,7 @@
 """How one path differs from another: boundary velocities, duration and length, headings, heights, distance."""
 
+from __future__ import annotations
+
 import math
 from typing import Any, NamedTuple
 
@@ -39,10 +41,10 @@ class PathChange(AbstractResult):
     """
 
     velocities: Float[Array, "2 2 3"]
-    durations: Float[Array, "2"]
-    mean_rates: Float[Array, "2"]
-    lengths: Float[Array, "2"]
-    headings: Float[Array, "2"]
+    durations: Float[Array, 2]
+    mean_rates: Float[Array, 2]
+    lengths: Float[Array, 2]
+    headings: Float[Array, 2]
     lowest: Scalar
     highest: Scalar
     deviation: Scalar

@@ -19,6 +19,7 @@ from jaxtyping import Array, Float
 from qtraj.algebra.polynomial import evaluate
 from qtraj.foundation.arrays import as_float, real_scalar, real_vector
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, Vec3
 from qtraj.path import pieces
 from qtraj.path.frame_axes import UPRIGHT
@@ -54,6 +55,9 @@ class Driving(AbstractFrame):
     signs: Float[Array, " rows"]
     angles: Float[Array, "rows 2 6"]
     up: Vec3
+
+    def __repr__(self) -> str:
+        return shown(self, starts="s", angles="rad")
 
     def __init__(self, starts: ArrayInput, signs: ArrayInput, angles: ArrayInput, up: ArrayInput = (0.0, 0.0, 1.0)):
         self.starts, self.signs, self.angles = as_float(starts), as_float(signs), as_float(angles)

@@ -9,6 +9,7 @@ from jax.lax import stop_gradient
 from jaxtyping import Array
 
 from qtraj.algebra.vector import norm
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import Scalar, Vec3
 from qtraj.path import pieces
 
@@ -24,6 +25,9 @@ class Nearest(NamedTuple):
     time: Scalar
     position: Vec3
     distance: Scalar
+
+    def __repr__(self) -> str:
+        return shown(self, time="s", position="m", distance="m")
 
 
 @jax.jit

@@ -57,7 +57,7 @@ def test_the_turn_that_a_single_cubic_refuses():
     shortest, fastest = qt.CubicSpline(least, 0.8, 2.0).profile(QUARTER), qt.TimeOptimal(0.8, 2.0).profile(QUARTER)
     t = np.linspace(0.0, least, 57)
     np.testing.assert_allclose(jax.vmap(shortest.angle)(t), jax.vmap(fastest.angle)(t), atol=1e-7)  # a root at 0
-    with pytest.raises(ValueError, match=r"this cubic-spline law needs at least 2\.3634"):
+    with pytest.raises(ValueError, match=r"this cubic-spline profile needs at least 2\.3634"):
         qt.CubicSpline(2.36, 0.8, 2.0).profile(QUARTER)
 
 

@@ -170,7 +170,7 @@ def test_what_is_refused(tmp_path):
         (lambda: qt.RigidBody(-1.0), "symmetric with positive"),
         (lambda: qt.RigidBody(1.0, wheels=np.eye(3)), "wheels must be ReactionWheels"),
         (lambda: qt.RigidBody(1.0, wheels=qt.ReactionWheels(np.eye(3)), max_torque=1.0), "a limit of their own"),
-        (lambda: qt.simulate(Rest(), LAW, START, RATE, TIMES, body=3.0), "body must be one such as"),
+        (lambda: qt.simulate(Rest(), LAW, START, RATE, TIMES, body=3.0), "the body must be an object such as"),
         (lambda: qt.simulate(Rest(), qt.RateLaw(1.0), START, RATE, TIMES, body=qt.RigidBody(1.0)), "a rate law moves"),
     ):
         with pytest.raises(ValueError, match=expected):

@@ -158,7 +158,7 @@ def test_what_a_hysteretic_law_refuses(tmp_path):
         qt.HystereticLaw(qt.GeometricFeedback(2.0, 1.0))
     with pytest.raises(ValueError, match=r"in \[0, 1\), but 1.0 was given"):
         qt.HystereticLaw(LAW, 1.0)
-    with pytest.raises(ValueError, match="nothing says when the hysteretic law looks at its sign"):
+    with pytest.raises(ValueError, match="has no instants at which to update its sign"):
         qt.simulate(Rest(), qt.HystereticLaw(LAW), tilted(1.0), STILL, TIMES)
     law = qt.HystereticLaw(LAW, sampling=0.1)
     with pytest.raises(ValueError, match="sample differently"):

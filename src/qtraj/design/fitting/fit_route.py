@@ -5,6 +5,8 @@ velocities in the proportion of the two variances, plus `smoothing`·∫|r⃛|²
 the first sample, in O(samples); nothing is compiled but the comparison with the recording.
 """
 
+from __future__ import annotations
+
 import numpy as np
 from jaxtyping import Float
 

@@ -1,5 +1,7 @@
 """The result of `fit_route`: the route, its residual and prediction error, outliers, stops and gaps."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np

@@ -115,11 +115,9 @@ def certify(
 
 
 def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
-    names, batch = tuple(limits.given()), path.duration.shape
-    dtype = path.duration.dtype
+    names, batch, dtype = tuple(limits.given()), path.duration.shape, path.duration.dtype
     if not names:
-        empty = jnp.zeros((*batch, 0), dtype)
-        return Certificate((), empty, empty, empty, empty)
+        return Certificate((), *[jnp.zeros((*batch, 0), dtype)] * 4)
     arrays, static = eqx.partition(path, eqx.is_array)
     if any(x.shape[: len(batch)] != batch for x in jax.tree.leaves(arrays)):
         raise ValueError(f"every array of a batch of paths must start with the shape {batch}: stack them by jax.vmap")

@@ -1,5 +1,7 @@
 """Certificates of routes: on the whole route, on each segment, and where limits are broken."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Any
 

@@ -7,10 +7,13 @@ replace it by −h only where hμ0 < −δ|μ|: noise that changes μ0/|μ| by l
 no rotation is longer than 2 arccos(−δ).
 """
 
+from __future__ import annotations
+
 import jax.numpy as jnp
 
 from qtraj.foundation.arrays import concrete, real_scalar
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar
 from qtraj.motion.attitude import Attitude
 from qtraj.motion.control.baselines import QuaternionFeedback, signed_quaternion_feedback
@@ -40,6 +43,9 @@ class HystereticLaw(AbstractLaw):
     law: AccelerationLaw | QuaternionFeedback
     half_width: Scalar
     sampling: Sampling | None
+
+    def __repr__(self) -> str:
+        return shown(self, sampling="s")
 
     def __init__(
         self,

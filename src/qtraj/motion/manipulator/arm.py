@@ -5,6 +5,8 @@ joints' motions, the first joint's last, and of its pose at zero. Rates and acce
 axes: (ω, v) = J(q) q̇ and (ε, a) = J q̈ + J̇ q̇.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -17,6 +19,7 @@ from qtraj.algebra import quaternion, rotation
 from qtraj.algebra.quaternion import product, rotate
 from qtraj.foundation.arrays import as_float, concrete, real_vector
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Vec3
 
 REVOLUTE, PRISMATIC = "revolute", "prismatic"
@@ -38,6 +41,9 @@ class Joint(eqx.Module):
     axis: Vec3
     point: Vec3
     kind: str = eqx.field(static=True)
+
+    def __repr__(self) -> str:
+        return shown(self, point="m")
 
     def __init__(self, axis: ArrayInput, point: ArrayInput = (0.0, 0.0, 0.0), kind: str = REVOLUTE):
         axis = real_vector(axis, "the axis of a joint", 3)
@@ -64,6 +70,9 @@ class Arm(eqx.Module):
     home_position: Vec3
     home_quaternion: Quat
 
+    def __repr__(self) -> str:
+        return shown(self, home_position="m")
+
     def __init__(
         self,
         joints: Sequence[Joint],
@@ -77,7 +86,7 @@ class Arm(eqx.Module):
         self.home_quaternion = quaternion.unit(real_vector(home_quaternion, "the home quaternion", 4))
 
     @classmethod
-    def from_dh(cls, rows: ArrayInput, kinds: Sequence[str] | None = None) -> "Arm":
+    def from_dh(cls, rows: ArrayInput, kinds: Sequence[str] | None = None) -> Arm:
         """The arm of classic Denavit–Hartenberg rows (n, 4): a [m], α [rad], d [m], θ [rad], each joint at zero.
 
         A joint turns about, or moves along, the z axis of the frame before it; its value adds to θ or d. `kinds` are
@@ -118,7 +127,7 @@ class Arm(eqx.Module):
         """J with (ω, v) = J q̇, inertial axes: angular rows first, then those of the gripper's velocity."""
         return self.kinematics(q)[2]
 
-    def bias(self, q: Joints, q_dot: Joints) -> Float[Array, "6"]:
+    def bias(self, q: Joints, q_dot: Joints) -> Float[Array, 6]:
         """J̇ q̇: the gripper's angular [rad/s²] and linear [m/s²] acceleration where the joints have none."""
         return jax.jvp(lambda q: jnp.matmul(self.jacobian(q), q_dot, precision="highest"), (q,), (q_dot,))[1]
 

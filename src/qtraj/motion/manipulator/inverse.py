@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import real_scalar, require_finite, require_positive
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar
 
 
@@ -29,6 +30,9 @@ class Damping(eqx.Module):
     threshold: Scalar
     largest: Scalar
     idle: Scalar
+
+    def __repr__(self) -> str:
+        return shown(self, idle="1/s")
 
     def __init__(self, threshold: ArrayInput = 0.05, largest: ArrayInput = 0.05, idle: ArrayInput = 1.0):
         self.threshold, self.largest = real_scalar(threshold, "the threshold"), real_scalar(largest, "largest")

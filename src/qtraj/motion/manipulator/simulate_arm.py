@@ -6,6 +6,8 @@ Jacobian turns that into q̈. |λ| and ω0 are variables of the computer. Where 
 the commanded acceleration, so its error satisfies the same linear equation as the error of a free body.
 """
 
+from __future__ import annotations
+
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -35,7 +37,7 @@ class _Job(eqx.Module):
     program: AbstractProgram
     law: AbstractLaw
     path: AbstractHodograph | None
-    gains: Float[Array, "2"]
+    gains: Float[Array, 2]
     damping: Damping
     sign: Scalar
 
@@ -44,7 +46,7 @@ class _Job(eqx.Module):
         n = len(self.arm.joints)
         return state[:n], state[n : 2 * n], state[2 * n], state[2 * n + 1]
 
-    def look(self, state: State) -> "_Look":
+    def look(self, state: State) -> _Look:
         """The gripper at a state."""
         q, q_dot, log_norm, omega0 = self.split(state)
         (position, attitude, jacobian), (*_, slope) = jax.jvp(self.arm.kinematics, (q,), (q_dot,))
@@ -56,7 +58,7 @@ class _Job(eqx.Module):
     def reference(self, t: Scalar, state: State) -> Attitude:
         return jax.tree.map(lambda x: x.astype(state.dtype), self.program(t))
 
-    def wanted(self, t: Scalar, reference: Attitude, at: "_Look") -> tuple[Scalar, Array]:
+    def wanted(self, t: Scalar, reference: Attitude, at: _Look) -> tuple[Scalar, Array]:
         """The virtual part of the law's command, and the wanted acceleration of the gripper: (ε_ξ) or (ε_ξ, a)."""
         command = to_inertial(at.quaternion, self.law(reference, at.quaternion, at.rate))
         if self.path is None:
@@ -65,7 +67,7 @@ class _Job(eqx.Module):
         feedback = self.gains[0] * (at.velocity - r[1]) + self.gains[1] * (at.position - r[0])
         return command[0], jnp.concatenate([command[1:], r[2] - feedback])
 
-    def accelerations(self, t: Scalar, state: State, at: "_Look") -> tuple[Scalar, Array, Array, Array]:
+    def accelerations(self, t: Scalar, state: State, at: _Look) -> tuple[Scalar, Array, Array, Array]:
         """ε0, q̈, the missing part of the wanted acceleration, and the rows of the Jacobian."""
         _, q_dot, _, _ = self.split(state)
         virtual, wanted = self.wanted(t, self.reference(t, state), at)

@@ -5,6 +5,8 @@ The attitude obeys μ̈ + K1μ̇ + K2(μ − 1) = 0 as without a position. The p
 error of the pose, as a dual quaternion M = Λ̄⁰∘Λ = μ + s ½ ρ∘μ with ρ = λ̄⁰∘e∘λ⁰, is known in closed form.
 """
 
+from __future__ import annotations
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -14,6 +16,7 @@ from typing_extensions import TypeAliasType
 from qtraj.algebra import dual_quaternion
 from qtraj.algebra.dual_quaternion import DualQuat
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, Gain, RateLaw, apply, gain
@@ -32,6 +35,9 @@ class PoseProgram(eqx.Module):
 
     path: AbstractHodograph
     attitude: AbstractProgram
+
+    def __repr__(self) -> str:
+        return shown(self)
 
     def __init__(self, path: AbstractHodograph, attitude: AbstractProgram):
         if not isinstance(path, AbstractHodograph):
@@ -68,6 +74,9 @@ class PoseLaw(eqx.Module):
     attitude: AbstractLaw
     k1: Gain
     k2: Gain
+
+    def __repr__(self) -> str:
+        return shown(self, k1="1/s", k2="1/s²")
 
     def __init__(self, attitude: AbstractLaw, k1: ArrayInput, k2: ArrayInput):
         if not isinstance(attitude, AbstractLaw) or isinstance(attitude, RateLaw) or hasattr(attitude, "half_width"):

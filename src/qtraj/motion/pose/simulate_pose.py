@@ -1,5 +1,7 @@
 """A body whose position and attitude a law makes follow a program of poses."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import Any
 

@@ -21,6 +21,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.motion.profiles.profile import AbstractProfile, Profile, fixed_duration, limit, nonzero_size, require_limits
 
@@ -52,6 +53,9 @@ class CubicSpline(AbstractProfile):
     max_rate: Scalar | None
     max_acceleration: Scalar | None
     name: ClassVar[str] = "cubic-spline"
+
+    def __repr__(self) -> str:
+        return shown(self, duration="s", max_rate="rad/s", max_acceleration="rad/s²")
 
     def __init__(
         self, duration: ArrayInput, max_rate: ArrayInput | None = None, max_acceleration: ArrayInput | None = None

@@ -1,5 +1,7 @@
 """A slew over time: its angle with two derivatives, the attitude of the program, and the torque on the body."""
 
+from __future__ import annotations
+
 import itertools
 from typing import NamedTuple
 
@@ -64,7 +66,7 @@ class SlewHistory(AbstractResult):
         time = Quantity(self.times, "s", "time from the start of the program", ("time",))
         return Record(summary, variables, {"time": time}, {"frame": "body"})
 
-    def __getitem__(self, instants: slice) -> "SlewHistory":
+    def __getitem__(self, instants: slice) -> SlewHistory:
         """The same at some of the instants."""
         return jax.tree.map(lambda values: values[instants], self)
 

@@ -1,5 +1,7 @@
 """Whether a slew meets its limits: peaks against limits, the least duration, and the sign of the end attitude."""
 
+from __future__ import annotations
+
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence

@@ -8,6 +8,8 @@ that acts on the body directly (thrusters). To give the acceleration ε of the l
 M_c = J_a ε + ω×(J_a ω + Ah) with its own J_a, and divides it among the wheels by the pseudo-inverse, −Au = M_c.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import Any
 
@@ -19,6 +21,7 @@ from jaxtyping import Array, Float
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_float, concrete, real_scalar, require_finite, require_positive
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Mat3, Scalar, Vec3
 from qtraj.motion.dynamics import inertia_matrix
 from qtraj.motion.simulation.disturbance import Signal, at_instant, checked_signal
@@ -47,6 +50,9 @@ class ReactionWheels(eqx.Module):
     max_torque: Torques | None
     max_momentum: Momenta | None
     momentum: Momenta
+
+    def __repr__(self) -> str:
+        return shown(self, max_torque="N m", max_momentum="N m s", momentum="N m s")
 
     def __init__(
         self,
@@ -94,6 +100,9 @@ class RigidBody(eqx.Module):
     torque: Signal | None
     wheels: ReactionWheels | None
     max_torque: Scalar | None
+
+    def __repr__(self) -> str:
+        return shown(self, inertia="kg m²", assumed="kg m²", torque="N m", max_torque="N m")
 
     def __init__(
         self,

@@ -1,5 +1,7 @@
 """A simulated closed loop over time, beside its program and its closed form."""
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -68,7 +70,7 @@ class LoopHistory(AbstractResult):
         about = {"frame": "body", "rate_convention": "body axes; a virtual rate is d/dt ln|quaternion|²"}
         return Record(summary, variables, {"time": times}, about)
 
-    def __getitem__(self, rows: ArrayInput | slice) -> "LoopHistory":
+    def __getitem__(self, rows: ArrayInput | slice) -> LoopHistory:
         """The same at some of the instants."""
         code = self.solution.code
         return jax.tree.map(lambda values: values if values is code else jnp.asarray(values)[rows], self)

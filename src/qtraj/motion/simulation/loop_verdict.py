@@ -1,5 +1,7 @@
 """What a closed loop did: whether it agrees with its closed form, when it settled, and with what commands."""
 
+from __future__ import annotations
+
 import math
 
 import equinox as eqx

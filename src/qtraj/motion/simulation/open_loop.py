@@ -5,6 +5,8 @@ remains, a rate error makes the attitude error grow with time, and a disturbance
 the loop.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import Any
 

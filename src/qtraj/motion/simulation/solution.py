@@ -1,5 +1,7 @@
 """The solution of an integration or a simulation: the motion, and its result in words."""
 
+from __future__ import annotations
+
 import os
 import re
 from typing import Any
