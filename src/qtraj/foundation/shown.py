@@ -19,7 +19,10 @@ def shown(module: Any, **units: str) -> str:
 
     `units` are the units of fields, as they are displayed.
     """
-    names = module._fields if isinstance(module, tuple) else [f.name for f in dataclasses.fields(module) if f.repr]
+    if dataclasses.is_dataclass(module):
+        names = [f.name for f in dataclasses.fields(module) if f.repr]
+    else:  # a named tuple
+        names = getattr(module, "_fields", ())
     fields = {name: getattr(module, name, None) for name in names}
     texts = [f"{name}={_text(x, units.get(name, ''))}" for name, x in fields.items() if x is not None]
     return f"{type(module).__name__}({', '.join(texts)})"
