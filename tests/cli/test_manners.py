@@ -329,3 +329,11 @@ def test_missing_packages_are_named():
     assert "typer, matplotlib" in done.stderr
     assert "pip install 'qtraj[all]'" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [("evaluate", "[default: 25]"), ("evaluate", "[default: upright]"), ("slew", "in the table"), ("tune", "upright]")],
+)
+def test_help_shows_what_stands_in_brackets(qtraj, command, words):
+    assert words in " ".join(qtraj(command, "--help").stdout.replace("│", " ").split())

@@ -81,7 +81,10 @@ BAD = {
         ["the key 'law.end_rate' suits no sequence of slews"],
     ),
     "nothing that takes time": (REST + "[law]\nkind = 'cubic'\n", ["needs a duration or a limit"]),
-    "too short a time": (REST + LAW + "duration = 100\n", ["[law]: a slew by", "the duration 100 s", "Allow more time"]),
+    "too short a time": (
+        REST + LAW + "duration = 100\n",
+        ["[law]: a slew by", "the duration 100 s", "Allow more"],
+    ),
     "a saved program": (
         "format = 'qtraj/1'\ntype = 'EulerTurn'\n",
         ["this is a saved EulerTurn, not a scenario", "`qtraj simulate` follows a saved program"],

@@ -31,7 +31,7 @@ MOTION = {"time": ["t"], "position": ["x", "y", "z"], "speed": ["speed"], "curva
 def evaluate(
     scenario: Path = typer.Argument(..., metavar="SCENARIO", help="A scenario, or a saved path (TOML or JSON)."),
     samples: int | None = typer.Option(
-        None, min=2, metavar="N", help=f"Number of instants, both ends included. [default: {SAMPLES}]"
+        None, min=2, metavar="N", help=f"Number of instants, both ends included. \\[default: {SAMPLES}]"
     ),
     step: float | None = typer.Option(
         None, metavar="SECONDS", help="Time between instants instead; the end is always included."

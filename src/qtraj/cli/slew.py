@@ -38,8 +38,8 @@ def slew(
     """Slew from one attitude to another, or through several, about fixed axes.
 
     The angle proceeds as fast as limits of rate, acceleration, jerk and torque allow, or in a given time; torques need
-    the inertia of the body, in a table [body]. Writes the program (program.toml), its table (table.nc, table.csv) and a
-    figure (slew.png, slew.svg). Exit code 1 where a limit is broken.
+    the inertia of the body, in the table `body`. Writes the program (program.toml), its table (table.nc, table.csv) and
+    a figure (slew.png, slew.svg). Exit code 1 where a limit is broken.
     """
     with terminal.guarded():
         outcome = run(scenario, out, samples)

@@ -49,7 +49,7 @@ ABOUT_FRAMES = (
 def frame_option(otherwise: str = "upright") -> Any:
     """The option `--frame`; `otherwise` says what holds without it."""
     return typer.Option(
-        None, "--frame", metavar="FRAME", help=f"Frame of the attitudes: {ABOUT_FRAMES} [default: {otherwise}]"
+        None, "--frame", metavar="FRAME", help=f"Frame of the attitudes: {ABOUT_FRAMES} \\[default: {otherwise}]"
     )
 
 
