@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certify import certify
-from qtraj.design.tuning.constraints import values
+from qtraj.design.tuning.constraints import of_one_path, values
 from qtraj.design.tuning.model import make_setting
 from qtraj.design.tuning.multistart import minimise_violation, solve, take, without_objective
 from qtraj.design.tuning.peaks import ABSENT
@@ -27,6 +27,7 @@ from qtraj.design.tuning.search import SearchResult
 from qtraj.design.tuning.sqp import FEASIBLE, SequentialQuadratic
 from qtraj.design.tuning.task import TARGET_RATIO, LimitSlots, Task
 from qtraj.foundation.arrays import as_float
+from qtraj.foundation.indexing import element, with_element
 from qtraj.foundation.progress import Report
 from qtraj.foundation.types import Scalar
 from qtraj.foundation.units import with_unit
@@ -220,11 +221,12 @@ def _constraint_values(task: Task, slots: LimitSlots, at: SearchResult) -> Float
     here = make_setting(task.problem, at.z)
 
     def of_slot(slot: Int[Array, ""], carry: Array) -> Array:
-        index = jnp.asarray(slots.index)[slot]
-        slot_values = values(here, index, task.limits[slot], at.times[slot])
-        return carry.at[slot].set(jnp.where(at.values[slot] > ABSENT, slot_values, ABSENT))
+        index = element(slots.index, slot)
+        slot_values = of_one_path(values)(here, index, *element((task.limits, at.times), slot))
+        found = jnp.where(element(at.values, slot) > ABSENT, slot_values, ABSENT)
+        return with_element(carry, slot, found)
 
-    return jax.lax.fori_loop(0, jnp.asarray(slots.count), of_slot, jnp.full_like(at.times, ABSENT))
+    return over_slots(slots, of_slot, jnp.full_like(at.times, ABSENT))
 
 
 _constraint_values_jit = eqx.filter_jit(_constraint_values)

@@ -5,7 +5,8 @@ scales the limit: (value/limit)² = κ·G with κ = T^−2p/limit², where p is 
 function of a few invariants. These are scalar products of r', r'', …, c = r'×r'' and c' = r'×r''', called blocks.
 
 The limit is selected by an index that all searches of a batch share. So the formula of each limit is compiled once, and
-only the limits that are set are evaluated.
+only the limits that are set are evaluated. All functions here take a batch of paths, because a branch or a loop that
+`jax.vmap` adds the batch to is traced several times.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,20 +22,24 @@ from qtraj.design.tuning import corridor, monomials
 from qtraj.design.tuning.curves import Curves, along_u
 from qtraj.design.tuning.monomials import Table
 from qtraj.design.tuning.world_axes import upright_derivatives
+from qtraj.foundation.indexing import element
 from qtraj.foundation.types import Scalar
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import QUANTITIES, PathQuantity
 
-Places = Float[Array, " places"]
+Places = Float[Array, "batch places"]
 
 
 class Setting(NamedTuple):
-    """A path in unit time, ln T, the rotation from its placement's axes to the world's, and the initial path."""
+    """A path in unit time, ln T, the rotation from its placement's axes to the world's, and the initial path.
+
+    For a batch of paths every array has a leading axis.
+    """
 
     curves: Curves
-    log_duration: Scalar
-    axes: Float[Array, "3 3"]
-    reference: Float[Array, "terms 3"]
+    log_duration: Float[Array, "*batch"]
+    axes: Float[Array, "*batch 3 3"]
+    reference: Float[Array, "*batch terms 3"]
 
 
 class Group(NamedTuple):
@@ -100,7 +105,7 @@ FIRST_HINT = len(QUANTITIES)
 """The first index after the limits. Here follow the negative invariants of `HINTS`, whose peaks are minima."""
 
 HINT_OF = np.asarray(
-    [*(int(entry.divisor == "cross_norm") for entry in QUANTITIES.values()), *[0] * (len(HINTS) + 1)], np.int32
+    [*(int(entry.divisor == "cross_norm") for entry in QUANTITIES.values()), *[0] * (len(HINTS) + 1)], np.uint32
 )
 """The hint that each quantity uses."""
 
@@ -109,40 +114,55 @@ CORRIDOR_INDEX = FIRST_HINT + len(HINTS)
 
 _GROUP_INDICES = [_group_index(entry) for entry in QUANTITIES.values()]
 _HINT_MEMBERS = range(len(_ENTRIES[0]), len(_ENTRIES[0]) + len(HINTS))
-GROUP = np.asarray([*_GROUP_INDICES, *[0] * len(HINTS), len(GROUPS)], np.int32)
-MEMBER = np.asarray([*(_GROUP_INDICES[:k].count(g) for k, g in enumerate(_GROUP_INDICES)), *_HINT_MEMBERS, 0], np.int32)
+GROUP = np.asarray([*_GROUP_INDICES, *[0] * len(HINTS), len(GROUPS)], np.uint32)
+MEMBER = np.asarray(
+    [*(_GROUP_INDICES[:k].count(g) for k, g in enumerate(_GROUP_INDICES)), *_HINT_MEMBERS, 0], np.uint32
+)
 PER_TIME = np.asarray([*(entry.per_time for entry in QUANTITIES.values()), *[0] * (len(HINTS) + 1)], np.int32)
 
 
-def values(setting: Setting, index: Int[Array, ""], limit: Scalar, u: Places) -> Places:
-    """The constraint g at the places `u`."""
-    curves = setting.curves
-    scale, _ = limit_scale(setting, index, limit)
+def values(settings: Setting, index: Int[Array, ""], limits: Float[Array, " batch"], u: Places) -> Places:
+    """The constraint g of a batch of paths, each at its own places `u`."""
+    scale, _ = limit_scale(settings, index, limits)
 
     def make_branch(group: Group) -> Callable[[], Places]:
         def branch() -> Places:
-            r = along_u(curves.up_to(group.order), u, 0)[0]
-            r = upright_derivatives(setting.axes, setting.curves.angle, r, u) if group.upright else r
-            invariants = Invariants([None, *((x[0], x[1], x[2]) for x in r)])
+            r = jax.vmap(lambda curves, u: along_u(curves.up_to(group.order), u, 0)[0])(settings.curves, u)
+            r = upright_derivatives(settings.axes, settings.curves.angle, r, u) if group.upright else r
+            invariants = Invariants([None, *((x[:, 0], x[:, 1], x[:, 2]) for x in jnp.moveaxis(r, 1, 0))])
             used = SimpleNamespace(**{name: getattr(invariants, name) for name in group.products})
             squares = [lambda square=square: square(used) for square in group.members]
-            return jax.lax.switch(jnp.asarray(MEMBER)[index], squares)
+            return jax.lax.switch(element(MEMBER, index), squares)
 
         return branch
 
-    return 0.5 * (
-        scale * switch_group(index, make_branch, lambda: corridor.value(curves.place, setting.reference, u)) - 1
-    )
+    def corridor_branch() -> Places:
+        return jax.vmap(corridor.value)(settings.curves.place, settings.reference, u)
+
+    return 0.5 * (scale[:, None] * switch_group(index, make_branch, corridor_branch) - 1)
 
 
-def limit_scale(setting: Setting, index: Int[Array, ""], limit: Scalar) -> tuple[Array, Array]:
+def of_one_path(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`values` or one of the functions like it for one path: the arguments and the result without the batch axis."""
+
+    def of_one(setting: Setting, *arguments: Any) -> Any:
+        *derivatives, index, limit, u = arguments
+        settings, batched, limits, places = jax.tree.map(lambda x: x[None], (setting, derivatives, limit, u))
+        return jax.tree.map(lambda x: x[0], function(settings, *batched, index, limits, places))
+
+    return of_one
+
+
+def limit_scale(
+    settings: Setting, index: Int[Array, ""], limits: Float[Array, " batch"]
+) -> tuple[Float[Array, " batch"], Scalar]:
     """κ and d ln κ / d ln T."""
-    per_log = jnp.asarray(-2.0 * PER_TIME)[index].astype(limit.dtype)
-    return jnp.exp(per_log * setting.log_duration) / limit**2, per_log
+    per_log = element(-2.0 * PER_TIME, index).astype(limits.dtype)
+    return jnp.exp(per_log * settings.log_duration) / limits**2, per_log
 
 
 def switch_group(
     index: Int[Array, ""], make_branch: Callable[[Group], Callable[[], Any]], corridor_branch: Callable[[], Any]
 ) -> Any:
     """Evaluate the branch of the group to which the quantity with this index belongs."""
-    return jax.lax.switch(jnp.asarray(GROUP)[index], [*(make_branch(group) for group in GROUPS), corridor_branch])
+    return jax.lax.switch(element(GROUP, index), [*(make_branch(group) for group in GROUPS), corridor_branch])

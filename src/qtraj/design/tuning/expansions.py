@@ -1,8 +1,9 @@
 """Derivatives of the constraints in the variables and in the place u on the path."""
 
-from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
@@ -11,6 +12,7 @@ from qtraj.design.tuning import corridor, monomials
 from qtraj.design.tuning.constraints import HORIZONTAL, MEMBER, Group, Places, Setting, limit_scale, switch_group
 from qtraj.design.tuning.curves import CurveDerivatives, along_u, angle_at, from_pairs
 from qtraj.design.tuning.world_axes import cross_axis, to_world, world_derivatives
+from qtraj.foundation.indexing import element
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import Triple, add_vectors, cross, dot
 
@@ -18,53 +20,63 @@ from qtraj.path.components import Triple, add_vectors, cross, dot
 class Expansion(NamedTuple):
     """The constraint g at many places: its value and its derivatives in the variables and in u."""
 
-    value: Places
-    slope: Float[Array, "n places"]
-    curvature: Float[Array, "n n places"]
-    mixed: Float[Array, "n places"]  # ∂²g/∂z∂u
-    rate: Places  # ∂g/∂u
-    second_rate: Places  # ∂²g/∂u²
+    value: Float[Array, "*batch places"]
+    slope: Float[Array, "*batch n places"]
+    curvature: Float[Array, "*batch n n places"]
+    mixed: Float[Array, "*batch n places"]  # ∂²g/∂z∂u
+    rate: Float[Array, "*batch places"]  # ∂g/∂u
+    second_rate: Float[Array, "*batch places"]  # ∂²g/∂u²
 
 
 def slopes(
-    setting: Setting, derivatives: CurveDerivatives, index: Int[Array, ""], limit: Scalar, u: Places
-) -> tuple[Places, Float[Array, "n places"]]:
-    """g at the places `u`, and its derivatives in the variables."""
-    curves = setting.curves
-    scale, per_log = limit_scale(setting, index, limit)
+    settings: Setting, derivatives: CurveDerivatives, index: Int[Array, ""], limits: Float[Array, " batch"], u: Places
+) -> tuple[Places, Float[Array, "batch n places"]]:
+    """g of a batch of paths at the places `u` of each, and its derivatives in the variables."""
+    scale, per_log = limit_scale(settings, index, limits)
+    places = settings.curves.place, derivatives.first.place, settings.reference
+    G, in_slopes = switch_group(
+        index,
+        lambda group: lambda: jax.vmap(partial(_first_order, group, index))(settings, derivatives, u),
+        lambda: jax.vmap(corridor.slopes)(*places, u),
+    )
 
-    def make_branch(group: Group) -> Callable[[], tuple[Places, Array]]:
-        def branch() -> tuple[Places, Array]:
-            r = along_u(curves.up_to(group.order), u, 0)[0]
-            directions = along_u(derivatives.first.up_to(group.order), u, 0)[0]
-            if group.upright:
-                angle, first = (angle_at(x.angle, u, 0)[0] for x in (curves, derivatives.first))
-                directions = to_world(setting.axes, angle, directions + first[:, None, None] * cross_axis(r)[None])
-                r = to_world(setting.axes, angle, r)
-            G, gradient, _ = _gradient(group, _vectors(r), index)
-            along = [dot(_broadcast(b), v) for b, v in zip(gradient, _vectors(directions), strict=True)]
-            return G, add(along)
+    def combined(G: Array, in_slopes: Array, derivatives: CurveDerivatives, scale: Scalar) -> tuple[Array, Array]:
+        slope = derivatives.slopes.T @ in_slopes + (per_log * derivatives.log_duration)[:, None] * G[None]
+        return 0.5 * (scale * G - 1), 0.5 * scale * slope
 
-        return branch
+    return jax.vmap(combined)(G, in_slopes, derivatives, scale)
 
-    places = curves.place, derivatives.first.place, setting.reference
-    G, in_slopes = switch_group(index, make_branch, lambda: corridor.slopes(*places, u))
-    slope = derivatives.slopes.T @ in_slopes + (per_log * derivatives.log_duration)[:, None] * G[None]
-    return 0.5 * (scale * G - 1), 0.5 * scale * slope
+
+def _first_order(
+    group: Group, index: Int[Array, ""], setting: Setting, derivatives: CurveDerivatives, u: Float[Array, " places"]
+) -> tuple[Array, Array]:
+    """G of one path and its derivatives in the slopes at the ends."""
+    r = along_u(setting.curves.up_to(group.order), u, 0)[0]
+    directions = along_u(derivatives.first.up_to(group.order), u, 0)[0]
+    if group.upright:
+        angle, first = (angle_at(x.angle, u, 0)[0] for x in (setting.curves, derivatives.first))
+        directions = to_world(setting.axes, angle, directions + first[:, None, None] * cross_axis(r)[None])
+        r = to_world(setting.axes, angle, r)
+    G, gradient, _ = _gradient(group, _vectors(r), index)
+    return G, add([dot(_broadcast(b), v) for b, v in zip(gradient, _vectors(directions), strict=True)])
 
 
 def expansions(
-    setting: Setting, derivatives: CurveDerivatives, index: Int[Array, ""], limit: Scalar, u: Places
+    settings: Setting, derivatives: CurveDerivatives, index: Int[Array, ""], limits: Float[Array, " batch"], u: Places
 ) -> Expansion:
-    """g at the places `u`, with first and second derivatives in the variables and in u."""
-    scale, per_log = limit_scale(setting, index, limit)
-    places = setting.curves.place, derivatives.first.place, setting.reference
+    """g of a batch of paths at the places `u` of each, with first and second derivatives in the variables and in u."""
+    scale, per_log = limit_scale(settings, index, limits)
+    places = settings.curves.place, derivatives.first.place, settings.reference
     arrays = switch_group(
         index,
-        lambda group: lambda: _second_order(group, setting, derivatives, index, u),
-        lambda: corridor.second_order(*places, u),
+        lambda group: lambda: jax.vmap(partial(_second_order, group, index))(settings, derivatives, u),
+        lambda: jax.vmap(corridor.second_order)(*places, u),
     )
-    G = Expansion(*arrays)
+    return jax.vmap(_in_variables, (0, 0, 0, None))(Expansion(*arrays), derivatives, scale, per_log)
+
+
+def _in_variables(G: Expansion, derivatives: CurveDerivatives, scale: Scalar, per_log: Scalar) -> Expansion:
+    """The expansion of g in the variables from the expansion of G in the slopes at the ends."""
     # The slopes are T times velocities, so they are linear in T as well as in the velocities.
     J, e = derivatives.slopes, derivatives.log_duration[:, None]
     slope, mixed = J.T @ G.slope, J.T @ G.mixed
@@ -87,9 +99,9 @@ def expansions(
 
 
 def _second_order(
-    group: Group, setting: Setting, derivatives: CurveDerivatives, index: Int[Array, ""], u: Places
+    group: Group, index: Int[Array, ""], setting: Setting, derivatives: CurveDerivatives, u: Float[Array, " places"]
 ) -> tuple[Array, ...]:
-    """G, with first and second derivatives in the slopes at the ends, mixed ones, and those in u.
+    """G of one path, with first and second derivatives in the slopes at the ends, mixed ones, and those in u.
 
     In the directions w of the slopes and of u, with invariants s and blocks Y,
     G_ww = Σ G_ss s_w s_w + Σ W Y_w Y_w + Σ Ȳ·Y_ww, where W are the weights of the blocks' products and Ȳ = G_Y.
@@ -156,7 +168,7 @@ def _second_order(
     )
 
 
-def _gradient(group: Group, r: list[Triple], index: Int[Array, ""]) -> tuple[Places, list[Triple], tuple[Any, ...]]:
+def _gradient(group: Group, r: list[Triple], index: Int[Array, ""]) -> tuple[Array, list[Triple], tuple[Any, ...]]:
     """G and its gradients in r', r'', …; then the blocks, and the derivatives in them and in the invariants."""
     Y = {f"r{k + 1}": v for k, v in enumerate(r)}
     Y |= {name: cross(r[0], r[k]) for name, k in group.cross_products.items()}
@@ -164,8 +176,7 @@ def _gradient(group: Group, r: list[Triple], index: Int[Array, ""]) -> tuple[Pla
     for name, (a, b) in group.products.items():
         axes = 2 if name in HORIZONTAL else 3
         s.append(Y[a][2] if b == "up" else dot(Y[a][:axes], Y[b][:axes]))
-    member = jnp.asarray(MEMBER)[index]
-    coefficients, exponents = (jnp.asarray(x, s[0].dtype)[member] for x in group.table)
+    coefficients, exponents = element(group.table, element(MEMBER, index))
     G, in_invariants, hessian = monomials.expand(coefficients, exponents, jnp.stack(s))
     gradient: dict[str, Any] = dict.fromkeys(Y, (0, 0, 0))
     for i, (name, (a, b)) in enumerate(group.products.items()):

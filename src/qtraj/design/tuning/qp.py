@@ -5,16 +5,19 @@ violated constraint active, and drops active constraints whose multiplier would 
 at the solution, to rounding, for any penalty and any box, and reports whether it did. Violations are measured in the
 metric of the Hessian: then fewer constraints enter that are dropped again later.
 
-The constraints come in slots, of which only the first `n_slots` are used.
+The constraints come in slots, of which only the first ones are used. A batch of QPs is solved side by side, with as many
+slots in use.
 """
 
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.foundation.argmin import min_and_argmin
+from qtraj.foundation.indexing import element, with_element
 from qtraj.foundation.types import Flag, Scalar
 
 MAX_STEPS = 60
@@ -39,7 +42,6 @@ class QP(NamedTuple):
     gradient: Vector  # c
     normals: Float[Array, "slots r n"]
     bounds: Float[Array, "slots r"]
-    n_slots: Index  # number of slots in use
     low: Vector
     high: Vector
     penalty: Scalar  # ν
@@ -111,39 +113,52 @@ class _Entering(NamedTuple):
     rate: Scalar  # of decrease of the constraint's value
 
 
-def minimise(qp: QP) -> Solution:
-    """Solve a QP."""
-    weights = _inverse_lengths(qp)
+def minimise(qps: QP, n_slots: Index) -> Solution:
+    """Solve a batch of QPs, of which the first `n_slots` slots of constraints are in use."""
+    weights = _inverse_lengths(qps, n_slots)
+
+    def is_running(state: _State, count: Index) -> Bool[Array, " batch"]:
+        return ~state.done & (count < MAX_STEPS)
 
     def step(state: tuple[_State, Index]) -> tuple[_State, Index]:
         at, count = state
-        after = _advance(qp, weights, at)
+        on = is_running(at, count)
+        violated = _most_violated(qps, n_slots, weights, at.x)
+        after = jax.vmap(_advance)(qps, weights[2], at, jnp.where(at.entering < 0, violated, at.entering))
         stops = after.done | after.stuck
-        chosen = jax.tree.map(lambda candidate, old: jnp.where(stops, old, candidate), after, at)
-        return chosen._replace(done=stops, stuck=after.stuck), count + 1
+        moves = on & ~stops
+        chosen = jax.tree.map(
+            lambda new, old: jnp.where(jnp.expand_dims(moves, range(1, new.ndim)), new, old), after, at
+        )
+        ended = chosen._replace(done=at.done | stops, stuck=jnp.where(on, after.stuck, at.stuck))
+        return ended, jnp.where(on, count + 1, count)
 
-    start = (_start(qp), jnp.asarray(0, jnp.int32))
-    end, steps = jax.lax.while_loop(lambda s: ~s[0].done & (s[1] < MAX_STEPS), step, start)
-    return Solution(end.x[:-1], end.x[-1], end.active, end.done & ~end.stuck & _is_optimal(qp, end), steps)
+    start = jax.vmap(_start)(qps), jnp.zeros(qps.penalty.shape, jnp.int32)
+    end, steps = jax.lax.while_loop(lambda s: jnp.any(is_running(*s)), step, start)
+    solved = end.done & ~end.stuck & jax.vmap(_is_optimal)(qps, end)
+    return Solution(end.x[:, :-1], end.x[:, -1], end.active, solved, steps)
 
 
-def inverse(matrix: Matrix) -> tuple[Matrix, Scalar]:
-    """The inverse of a positive definite matrix by the sweep operator, and the smallest pivot.
+def inverse(matrices: Float[Array, "*batch n n"]) -> tuple[Float[Array, "*batch n n"], Float[Array, "*batch"]]:
+    """The inverses of positive definite matrices by the sweep operator, and the smallest pivots.
 
     The pivots are those of Gaussian elimination: all are positive if and only if the matrix is positive definite.
     """
-    places = jnp.arange(matrix.shape[0], dtype=jnp.int32)
+    n = matrices.shape[-1]
+    places = jnp.arange(n, dtype=jnp.uint32)
 
-    def sweep(k: Index, now: tuple[Matrix, Scalar]) -> tuple[Matrix, Scalar]:
+    def sweep(k: Index, now: tuple[Array, Array]) -> tuple[Array, Array]:
         matrix, min_pivot = now
         here = places == k
-        pivot = matrix[k, k]
-        over = 1 / jnp.where(pivot == 0, 1.0, pivot)
-        column, row = matrix[:, k], jnp.where(here, over, matrix[k] * over)
-        updated = jnp.where(here[None], -(column * over)[:, None], matrix - column[:, None] * row[None])
-        return jnp.where(here[:, None], row[None], updated), jnp.minimum(min_pivot, pivot)
+        row, column = matrix[..., k, :], matrix[..., :, k]
+        pivot = jnp.sum(jnp.where(here, row, 0.0), axis=-1)
+        over = (1 / jnp.where(pivot == 0, 1.0, pivot))[..., None]
+        row = jnp.where(here, over, row * over)
+        updated = jnp.where(here, -(column * over)[..., None], matrix - column[..., None] * row[..., None, :])
+        return jnp.where(here[:, None], row[..., None, :], updated), jnp.minimum(min_pivot, pivot)
 
-    return jax.lax.fori_loop(0, matrix.shape[0], sweep, (matrix, jnp.full((), jnp.inf, matrix.dtype)))
+    start = matrices, jnp.full(matrices.shape[:-2], jnp.inf, matrices.dtype)
+    return jax.lax.fori_loop(np.uint32(0), np.uint32(n), sweep, start)
 
 
 def _start(qp: QP) -> _State:
@@ -165,42 +180,43 @@ def _start(qp: QP) -> _State:
     )
 
 
-def _inverse_lengths(qp: QP) -> tuple[Array, Array, Scalar]:
+def _inverse_lengths(qps: QP, n_slots: Index) -> tuple[Array, Array, Array]:
     """One over the lengths of the gradients of all constraints in the Hessian's metric; the largest inverse entry."""
-    diagonal = jnp.diagonal(qp.inverse)
+    diagonal = jnp.diagonal(qps.inverse, axis1=1, axis2=2)
 
     def of_slot(slot: Index, lengths: Array) -> Array:
-        normals = qp.normals[slot]
-        return lengths.at[slot].set(_inverse_root(jnp.sum((normals @ qp.inverse) * normals, axis=1)))
+        normals = element(qps.normals, slot, 1)
+        own = _inverse_root(jnp.sum((normals @ qps.inverse) * normals, axis=2))
+        return with_element(lengths, slot, own, 1)
 
-    of_slots = jax.lax.fori_loop(0, qp.n_slots, of_slot, jnp.zeros_like(qp.bounds))
-    of_box = jnp.append(_inverse_root(jnp.tile(diagonal, 2)), 1.0)
-    return of_slots, of_box, jnp.maximum(jnp.max(diagonal), 1 / qp.stiffness)
+    of_slots = jax.lax.fori_loop(jnp.zeros_like(n_slots), n_slots, of_slot, jnp.zeros_like(qps.bounds))
+    of_box = _inverse_root(jnp.concatenate([diagonal, diagonal, jnp.ones_like(diagonal[:, :1])], axis=1))
+    return of_slots, of_box, jnp.maximum(jnp.max(diagonal, axis=1), 1 / qps.stiffness)
 
 
 def _inverse_root(x: Array) -> Array:
     return jax.lax.rsqrt(jnp.maximum(x, jnp.finfo(x.dtype).tiny))
 
 
-def _most_violated(qp: QP, weights: tuple[Array, Array, Scalar], x: Array) -> Index:
-    """The index of the most violated constraint, or −1 where none is violated."""
-    d, t = x[:-1], x[-1]
+def _most_violated(qps: QP, n_slots: Index, weights: tuple[Array, Array, Array], x: Array) -> Int[Array, " batch"]:
+    """The index of the most violated constraint of each QP, or −1 where none is violated."""
+    d, t = x[:, :-1], x[:, -1:]
 
-    def worse(best: tuple[Scalar, Index], slack: Array, bound: Array, weight: Array, first: Array | int) -> tuple:
+    def worse(best: tuple[Array, Array], slack: Array, bound: Array, weight: Array, first: Array | int) -> tuple:
         violated = slack < -FEASIBILITY * (1 + jnp.abs(bound))
-        score, place = min_and_argmin(jnp.where(violated, slack * weight, 0.0))
+        score, place = min_and_argmin(jnp.where(violated, slack * weight, 0.0), 1)
         better = score < best[0]
-        return jnp.where(better, score, best[0]), jnp.where(better, (first + place).astype(jnp.int32), best[1])
+        return jnp.where(better, score, best[0]), jnp.where(better, first + place, best[1])
 
-    def of_slot(slot: Index, best: tuple[Scalar, Index]) -> tuple[Scalar, Index]:
-        bound = qp.bounds[slot]
-        slack = bound + t - qp.normals[slot] @ d
-        return worse(best, slack, bound, weights[0][slot], slot * bound.shape[0])
+    def of_slot(slot: Index, best: tuple[Array, Array]) -> tuple[Array, Array]:
+        bound, normals, weight = element((qps.bounds, qps.normals, weights[0]), slot, 1)
+        slack = bound + t - jnp.einsum("brn,bn->br", normals, d)
+        return worse(best, slack, bound, weight, slot.astype(jnp.int32) * bound.shape[1])
 
-    none = jnp.zeros_like(t), jnp.asarray(-1, jnp.int32)
-    best = jax.lax.fori_loop(0, qp.n_slots, of_slot, none)
-    slack = qp.box - jnp.concatenate([d, -d, -t[None]])
-    return worse(best, slack, qp.box, weights[1], qp.n_constraints)[1]
+    none = jnp.zeros_like(x[:, 0]), jnp.full(x.shape[0], -1, jnp.int32)
+    best = jax.lax.fori_loop(jnp.zeros_like(n_slots), n_slots, of_slot, none)
+    box = jax.vmap(lambda qp: qp.box)(qps)
+    return worse(best, box - jnp.concatenate([d, -d, -t], axis=1), box, weights[1], qps.normals[0, :, :, 0].size)[1]
 
 
 def _constraint(qp: QP, index: Index) -> tuple[Float[Array, " q"], Scalar]:
@@ -224,11 +240,10 @@ def _entering(qp: QP, max_inverse: Scalar, at: _State, index: Index) -> tuple[_E
     return _Entering(index, normal, bound, direction, at.pseudo_inverse @ normal, jnp.where(free, rate, 1.0)), free
 
 
-def _advance(qp: QP, weights: tuple[Array, Array, Scalar], at: _State) -> _State:
-    """Make one constraint active, or drop one that blocks it; `done` where none is violated."""
-    index = jnp.where(at.entering < 0, _most_violated(qp, weights, at.x), at.entering)
+def _advance(qp: QP, max_inverse: Scalar, at: _State, index: Index) -> _State:
+    """Make the constraint with this index active, or drop one that blocks it; `done` where the index is −1."""
     done = index < 0
-    candidate, free = _entering(qp, weights[2], at, index)
+    candidate, free = _entering(qp, max_inverse, at, index)
     # Until the constraint is satisfied, or until the multiplier of an active one vanishes.
     full_step = jnp.where(free, jnp.maximum(candidate.normal @ at.x - candidate.bound, 0.0) / candidate.rate, jnp.inf)
     decreases = at.active.used & (candidate.dual_direction > 0)

@@ -141,20 +141,16 @@ def run(tasks: Task, slots: LimitSlots, states: State, max_steps: Int[Array | np
     def advance(s: State) -> State:
         on = is_running(s)
         # All searches of a block start together. The first pass only evaluates the start, so it needs no QP.
-        step, times = jax.lax.cond(jnp.all(s.steps < 0), lambda: _zero_step(s), lambda: jax.vmap(move)(tasks, s))
-        after = jax.vmap(arrive)(tasks, s, step, times)
+        step, times = jax.lax.cond(jnp.all(s.steps < 0), lambda: _zero_step(s), lambda: move(s))
+        z = s.z + step.d
+        peaks = find_peaks(jax.vmap(models.make_setting)(tasks.problem, z), slots, tasks.limits)
+        after = jax.vmap(_arrive)(tasks, s, step, times, z, peaks)
         return jax.tree.map(lambda new, old: jnp.where(jnp.expand_dims(on, range(1, new.ndim)), new, old), after, s)
 
-    def move(task: Task, s: State) -> tuple[Step, Array]:
-        model = models.build(task, slots, s.z, s.peaks)
-        step = compute_step(task, slots, s.z, model, s.multipliers, s.penalty, s.radius)
+    def move(s: State) -> tuple[Step, Array]:
+        model = models.build(tasks, slots, s.z, s.peaks)
+        step = compute_step(tasks, slots, s.z, model, s.multipliers, s.penalty, s.radius)
         return step, model.constraints.time
-
-    def arrive(task: Task, s: State, step: Step, times: Array) -> State:
-        there = _trial_state(task, slots, s, step, times)
-        after = _next_state(task, s, there, step, _judge(task, s, there, step), times)
-        begun = there._replace(multipliers=s.multipliers, steps=s.steps + 1)
-        return jax.tree.map(lambda a, b: jnp.where(s.steps < 0, a, b), begun, after)
 
     return jax.lax.while_loop(lambda s: jnp.any(is_running(s)), advance, states)
 
@@ -163,6 +159,15 @@ def _zero_step(s: State) -> tuple[Step, Array]:
     """Steps of length zero for a batch of searches, and the times of their constraints."""
     none, nothing = jnp.zeros_like(s.cost), jnp.zeros((*s.cost.shape, SLOTS, models.PER_LIMIT), s.z.dtype)
     return Step(jnp.zeros_like(s.z), nothing, none, none, jnp.zeros_like(s.done), none, none, s.effort), nothing
+
+
+def _arrive(task: Task, s: State, step: Step, times: Array, z: Variables, peaks: Peaks) -> State:
+    """The state of one search after the step to `z`, or after the evaluation of its start."""
+    multipliers = transfer_multipliers(step.multipliers, times, peaks)
+    there = s._replace(z=z, cost=task.problem.cost(z), peaks=peaks, multipliers=multipliers)
+    after = _next_state(task, s, there, step, _judge(task, s, there, step), times)
+    begun = there._replace(multipliers=s.multipliers, steps=s.steps + 1)
+    return jax.tree.map(lambda a, b: jnp.where(s.steps < 0, a, b), begun, after)
 
 
 def _next_state(task: Task, s: State, there: State, step: Step, verdict: _Verdict, times: Array) -> State:
@@ -180,14 +185,6 @@ def _next_state(task: Task, s: State, there: State, step: Step, verdict: _Verdic
     radius = _next_radius(s, step, verdict)
     done = stationary | ~(radius >= MIN_RADIUS)  # NaN also ends the search
     return after._replace(radius=radius, steps=s.steps + 1, done=done, stationary=stationary, effort=step.effort)
-
-
-def _trial_state(task: Task, slots: LimitSlots, s: State, step: Step, times: Array) -> State:
-    """The state after the step, if it is accepted."""
-    z = s.z + step.d
-    peaks = find_peaks(models.make_setting(task.problem, z), slots, task.limits)
-    multipliers = transfer_multipliers(step.multipliers, times, peaks)
-    return s._replace(z=z, cost=task.problem.cost(z), peaks=peaks, multipliers=multipliers)
 
 
 def _judge(task: Task, s: State, there: State, step: Step) -> _Verdict:

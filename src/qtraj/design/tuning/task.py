@@ -1,12 +1,13 @@
 """The input of a search: a problem, its limits by slots, bounds on the variables, and the weight of the cost."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Int
 
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.constraints import CORRIDOR_INDEX
@@ -25,10 +26,13 @@ MIN_LIMIT = 1e-100
 
 
 class LimitSlots(eqx.Module):
-    """Which limits are set: the first `count` slots hold indices into the registry. A whole batch shares them."""
+    """Which limits are set: the first `count` slots hold indices into the registry. A whole batch shares them.
 
-    index: Any  # Int[" slots"] of NumPy or JAX
-    count: Any  # Int[""]
+    Both are unsigned: indexing by signed numbers compiles to more operations, as they may count from the end.
+    """
+
+    index: Any  # UInt32[" slots"] of NumPy or JAX
+    count: Any  # UInt32[""]
 
 
 class Task(eqx.Module):
@@ -42,6 +46,12 @@ class Task(eqx.Module):
     low: Any  # Float["*batch n"]
     high: Any  # Float["*batch n"]
     weight: Any  # Float["*batch"]
+
+
+def over_slots(slots: LimitSlots, of_slot: Callable[[Int[Array, ""], Any], Any], start: Any) -> Any:
+    """`of_slot(slot, carry)` for each slot in use, one after the other, from `start`."""
+    count = jnp.asarray(slots.count)
+    return jax.lax.fori_loop(jnp.zeros_like(count), count, of_slot, start)
 
 
 def named_limits(limits: Limits, corridor: Any = None) -> dict[str, Any]:
@@ -58,9 +68,9 @@ def limit_slots(names: Sequence[str]) -> LimitSlots:
     """The slots of the limits with these names."""
     registry = [*QUANTITIES]
     places = [CORRIDOR_INDEX if name == CORRIDOR.name else registry.index(name) for name in names]
-    index = np.zeros(SLOTS, np.int32)
+    index = np.zeros(SLOTS, np.uint32)
     index[: len(places)] = places
-    return LimitSlots(index, np.asarray(len(places), np.int32))
+    return LimitSlots(index, np.asarray(len(places), np.uint32))
 
 
 def slot_limits(limits: Limits, corridor: Array | None, count: int) -> Array | np.ndarray:

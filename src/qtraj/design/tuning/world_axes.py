@@ -10,9 +10,14 @@ from qtraj.design.tuning.curves import angle_at
 
 
 def upright_derivatives(axes: Array, angle: Array, r: Array, u: Array) -> Array:
-    """r', r'', … in world axes where the path's axis is tilted; unchanged where it is vertical."""
-    tilted = jnp.any(axes[2, :2] != 0)
-    return jax.lax.cond(tilted, lambda: to_world(axes, angle_at(angle, u, 0)[0], r), lambda: r)
+    """r', r'', … of a batch of paths, in world axes where a path's axis is tilted; unchanged where it is vertical."""
+    tilted = jnp.any(axes[:, 2, :2] != 0, axis=1)
+
+    def rotated() -> Array:
+        in_world = jax.vmap(lambda axes, angle, r, u: to_world(axes, angle_at(angle, u, 0)[0], r))(axes, angle, r, u)
+        return jnp.where(tilted[:, None, None, None], in_world, r)
+
+    return jax.lax.cond(jnp.any(tilted), rotated, lambda: r)
 
 
 def to_world(axes: Array, angle: Array, v: Array) -> Array:
