@@ -10,6 +10,7 @@ only the limits that are set are evaluated. All functions here take a batch of p
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -42,7 +43,8 @@ class Setting(NamedTuple):
     reference: Float[Array, "*batch terms 3"]
 
 
-class Group(NamedTuple):
+@dataclass(frozen=True, eq=False)  # compared by identity, so that compiled functions can depend on it
+class Group:
     """Quantities that share the same invariants.
 
     `products` maps each invariant to the names of the two blocks, or of the block and the vertical, that it multiplies.

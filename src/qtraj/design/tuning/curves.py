@@ -5,7 +5,7 @@ b' + aφ', h'). Between fixed ends the path in unit time depends only on its slo
 T. The coefficients are differentiated in these slopes, once for all limits and places.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +16,9 @@ from qtraj.design.tuning.problem import Problem
 
 ORDERS = 4
 TERMS = 4  # coefficients of cubics
+
+HERMITE = np.asarray([[1, 0, 0, 0], [0, 0, 1, 0], [0, 3, -2, -1], [0, -2, 1, 1]], float)
+"""From the first value, the difference of the values, and the slopes at both ends to the coefficients of a cubic."""
 
 ANGLE = 1  # the index of φ in (ρ, φ, h)
 
@@ -36,9 +39,14 @@ class Curves(NamedTuple):
 
     def up_to(self, order: int) -> Float[Array, "*more order terms 3"]:
         """The coefficients of the derivatives up to `order`, without trailing zeros."""
-        orders, terms = self.derivatives.shape[-3:-1]
-        per_order = (terms - TERMS) // orders
-        return self.derivatives[..., :order, : terms - per_order * (orders - order), :]
+        return up_to(self.derivatives, order)
+
+
+def up_to(derivatives: Float[Array, "*more orders terms 3"], order: int) -> Float[Array, "*more order terms 3"]:
+    """The coefficients of the derivatives up to `order`, without trailing zeros."""
+    orders, terms = derivatives.shape[-3:-1]
+    per_order = (terms - TERMS) // orders
+    return derivatives[..., :order, : terms - per_order * (orders - order), :]
 
 
 class CurveDerivatives(NamedTuple):
@@ -49,7 +57,7 @@ class CurveDerivatives(NamedTuple):
     """
 
     first: Curves
-    second: Curves | None
+    second: Float[Array, "pairs orders terms 3"] | None  # of r', r'', …
     slopes: Float[Array, "k n"]
     log_duration: Float[Array, " n"]
 
@@ -57,12 +65,10 @@ class CurveDerivatives(NamedTuple):
 def cubics(problem: Problem, slopes: Float[Array, "2 3"]) -> Float[Array, "4 3"]:
     """The coefficients of ρ, φ and h in u, with these slopes at the ends."""
     first, last = problem.ends
-    difference = last - first
-    return jnp.stack(
-        [first, slopes[0], 3 * difference - 2 * slopes[0] - slopes[1], slopes[0] + slopes[1] - 2 * difference]
-    )
+    return jnp.asarray(HERMITE, slopes.dtype) @ jnp.concatenate([jnp.stack([first, last - first]), slopes])
 
 
+@jax.jit
 def reference_cubics(problem: Problem) -> Float[Array, "4 3"]:
     """The coefficients of ρ, φ and h in u of the initial path."""
     return cubics(problem, problem.slopes(jnp.zeros(problem.size, problem.speed.dtype))[0])
@@ -71,43 +77,65 @@ def reference_cubics(problem: Problem) -> Float[Array, "4 3"]:
 def curve(problem: Problem, slopes: Float[Array, "2 3"]) -> Curves:
     """The path with these slopes of ρ, φ and h in u at its ends."""
     cubic = cubics(problem, slopes)
-    uniform = problem.motion.is_uniform
-    angle_rate = (cubic[1:, ANGLE] * jnp.arange(1, TERMS, dtype=cubic.dtype))[: 1 if uniform else None]
-    terms = TERMS if uniform else TERMS + (TERMS - 2) * ORDERS
-    straight = jnp.asarray([1.0, 0.0, 1.0], cubic.dtype)
-    x, orders = jnp.pad(cubic * straight[None], ((0, terms - TERMS), (0, 0))), []
-    power = jnp.arange(1, terms, dtype=cubic.dtype)[:, None]
-    for _ in range(ORDERS):
-        rotated = jnp.stack([-x[:, 1], x[:, 0], jnp.zeros_like(x[:, 0])], axis=1)
-        x = jnp.pad(x[1:] * power, ((0, 1), (0, 0)))
-        for k in range(angle_rate.shape[0]):
-            x = x + angle_rate[k] * (rotated if k == 0 else jnp.pad(rotated[:-k], ((k, 0), (0, 0))))
-        orders.append(x)
-    return Curves(jnp.stack(orders), cubic)
+    return Curves(_orders(cubic[None], _angle_rate(problem, cubic), None)[0], cubic)
 
 
 def curve_derivatives(
     problem: Problem, z: Float[Array, " n"], slopes: Float[Array, "2 3"]
 ) -> tuple[Curves, CurveDerivatives]:
     """The path for the variables, with its derivatives."""
-    unit = jnp.asarray(_directions(problem), z.dtype)
-
-    def along(direction: Array) -> tuple[Curves, Curves]:
-        return jax.jvp(lambda s: curve(problem, s), (slopes,), (direction,))
-
-    def twice(one: Array, other: Array) -> Curves:
-        return jax.jvp(lambda s: jax.jvp(lambda s: curve(problem, s), (s,), (one,))[1], (slopes,), (other,))[1]
-
-    at, first = jax.vmap(along, out_axes=(None, 0))(unit)
-    second = None
-    if not problem.motion.is_uniform:
-        first_index, second_index = pairs().T
-        second = jax.vmap(twice)(unit[first_index], unit[second_index])
+    cubic, directions = cubics(problem, slopes), _directions(problem)
+    moved: Any = np.einsum("tk,nkc->ntc", HERMITE[:, 2:], directions)  # of the cubics, the same for all slopes
+    orders = _orders(
+        jnp.concatenate([cubic[None], jnp.asarray(moved, z.dtype)]),
+        _angle_rate(problem, cubic),
+        None if problem.motion.is_uniform else moved[:, 1:, ANGLE] * np.arange(1, TERMS),
+    )
+    n = directions.shape[0]
     slopes_in_z = jax.jacfwd(lambda z: problem.slopes(z)[0])(z).reshape(6, -1)
     last = 0.0 if problem.objective.fixes_duration else 1.0
     log_in_z = jnp.asarray([0.0] * (z.shape[0] - 1) + [last], z.dtype)
-    free = np.flatnonzero(_directions(problem).any(axis=0).reshape(-1))
+    free = np.flatnonzero(directions.any(axis=0).reshape(-1))
+    at, first = Curves(orders[0], cubic), Curves(orders[1 : n + 1], jnp.asarray(moved, z.dtype))
+    second = None if problem.motion.is_uniform else orders[n + 1 :]
     return at, CurveDerivatives(first, second, slopes_in_z[free], log_in_z)
+
+
+def _angle_rate(problem: Problem, cubic: Float[Array, "4 3"]) -> Float[Array, " rates"]:
+    """The coefficients of φ' in u."""
+    if problem.motion.is_uniform:
+        return cubic[1:2, ANGLE]
+    return cubic[1:, ANGLE] * jnp.arange(1, TERMS, dtype=cubic.dtype)
+
+
+def _orders(
+    cubic: Float[Array, "rows 4 3"], angle_rate: Float[Array, " rates"], moved_rate: Float[np.ndarray, "k rates"] | None
+) -> Float[Array, "rows_ orders terms 3"]:
+    """The coefficients of r', r'', … of a path, of its derivatives in the k slopes, and in `pairs` of these.
+
+    `cubic` holds ρ, φ and h: of the path, and where wanted their derivatives in the slopes. The pairs are included if
+    `moved_rate`, the derivatives of φ', is given. With x = (a, b, h), the recursion is x ← x' + φ'·(−b, a, 0).
+    """
+    terms = TERMS if angle_rate.shape[0] == 1 else TERMS + (TERMS - 2) * ORDERS
+    n_pairs = 0 if moved_rate is None else len(pairs())
+    power = np.arange(1.0, terms)[None, :, None]
+    turned = jnp.asarray([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]], cubic.dtype)
+    x = jnp.pad(cubic * np.asarray([[[1.0, 0.0, 1.0]]]), ((0, n_pairs), (0, terms - TERMS), (0, 0)))
+    orders = []
+    for _ in range(ORDERS):
+        rotated = x @ turned
+        x = jnp.pad(x[:, 1:] * power, ((0, 0), (0, 1), (0, 0)))
+        for k in range(angle_rate.shape[0]):
+            shifted = rotated if k == 0 else jnp.pad(rotated[:, :-k], ((0, 0), (k, 0), (0, 0)))
+            x = x + angle_rate[k] * shifted
+            if moved_rate is not None:
+                i, j = pairs().T
+                n, rates = moved_rate.shape[0], moved_rate[:, k, None, None]
+                from_slopes = rates * shifted[:1]
+                from_pairs = rates[i] * shifted[1 + j] + rates[j] * shifted[1 + i]
+                x = x + jnp.concatenate([jnp.zeros_like(x[:1]), from_slopes, from_pairs])
+        orders.append(x)
+    return jnp.stack(orders, axis=1)
 
 
 def pairs() -> np.ndarray:

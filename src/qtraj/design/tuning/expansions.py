@@ -10,8 +10,8 @@ from jaxtyping import Array, Float, Int
 from qtraj.algebra.sparse import add
 from qtraj.design.tuning import corridor, monomials
 from qtraj.design.tuning.constraints import HORIZONTAL, MEMBER, Group, Places, Setting, limit_scale, switch_group
-from qtraj.design.tuning.curves import CurveDerivatives, along_u, angle_at, from_pairs
-from qtraj.design.tuning.world_axes import cross_axis, to_world, world_derivatives
+from qtraj.design.tuning.curves import CurveDerivatives, along_u, from_pairs, up_to
+from qtraj.design.tuning.world_axes import from_world, world_derivatives
 from qtraj.foundation.indexing import element
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import Triple, add_vectors, cross, dot
@@ -51,14 +51,8 @@ def _first_order(
     group: Group, index: Int[Array, ""], setting: Setting, derivatives: CurveDerivatives, u: Float[Array, " places"]
 ) -> tuple[Array, Array]:
     """G of one path and its derivatives in the slopes at the ends."""
-    r = along_u(setting.curves.up_to(group.order), u, 0)[0]
-    directions = along_u(derivatives.first.up_to(group.order), u, 0)[0]
-    if group.upright:
-        angle, first = (angle_at(x.angle, u, 0)[0] for x in (setting.curves, derivatives.first))
-        directions = to_world(setting.axes, angle, directions + first[:, None, None] * cross_axis(r)[None])
-        r = to_world(setting.axes, angle, r)
-    G, gradient, _ = _gradient(group, _vectors(r), index)
-    return G, add([dot(_broadcast(b), v) for b, v in zip(gradient, _vectors(directions), strict=True)])
+    at = _local(group, index, setting, derivatives, u)
+    return at.G, at.first_order[:-1]
 
 
 def expansions(
@@ -106,16 +100,9 @@ def _second_order(
     In the directions w of the slopes and of u, with invariants s and blocks Y,
     G_ww = Σ G_ss s_w s_w + Σ W Y_w Y_w + Σ Ȳ·Y_ww, where W are the weights of the blocks' products and Ȳ = G_Y.
     """
-    curves = setting.curves
-    r, in_u, in_u_twice = along_u(curves.up_to(group.order), u, 2)
-    moved, moved_in_u = along_u(derivatives.first.up_to(group.order), u, 1)
-    w = jnp.concatenate([moved, in_u[None]])
-    map_back: Any = lambda gradient: (gradient, 0.0)  # noqa: E731
-    if group.upright:
-        r, w, map_back = world_derivatives(setting.axes, setting.curves.angle, derivatives.first.angle, r, w, u)
-    directions = _vectors(w)
-    vectors = _vectors(r)
-    G, gradient, (Y, block_gradient, in_invariants, hessian) = _gradient(group, vectors, index)
+    at = _local(group, index, setting, derivatives, u)
+    Y, in_invariants, directions = at.blocks, at.in_invariants, _vectors(at.w)
+    vectors = [Y[f"r{k + 1}"] for k in range(group.order)]
     in_w = {f"r{k + 1}": v for k, v in enumerate(directions)}
     for name, k in group.cross_products.items():
         in_w[name] = add_vectors(
@@ -131,40 +118,91 @@ def _second_order(
         weight = in_invariants[i][None]
         weighted[a] = add_vectors(weighted[a], _scaled(in_w[b], weight, axes))
         weighted[b] = add_vectors(weighted[b], _scaled(in_w[a], weight, axes))
-    projected = jnp.einsum("ijp,jmp->imp", hessian, jnp.stack(s_w))
+    projected = jnp.einsum("ijp,jmp->imp", at.hessian, jnp.stack(s_w))
     hessian_w = [_outer(projected[i], x) for i, x in enumerate(s_w)]
     hessian_w += [_outer(x, y) for name in in_w for x, y in zip(in_w[name], weighted[name], strict=True)]
     for name, k in group.cross_products.items():
         product = add(
             [
                 _outer(x, y)
-                for x, y in zip(cross(_broadcast(block_gradient[name]), directions[0]), directions[k], strict=True)
+                for x, y in zip(cross(_broadcast(at.in_blocks[name]), directions[0]), directions[k], strict=True)
             ]
         )
         hessian_w += [product, jnp.swapaxes(product, 0, 1)]
     hessian_w = add(hessian_w)
-    local, rotation_terms = map_back(jnp.stack([jnp.stack(b) for b in gradient]))
-    hessian_w = hessian_w + rotation_terms
+    local = jnp.stack([jnp.stack(b) for b in at.gradient])
+    if group.upright:
+        local, rotation_terms = from_world(
+            setting.axes, setting.curves.angle, derivatives.first.angle, at.r, at.moving_w, local, u
+        )
+        hessian_w = hessian_w + rotation_terms
     if derivatives.second is not None:
-        second = derivatives.second.up_to(group.order)
+        second = up_to(derivatives.second, group.order)
         powers = [jnp.ones_like(u)]
         for _ in range(second.shape[-2] - 1):
             powers.append(powers[-1] * u)
         projected = local[:, None] * jnp.stack(powers)[None, :, None]
         from_second = from_pairs(second.reshape(second.shape[0], -1) @ projected.reshape(-1, u.shape[0]))
         hessian_w = hessian_w + jnp.pad(from_second, ((0, 1), (0, 1), (0, 0)))
-    n = moved.shape[0]
-    first_order = add([dot(_broadcast(b), v) for b, v in zip(gradient, directions, strict=True)])
     local = _vectors(local)
-    mixed = add([dot(_broadcast(b), v) for b, v in zip(local, _vectors(moved_in_u), strict=True)])
-    second_rate = add([dot(b, v) for b, v in zip(local, _vectors(in_u_twice), strict=True)])
+    mixed = add([dot(_broadcast(b), v) for b, v in zip(local, _vectors(at.moved_in_u), strict=True)])
+    second_rate = add([dot(b, v) for b, v in zip(local, _vectors(at.in_u_twice), strict=True)])
     return (
+        at.G,
+        at.first_order[:-1],
+        hessian_w[:-1, :-1],
+        hessian_w[:-1, -1] + mixed,
+        at.first_order[-1],
+        hessian_w[-1, -1] + 2 * second_rate,
+    )
+
+
+class _Local(NamedTuple):
+    """G of one path, its first derivatives, and what the second ones need.
+
+    `w` are the derivatives of r', r'', … in the directions of the slopes and of u, in the basis of the invariants;
+    `moving_w` and `r` are in the moving basis.
+    """
+
+    G: Float[Array, " places"]
+    first_order: Float[Array, "k places"]
+    r: Float[Array, "orders 3 places"]
+    w: Float[Array, "k orders 3 places"]
+    moving_w: Float[Array, "k orders 3 places"]
+    moved_in_u: Float[Array, "n orders 3 places"]
+    in_u_twice: Float[Array, "orders 3 places"]
+    blocks: dict[str, Triple]
+    gradient: list[Triple]  # in r', r'', …
+    in_blocks: dict[str, Triple]
+    in_invariants: Float[Array, "i places"]
+    hessian: Float[Array, "i i places"]  # in the invariants
+
+
+@partial(jax.jit, static_argnums=0)  # traced once for the peaks and the fixed times
+def _local(
+    group: Group, index: Int[Array, ""], setting: Setting, derivatives: CurveDerivatives, u: Float[Array, " places"]
+) -> _Local:
+    r, in_u, in_u_twice = along_u(setting.curves.up_to(group.order), u, 2)
+    moved, moved_in_u = along_u(derivatives.first.up_to(group.order), u, 1)
+    moving_w = jnp.concatenate([moved, in_u[None]])
+    used_r, w = r, moving_w
+    if group.upright:
+        used_r, w = world_derivatives(setting.axes, setting.curves.angle, derivatives.first.angle, r, moving_w, u)
+    G, gradient, (blocks, in_blocks, in_invariants, hessian) = _gradient(group, _vectors(used_r), index)
+    first_order = add([dot(_broadcast(b), v) for b, v in zip(gradient, _vectors(w), strict=True)])
+    return _Local(
         G,
-        first_order[:n],
-        hessian_w[:n, :n],
-        hessian_w[:n, n] + mixed,
-        first_order[n],
-        hessian_w[n, n] + 2 * second_rate,
+        first_order,
+        r,
+        w,
+        moving_w,
+        moved_in_u,
+        in_u_twice,
+        blocks,
+        gradient,
+        in_blocks,
+        in_invariants,
+        hessian,
     )
 
 

@@ -49,6 +49,7 @@ class Model(NamedTuple):
     constraints: Constraints
 
 
+@jax.jit
 def make_setting(problem: Problem, z: Variables) -> Setting:
     """The path for the variables `z`, in unit time."""
     slopes, log_duration = problem.slopes(z)

@@ -80,13 +80,13 @@ def find_peaks(settings: Setting, slots: LimitSlots, limits: Float[Array, "batch
         place, hint = jnp.where(is_hint, 0, step - n_hints), n_hints - 1 - step
         quantity, slot_hint = element((quantity_index, slot_hints), place)
         index = jnp.where(is_hint, FIRST_HINT + hint, quantity)
-        at = jnp.sum(jnp.where(here == slot_hint, hint_times, 0.0), axis=1)
+        at = jnp.sum(jnp.where((here == slot_hint)[None], hint_times, 0.0), axis=1)
         slot_peaks = _peaks(settings, index, element(limits, place, 1), at, is_hint)
         updated = with_element(peaks, place, slot_peaks, 1)
         highest = min_and_argmin(jnp.where(slot_peaks.present, -slot_peaks.value, jnp.inf), 1)[1]
-        chosen = jnp.arange(PEAKS, dtype=jnp.int32) == highest[:, None]
+        chosen = jnp.arange(PEAKS, dtype=jnp.int32)[None] == highest[:, None]
         hint_time = jnp.sum(jnp.where(chosen, slot_peaks.time, 0.0), axis=1)
-        return updated, jnp.where(is_hint & (here == hint), hint_time[:, None], hint_times)
+        return updated, jnp.where((is_hint & (here == hint))[None], hint_time[:, None], hint_times)
 
     start = jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, *x.shape)), no_peaks(limits.dtype))
     hint_times = jnp.full((*batch, len(HINTS)), 0.5, limits.dtype)
@@ -144,7 +144,7 @@ def _peaks(
         half = jnp.where(k < rounds, element(halves, k), 0.0)
         # A narrow peak may lie at the time itself; the minimum of a divisor may lie close to an end.
         middle = jnp.where(is_hint, jnp.clip(time, half, 1 - half), time)
-        around = jnp.clip(middle[:, None] + half * offsets, 0.0, 1.0).reshape(batch, -1)
+        around = jnp.clip(middle[:, None] + half * offsets[None], 0.0, 1.0).reshape(batch, -1)
         centre = OFFSETS // 2 * PEAKS
         return _Round(
             jnp.concatenate([around, nodes[:, OFFSETS * PEAKS :]], axis=1),
@@ -174,7 +174,7 @@ def _highest_nodes(g: Float[Array, "batch nodes"]) -> tuple[Float[Array, "batch 
     def pick(heights: Array, _: None) -> tuple[Array, tuple[Array, Array]]:
         below, place = min_and_argmin(-heights, 1)
         time = REACH * (place + 1).astype(g.dtype)
-        return jnp.where(indices == place[:, None], -jnp.inf, heights), (time, below < jnp.inf)
+        return jnp.where(indices[None] == place[:, None], -jnp.inf, heights), (time, below < jnp.inf)
 
     times, present = jax.lax.scan(pick, heights, None, length=REFINED)[1]
     return times.T, present.T

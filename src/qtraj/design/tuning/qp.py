@@ -149,13 +149,13 @@ def inverse(matrices: Float[Array, "*batch n n"]) -> tuple[Float[Array, "*batch 
 
     def sweep(k: Index, now: tuple[Array, Array]) -> tuple[Array, Array]:
         matrix, min_pivot = now
-        here = places == k
+        here = jnp.expand_dims(places == k, range(matrices.ndim - 2))
         row, column = matrix[..., k, :], matrix[..., :, k]
         pivot = jnp.sum(jnp.where(here, row, 0.0), axis=-1)
         over = (1 / jnp.where(pivot == 0, 1.0, pivot))[..., None]
         row = jnp.where(here, over, row * over)
-        updated = jnp.where(here, -(column * over)[..., None], matrix - column[..., None] * row[..., None, :])
-        return jnp.where(here[:, None], row[..., None, :], updated), jnp.minimum(min_pivot, pivot)
+        updated = jnp.where(here[..., None, :], -(column * over)[..., None], matrix - column[..., None] * row[..., None, :])
+        return jnp.where(here[..., None], row[..., None, :], updated), jnp.minimum(min_pivot, pivot)
 
     start = matrices, jnp.full(matrices.shape[:-2], jnp.inf, matrices.dtype)
     return jax.lax.fori_loop(np.uint32(0), np.uint32(n), sweep, start)

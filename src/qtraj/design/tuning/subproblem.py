@@ -237,7 +237,7 @@ def _multipliers(
     The squares of active peaks that were added to the Hessian contribute a part of their multipliers.
     """
     active_multipliers = jnp.where(active.used, active.multiplier, 0.0) * scale[:, None]
-    places = jnp.arange(PER_LIMIT, dtype=jnp.int32)
+    places = jnp.arange(PER_LIMIT, dtype=jnp.int32)[None, :, None]
 
     def of_slot(slot: Int[Array, ""], carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         multipliers, reaction, max_linear = carry
@@ -246,7 +246,7 @@ def _multipliers(
         linearised = value + jnp.einsum("brn,bn->br", slope, correction)
         squares = square_weight[:, None] * (linearised[:, :PEAKS] - mean[:, None])
         from_squares = jnp.where(old > ACTIVE, squares, 0.0)
-        is_active = jnp.where(active.constraint[:, None] == indices[:, None], 1.0, 0.0)
+        is_active = jnp.where(active.constraint[:, None] == indices, 1.0, 0.0)
         from_qp = jnp.einsum("brq,bq->br", is_active, active_multipliers)
         own = jnp.maximum(from_qp + jnp.pad(from_squares, ((0, 0), (0, PER_LIMIT - PEAKS))), 0.0)
         return (
@@ -264,13 +264,14 @@ def _convex(
 ) -> tuple[Float[Array, "batch n n"], Float[Array, "batch n n"], Float[Array, " batch"]]:
     """The Hessians, made positive definite, their inverses, and the weights of the squares in them."""
     square_weights, unit_weights = jnp.asarray(REGULARIZATION, lagrangian.dtype).T
-    identity = jnp.eye(lagrangian.shape[-1], dtype=lagrangian.dtype)
+    identity = jnp.eye(lagrangian.shape[-1], dtype=lagrangian.dtype)[None]
     size = jnp.maximum(jnp.max(jnp.abs(lagrangian), axis=(1, 2)), 1.0)
-    added = square_weights[:, None, None] * squares[:, None] + unit_weights[:, None, None] * identity
+    weighted = square_weights[None, :, None, None] * squares[:, None]
+    added = weighted + (unit_weights[:, None, None] * identity)[None]
     hessians = lagrangian[:, None] + size[:, None, None, None] * added
     inverses, pivots = qp.inverse(hessians)
     chosen = jnp.argmax(pivots > MIN_PIVOT * size[:, None], axis=1)
-    here = chosen[:, None] == jnp.arange(len(REGULARIZATION))
+    here = chosen[:, None] == jnp.arange(len(REGULARIZATION))[None]
 
     def own(x: Array) -> Array:
         return jnp.sum(jnp.where(jnp.expand_dims(here, range(2, x.ndim)), x, 0.0), axis=1)
