@@ -13,6 +13,7 @@ Values have the shape (*vector, node, cell, path). Cells and paths come last bec
 act on the last axes.
 """
 
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -98,15 +99,25 @@ class ChebyshevModel(eqx.Module):
 
     def __rmul__(self, factor: int) -> "ChebyshevModel":
         """Product with an integer; a power of two adds no rounding error."""
-        size, error, bound = (abs(factor) * x for x in (self.size, self.error, self.bound))
-        if abs(factor) & (abs(factor) - 1):
-            size, error, bound = size * SLACK, add_rounding(error, 1, size), bound * SLACK
-        return ChebyshevModel(factor * self.values, size, error, bound)
+        return _integer_multiple(factor, self)
 
     def one(self) -> "ChebyshevModel":
         """The constant 1 in the same cells."""
-        ones = jnp.ones_like(self.error)
-        return ChebyshevModel(jnp.ones_like(self.values), ones, 0.0 * ones, jnp.ones_like(self.bound))
+        return _one(self)
+
+
+@partial(jax.jit, static_argnums=0)
+def _integer_multiple(factor: int, p: ChebyshevModel) -> ChebyshevModel:
+    size, error, bound = (abs(factor) * x for x in (p.size, p.error, p.bound))
+    if abs(factor) & (abs(factor) - 1):
+        size, error, bound = size * SLACK, add_rounding(error, 1, size), bound * SLACK
+    return ChebyshevModel(factor * p.values, size, error, bound)
+
+
+@jax.jit
+def _one(p: ChebyshevModel) -> ChebyshevModel:
+    ones = jnp.ones_like(p.error)
+    return ChebyshevModel(jnp.ones_like(p.values), ones, 0.0 * ones, jnp.ones_like(p.bound))
 
 
 @jax.jit

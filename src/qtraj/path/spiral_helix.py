@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -88,7 +89,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         local = jnp.stack(rotated_z((rows[:, 0], rows[:, 1], rows[:, 2]), jnp.cos(phi), jnp.sin(phi)), axis=-1)
         if self.placement is None:
             return local
-        world = jnp.stack([self.placement.to_world(row) for row in local])
+        world = jax.vmap(self.placement.to_world)(local)
         return world.at[0].add(self.placement.origin.astype(world.dtype))
 
     def rotating_derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:

@@ -117,7 +117,7 @@ def _derivatives(x: Array, y: Array, z: Array, angle: Array, signs: Array) -> li
 
 def _derivative(c: Array) -> Array:
     n = c.shape[AXIS] - 1
-    return c[1:] * jnp.arange(1, n + 1, dtype=c.dtype)[:, None, None] if n else jnp.zeros_like(c)
+    return c[1:] * jnp.asarray(np.arange(1.0, n + 1)[:, None, None], c.dtype) if n else jnp.zeros_like(c)
 
 
 def _add(p: Array, q: Array) -> Array:
@@ -153,6 +153,7 @@ def in_units(coefficients: Float[Array, "k paths"], unit: PerPath) -> Float[Arra
     return coefficients * jnp.stack(powers)
 
 
+@jax.jit
 def _is_normal(x: Array) -> Bool[Array, " paths"]:
     """Whether a positive number is far enough from overflow and underflow for its rounding to be relative."""
     limits = jnp.finfo(x.dtype)

@@ -19,6 +19,7 @@ from qtraj.algebra.positivity import NEGATIVE, POSITIVE, UNDECIDED as NOT_PROVED
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED
 from qtraj.design.proof.inequalities import ORDER, PathDerivatives, slack, squared_bound
 from qtraj.design.proof.search import find_maximum
+from qtraj.foundation.indexing import element, with_element
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.regularity import Regularity, regularity
@@ -121,10 +122,10 @@ def judge(
     units = _units(scale)
 
     def step(k: Array, findings: Findings) -> Findings:
-        entry_index = _take(index, k)
-        entry = Entry(*_take(jnp.asarray(ENTRIES), entry_index))
-        divisor: Findings = jax.tree.map(lambda x: _take(x, entry.divisor), findings)
-        bound, unit = _take(limits, jnp.minimum(entry_index, LIMIT_COUNT - 1)), _take(units, entry.unit)
+        entry_index = element(index, k)
+        entry = Entry(*element(ENTRIES, entry_index))
+        divisor: Findings = element(findings, entry.divisor)
+        bound, unit = element(limits, jnp.minimum(entry_index, LIMIT_COUNT - 1)), element(units, entry.unit)
         provable = (upright | (entry.upright == 0)) & (derivatives is not None)
         answer = _proof(derivatives, entry, squared_bound(bound, unit), paths, dtype)
         chunks = jnp.where(jnp.all(provable), *CHUNKS)
@@ -144,22 +145,18 @@ def judge(
         code = jnp.where(entry_index < LIMIT_COUNT, code, jnp.where(provable & proved, PROVED, evidence))
         time = jnp.where(undefined, divisor.times, (at + 1) * scale.time)
         finding = Findings(code.astype(jnp.int32), time, jnp.where(undefined, jnp.nan, value))
-        return jax.tree.map(lambda x, y: jax.lax.dynamic_update_index_in_dim(x, y, entry_index, 0), findings, finding)
+        return with_element(findings, entry_index, finding)
 
     return jax.lax.fori_loop(0, count, step, start)
 
 
 def _units(scale: Scale) -> Float[Array, "units paths"]:
     """All products of powers of the units that occur: lengths from −1 to 1, times from 0."""
-    lengths = (scale.length, jnp.ones_like(scale.length), 1 / scale.length)
+    lengths = jnp.stack([scale.length, jnp.ones_like(scale.length), 1 / scale.length])
     times = [jnp.ones_like(scale.time)]
     for _ in range(TIME_POWERS - 1):
         times.append(times[-1] * scale.time)
-    return jnp.stack([a * b for a in lengths for b in times])
-
-
-def _take(x: Array, k: Array) -> Array:
-    return jax.lax.dynamic_index_in_dim(x, k, keepdims=False)
+    return (lengths[:, None] * jnp.stack(times)[None]).reshape(-1, *scale.time.shape)
 
 
 def _proof(

@@ -89,8 +89,8 @@ def _paths(
 
     def one(problem: Problem, z: Array, start: BoundaryState, end: BoundaryState) -> tuple[Any, ...]:
         path = problem.path(z)
-        first = BoundaryState(start.position, path.velocity(0.0))
-        last = BoundaryState(end.position, path.velocity(path.duration))
+        velocities = jax.vmap(path.velocity)(jnp.stack([jnp.zeros_like(path.duration), path.duration]))
+        first, last = BoundaryState(start.position, velocities[0]), BoundaryState(end.position, velocities[1])
         return path, problem.objective.value(problem, z), first, last
 
     return jax.vmap(one)(problems, z, start, end)

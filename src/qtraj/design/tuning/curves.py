@@ -5,6 +5,7 @@ b' + aφ', h'). Between fixed ends the path in unit time depends only on its slo
 T. The coefficients are differentiated in these slopes, once for all limits and places.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -153,27 +154,28 @@ def from_pairs(x: Float[Array, "pairs *rest"]) -> Float[Array, "k k *rest"]:
 
 def along_u(coefficients: Float[Array, "*more terms 3"], u: Float[Array, " places"], order: int) -> list[Array]:
     """Vectors of polynomials at the places, and their Taylor coefficients up to `order`: (*more, 3, places) each."""
-    return _horner([coefficients[..., k, :, None] for k in range(coefficients.shape[-2])], u, order)
+    return _horner(jnp.moveaxis(coefficients, -2, 0), u, order)
 
 
 def angle_at(angle: Float[Array, "*more terms"], u: Float[Array, " places"], order: int) -> list[Array]:
     """φ at the places, and its Taylor coefficients up to `order`: (*more, places) each."""
-    return _horner([angle[..., k, None] for k in range(angle.shape[-1])], u, order)
+    return _horner(jnp.moveaxis(angle, -1, 0), u, order)
 
 
-def _horner(c: list[Array], u: Float[Array, " places"], order: int) -> list[Array]:
-    broadcast = jnp.broadcast_to(u, (*c[0].shape[:-1], u.shape[0]))
-    top = c[-2] + c[-1] * broadcast
-    out: list[Array] = [top, *([jnp.broadcast_to(c[-1], broadcast.shape)] if order else [])]
-    for row in c[-3::-1]:
+@partial(jax.jit, static_argnums=2)
+def _horner(coefficients: Float[Array, "terms *more"], u: Float[Array, " places"], order: int) -> list[Array]:
+    u = jnp.broadcast_to(u, (*coefficients.shape[1:], u.shape[0]))
+    c = jnp.broadcast_to(coefficients[..., None], (coefficients.shape[0], *u.shape))
+    out = [c[-2] + c[-1] * u, *([c[-1]] if order else [])]
+    for k in range(c.shape[0] - 3, -1, -1):
         if len(out) <= order:
             out.append(out[-1])
             inner = range(len(out) - 2, 0, -1)
         else:
             inner = range(len(out) - 1, 0, -1)
-        for k in inner:
-            out[k] = out[k - 1] + out[k] * broadcast
-        out[0] = out[0] * broadcast + row
+        for i in inner:
+            out[i] = out[i - 1] + out[i] * u
+        out[0] = out[0] * u + c[k]
     return out
 
 

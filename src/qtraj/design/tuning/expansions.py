@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from qtraj.algebra.sparse import add
+from qtraj.algebra.sparse import add, is_zero
 from qtraj.design.tuning import corridor, monomials
 from qtraj.design.tuning.constraints import HORIZONTAL, MEMBER, Group, Places, Setting, limit_scale, switch_group
 from qtraj.design.tuning.curves import CurveDerivatives, along_u, from_pairs, up_to
@@ -105,29 +105,21 @@ def _second_order(
     vectors = [Y[f"r{k + 1}"] for k in range(group.order)]
     in_w = {f"r{k + 1}": v for k, v in enumerate(directions)}
     for name, k in group.cross_products.items():
-        in_w[name] = add_vectors(
-            cross(directions[0], _broadcast(vectors[k])), cross(_broadcast(vectors[0]), directions[k])
-        )
+        in_w[name] = _cross_change(directions[0], vectors[0], directions[k], vectors[k])
     s_w, weighted = [], dict.fromkeys(in_w, (0, 0, 0))
     for i, (name, (a, b)) in enumerate(group.products.items()):
         if b == "up":
             s_w.append(in_w[a][2])
             continue
         axes = 2 if name in HORIZONTAL else 3
-        s_w.append(add([dot(in_w[a][:axes], _broadcast(Y[b])[:axes]), dot(in_w[b][:axes], _broadcast(Y[a])[:axes])]))
-        weight = in_invariants[i][None]
-        weighted[a] = add_vectors(weighted[a], _scaled(in_w[b], weight, axes))
-        weighted[b] = add_vectors(weighted[b], _scaled(in_w[a], weight, axes))
+        s_w.append(_change(in_w[a][:axes], Y[a][:axes], in_w[b][:axes], Y[b][:axes]))
+        weighted[a] = _add_scaled(weighted[a], in_w[b], in_invariants[i], axes)
+        weighted[b] = _add_scaled(weighted[b], in_w[a], in_invariants[i], axes)
     projected = jnp.einsum("ijp,jmp->imp", at.hessian, jnp.stack(s_w))
-    hessian_w = [_outer(projected[i], x) for i, x in enumerate(s_w)]
-    hessian_w += [_outer(x, y) for name in in_w for x, y in zip(in_w[name], weighted[name], strict=True)]
+    hessian_w = [_outer_sum((projected[i],), (x,)) for i, x in enumerate(s_w)]
+    hessian_w += [_outer_sum(in_w[name], tuple(_as_array(x, s_w[0]) for x in weighted[name])) for name in in_w]
     for name, k in group.cross_products.items():
-        product = add(
-            [
-                _outer(x, y)
-                for x, y in zip(cross(_broadcast(at.in_blocks[name]), directions[0]), directions[k], strict=True)
-            ]
-        )
+        product = _outer_sum(_cross(_broadcast(at.in_blocks[name]), directions[0]), directions[k])
         hessian_w += [product, jnp.swapaxes(product, 0, 1)]
     hessian_w = add(hessian_w)
     local = jnp.stack([jnp.stack(b) for b in at.gradient])
@@ -145,8 +137,8 @@ def _second_order(
         from_second = from_pairs(second.reshape(second.shape[0], -1) @ projected.reshape(-1, u.shape[0]))
         hessian_w = hessian_w + jnp.pad(from_second, ((0, 1), (0, 1), (0, 0)))
     local = _vectors(local)
-    mixed = add([dot(_broadcast(b), v) for b, v in zip(local, _vectors(at.moved_in_u), strict=True)])
-    second_rate = add([dot(b, v) for b, v in zip(local, _vectors(at.in_u_twice), strict=True)])
+    mixed = add([_along(b, v) for b, v in zip(local, _vectors(at.moved_in_u), strict=True)])
+    second_rate = add([_dot(b, v) for b, v in zip(local, _vectors(at.in_u_twice), strict=True)])
     return (
         at.G,
         at.first_order[:-1],
@@ -189,7 +181,7 @@ def _local(
     if group.upright:
         used_r, w = world_derivatives(setting.axes, setting.curves.angle, derivatives.first.angle, r, moving_w, u)
     G, gradient, (blocks, in_blocks, in_invariants, hessian) = _gradient(group, _vectors(used_r), index)
-    first_order = add([dot(_broadcast(b), v) for b, v in zip(gradient, _vectors(w), strict=True)])
+    first_order = add([_along(b, v) for b, v in zip(gradient, _vectors(w), strict=True)])
     return _Local(
         G,
         first_order,
@@ -209,11 +201,11 @@ def _local(
 def _gradient(group: Group, r: list[Triple], index: Int[Array, ""]) -> tuple[Array, list[Triple], tuple[Any, ...]]:
     """G and its gradients in r', r'', …; then the blocks, and the derivatives in them and in the invariants."""
     Y = {f"r{k + 1}": v for k, v in enumerate(r)}
-    Y |= {name: cross(r[0], r[k]) for name, k in group.cross_products.items()}
+    Y |= {name: _cross(r[0], r[k]) for name, k in group.cross_products.items()}
     s = []
     for name, (a, b) in group.products.items():
         axes = 2 if name in HORIZONTAL else 3
-        s.append(Y[a][2] if b == "up" else dot(Y[a][:axes], Y[b][:axes]))
+        s.append(Y[a][2] if b == "up" else _dot(Y[a][:axes], Y[b][:axes]))
     coefficients, exponents = element(group.table, element(MEMBER, index))
     G, in_invariants, hessian = monomials.expand(coefficients, exponents, jnp.stack(s))
     gradient: dict[str, Any] = dict.fromkeys(Y, (0, 0, 0))
@@ -222,14 +214,14 @@ def _gradient(group: Group, r: list[Triple], index: Int[Array, ""]) -> tuple[Arr
             gradient[a] = add_vectors(gradient[a], (0, 0, in_invariants[i]))
             continue
         axes = 2 if name in HORIZONTAL else 3
-        gradient[a] = add_vectors(gradient[a], _scaled(Y[b], in_invariants[i], axes))
-        gradient[b] = add_vectors(gradient[b], _scaled(Y[a], in_invariants[i], axes))
+        gradient[a] = _add_scaled(gradient[a], Y[b], in_invariants[i], axes)
+        gradient[b] = _add_scaled(gradient[b], Y[a], in_invariants[i], axes)
     gradient = {name: tuple(_as_array(x, G) for x in v) for name, v in gradient.items()}
     local = [gradient[f"r{k + 1}"] for k in range(group.order)]
     for name, k in group.cross_products.items():
         local[0], local[k] = (
-            add_vectors(local[0], cross(r[k], gradient[name])),
-            add_vectors(local[k], cross(gradient[name], r[0])),
+            add_vectors(local[0], _cross(r[k], gradient[name])),
+            add_vectors(local[k], _cross(gradient[name], r[0])),
         )
     return G, local, (Y, gradient, in_invariants, hessian)
 
@@ -244,14 +236,50 @@ def _broadcast(v: Triple) -> Triple:
     return (v[0][None], v[1][None], v[2][None])
 
 
-def _scaled(v: Triple, weight: Array, axes: int) -> Triple:
-    """weight·v, without the vertical component if `axes` is 2."""
-    return (weight * v[0], weight * v[1], weight * v[2] if axes == 3 else 0)
+# Compiled as functions, these are traced once for all their uses.
+_dot, _cross = jax.jit(dot), jax.jit(cross)
 
 
-def _outer(a: Any, b: Any) -> Any:
-    """The products of all pairs of directions."""
-    return 0 if isinstance(a, int) or isinstance(b, int) else a[:, None] * b[None]
+@jax.jit
+def _along(v: Triple, w: Triple) -> Array:
+    """The scalar products of v with all directions w."""
+    return dot(_broadcast(v), w)
+
+
+@jax.jit
+def _change(a_w: Any, a: Any, b_w: Any, b: Any) -> Array:
+    """The derivatives of a·b."""
+    return add([a_w[k] * b[k][None] + b_w[k] * a[k][None] for k in range(len(a))])
+
+
+@jax.jit
+def _cross_change(a_w: Triple, a: Triple, b_w: Triple, b: Triple) -> Triple:
+    """The derivatives of a × b."""
+    return add_vectors(cross(a_w, _broadcast(b)), cross(_broadcast(a), b_w))
+
+
+@jax.jit
+def _outer_sum(a: tuple[Array, ...], b: tuple[Array, ...]) -> Array:
+    """The sum of the products of all pairs of directions."""
+    return add([x[:, None] * y[None] for x, y in zip(a, b, strict=True)])
+
+
+def _add_scaled(v: Triple, w: Triple, weight: Array, axes: int) -> Triple:
+    """v + weight·w, without the vertical component of w if `axes` is 2."""
+    if any(is_zero(x) for x in v):
+        return add_vectors(v, tuple(_scaled(w[:axes], weight)) + (0,) * (3 - axes))
+    return _plus_scaled(v[:axes], w[:axes], weight) + v[axes:]
+
+
+@jax.jit
+def _scaled(w: tuple[Array, ...], weight: Array) -> tuple[Array, ...]:
+    weight = jnp.expand_dims(weight, range(w[0].ndim - 1))
+    return tuple(weight * x for x in w)
+
+
+@jax.jit
+def _plus_scaled(v: tuple[Array, ...], w: tuple[Array, ...], weight: Array) -> tuple[Array, ...]:
+    return tuple(x + y for x, y in zip(v, _scaled(w, weight), strict=True))
 
 
 def _as_array(x: Any, like: Array) -> Array:

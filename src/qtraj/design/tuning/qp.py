@@ -5,8 +5,7 @@ violated constraint active, and drops active constraints whose multiplier would 
 at the solution, to rounding, for any penalty and any box, and reports whether it did. Violations are measured in the
 metric of the Hessian: then fewer constraints enter that are dropped again later.
 
-The constraints come in slots, of which only the first ones are used. A batch of QPs is solved side by side, with as many
-slots in use.
+The constraints come in slots, of which only the first ones are used, as many in all QPs of a batch.
 """
 
 from typing import NamedTuple
@@ -154,7 +153,9 @@ def inverse(matrices: Float[Array, "*batch n n"]) -> tuple[Float[Array, "*batch 
         pivot = jnp.sum(jnp.where(here, row, 0.0), axis=-1)
         over = (1 / jnp.where(pivot == 0, 1.0, pivot))[..., None]
         row = jnp.where(here, over, row * over)
-        updated = jnp.where(here[..., None, :], -(column * over)[..., None], matrix - column[..., None] * row[..., None, :])
+        updated = jnp.where(
+            here[..., None, :], -(column * over)[..., None], matrix - column[..., None] * row[..., None, :]
+        )
         return jnp.where(here[..., None], row[..., None, :], updated), jnp.minimum(min_pivot, pivot)
 
     start = matrices, jnp.full(matrices.shape[:-2], jnp.inf, matrices.dtype)
