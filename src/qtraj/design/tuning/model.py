@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.tuning.constraints import Setting, values
@@ -60,11 +61,11 @@ def build(tasks: Task, slots: LimitSlots, z: Float[Array, "batch n"], peaks: Pea
     """The cost and the constraints of a batch of problems, each at its `z`, with their derivatives."""
     slope, curvature, here, derivatives = jax.vmap(_differentiated)(tasks.problem, z)
     batch, n = z.shape
-    nodes = jnp.linspace(0.0, 1.0, NODES, dtype=z.dtype)[NODE_STRIDE:-1:NODE_STRIDE]
+    nodes = jnp.asarray(np.linspace(0.0, 1.0, NODES)[NODE_STRIDE:-1:NODE_STRIDE], z.dtype)
 
     def of_slot(slot: Int[Array, ""], carry: Constraints) -> Constraints:
         index, (limits, peak) = element(slots.index, slot), element((tasks.limits, peaks), slot, 1)
-        one = _constraints(here, derivatives, index, limits, peak, jnp.broadcast_to(nodes, (batch, FIXED_TIMES)))
+        one = _constraints(here, derivatives, index, limits, peak, jnp.broadcast_to(nodes[None], (batch, FIXED_TIMES)))
         return with_element(carry, slot, one, 1)
 
     empty = Constraints(

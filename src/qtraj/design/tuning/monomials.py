@@ -24,6 +24,11 @@ class Table(NamedTuple):
     coefficients: np.ndarray
     exponents: np.ndarray
 
+    @property
+    def odd(self) -> np.ndarray:
+        """One where an exponent is odd, else zero."""
+        return self.exponents % 2.0
+
 
 class _Polynomial:
     """A symbolic polynomial: a map from exponents to coefficients."""
@@ -80,12 +85,12 @@ def stacked(tables: Sequence[Table]) -> Table:
 
 
 def expand(
-    coefficients: Float[Array, " t"], exponents: Float[Array, "t i"], s: Float[Array, "i p"]
+    coefficients: Float[Array, " t"], exponents: Float[Array, "t i"], odd: Float[Array, "t i"], s: Float[Array, "i p"]
 ) -> tuple[Float[Array, " p"], Float[Array, "i p"], Float[Array, "i i p"]]:
-    """The square at many places, with its gradient and Hessian in the invariants."""
+    """The square at many places, with its gradient and Hessian in the invariants; `odd` is that of the table."""
     safe = jnp.where(jnp.abs(s) < TINY, TINY, s)
-    negative = (exponents % 2) @ jnp.where(safe < 0, 1.0, 0.0)
-    sign = jnp.where(negative % 2 == 1, -coefficients[:, None], coefficients[:, None])
+    half_negative = 0.5 * odd @ jnp.where(safe < 0, 1.0, 0.0)
+    sign = jnp.where(half_negative == jnp.floor(half_negative), coefficients[:, None], -coefficients[:, None])
     terms = sign * jnp.exp(exponents @ jnp.log(jnp.abs(safe)))
     inv = 1 / safe
     first_order = exponents.T @ terms

@@ -121,8 +121,8 @@ def _peaks(
 ) -> Peaks:
     """The peaks of one quantity, or of a hint, for a batch of paths."""
     dtype, batch = limits.dtype, limits.shape[0]
-    nodes = jnp.broadcast_to(jnp.linspace(0.0, 1.0, NODES, dtype=dtype), (batch, NODES))
-    offsets = jnp.linspace(-1.0, 1.0, OFFSETS, dtype=dtype)[:, None]
+    nodes = jnp.broadcast_to(jnp.asarray(np.linspace(0.0, 1.0, NODES)[None], dtype), (batch, NODES))
+    offsets = jnp.asarray(np.linspace(-1.0, 1.0, OFFSETS)[:, None], dtype)
     rounds = jnp.where(is_hint, np.uint32(HINT_ROUNDS), np.uint32(LIMIT_ROUNDS))
     ends = jnp.stack([hints, jnp.zeros(batch, dtype), jnp.ones(batch, dtype)], axis=1)
     halves = REACH * jnp.asarray([*ROUNDS, 0.0], dtype)

@@ -76,10 +76,14 @@ class Problem(eqx.Module):
         """The duration [s] of the path for the variables `z`."""
         return self.duration if self.objective.fixes_duration else self.duration * jnp.exp(z[-1])
 
-    def velocities(self, z: Variables, duration: Scalar) -> tuple[Vec3, Vec3]:
+    def velocities(self, z: Variables, duration: Scalar) -> Float[Array, "2 3"]:
         """The cylindrical velocities [m/s] at both ends."""
-        both = _velocities(self, z, duration)
-        return both[0], both[1]
+        return _velocities(self, z, duration)
+
+    @property
+    def initial_velocities(self) -> Float[Array, "2 3"]:
+        """The cylindrical velocities [m/s] of the initial states."""
+        return jnp.stack([self.start.velocity, self.end.velocity])
 
     def without_objective(self) -> "Problem":
         """The same problem with a cheap and smooth objective."""
@@ -110,10 +114,10 @@ def _velocities(problem: Problem, z: Variables, duration: Scalar) -> Float[Array
     a, b = problem.start, problem.end
     changes = problem.speed * (z if problem.objective.fixes_duration else z[:-1])
     velocities = jnp.stack(problem.motion.boundary_velocities(a, b, changes, problem.turn, duration))
-    outward, angular = (jnp.stack([a.velocity[k], b.velocity[k]]) for k in (0, 1))
-    radial = outward / jnp.where(angular == 0, 1.0, angular) * velocities[:, 1]
+    outward, angular = (problem.initial_velocities[:, k : k + 1] for k in (0, 1))
+    radial = outward / jnp.where(angular == 0, 1.0, angular) * velocities[:, 1:2]
     replaced = (problem.heading_fixed > 0)[:, None] & np.asarray([[True, False, False]])
-    return jnp.where(replaced, radial[:, None], velocities)
+    return jnp.where(replaced, radial, velocities)
 
 
 def variable_names(motion: AbstractMotion, objective: AbstractObjective) -> tuple[str, ...]:

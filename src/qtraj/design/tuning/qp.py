@@ -183,7 +183,7 @@ def _start(qp: QP) -> _State:
 
 def _inverse_lengths(qps: QP, n_slots: Index) -> tuple[Array, Array, Array]:
     """One over the lengths of the gradients of all constraints in the Hessian's metric; the largest inverse entry."""
-    diagonal = jnp.diagonal(qps.inverse, axis1=1, axis2=2)
+    diagonal = jnp.sum(qps.inverse * np.eye(qps.inverse.shape[1])[None], axis=2)
 
     def of_slot(slot: Index, lengths: Array) -> Array:
         normals = element(qps.normals, slot, 1)
@@ -222,13 +222,13 @@ def _most_violated(qps: QP, n_slots: Index, weights: tuple[Array, Array, Array],
 
 def _constraint(qp: QP, index: Index) -> tuple[Float[Array, " q"], Scalar]:
     """The gradient of a constraint in (d, t), and its bound."""
-    n, count, each = qp.gradient.shape[0], qp.n_constraints, qp.bounds.shape[1]
+    n, count = qp.gradient.shape[0], qp.n_constraints
     inside = jnp.clip(index, 0, count - 1)
     of_box = jnp.arange(2 * n + 1, dtype=jnp.int32) == index - count
     signs = jnp.where(of_box, 1.0, 0.0).astype(qp.gradient.dtype)
-    of_d = jnp.where(index < count, qp.normals[inside // each, inside % each], signs[:n] - signs[n:-1])
+    of_d = jnp.where(index < count, qp.normals.reshape(-1, n)[inside], signs[:n] - signs[n:-1])
     of_t = jnp.where(index < count, -1.0, -signs[-1])
-    bound = jnp.where(index < count, qp.bounds[inside // each, inside % each], signs @ qp.box)
+    bound = jnp.where(index < count, qp.bounds.reshape(-1)[inside], signs @ qp.box)
     return jnp.append(of_d, of_t), bound
 
 

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.tuning import qp
@@ -159,7 +160,7 @@ def _hessian(
     # Where all active values move with t, they are measured from their mean.
     inv_count = jnp.where(penalised, 1 / jnp.maximum(sums.products[-1, -1], 1.0), 0.0)
     lagrangian = weight * curvature + sums.hessian
-    lagrangian = lagrangian * is_free[:, None] * is_free[None] + jnp.diag(1.0 - is_free)
+    lagrangian = lagrangian * is_free[:, None] * is_free[None] + (1.0 - is_free)[None] * np.eye(is_free.shape[0])
     offset = sums.products[:-2, -2] - inv_count * sums.products[-1, -2] * slope_sum
     shift = _Shift(inv_count, slope_sum, offset)
     return lagrangian, squares - inv_count * slope_sum[:, None] * slope_sum[None], shift
@@ -192,7 +193,7 @@ def _quadratic_program(
         low=(jnp.maximum(task.low - z, -radius) - at.d) / radius,
         high=(jnp.minimum(task.high - z, radius) - at.d) / radius,
         penalty=penalty / scale,
-        stiffness=jnp.minimum(jnp.trace(scaled) / z.shape[0], MAX_STIFFNESS),
+        stiffness=jnp.minimum(jnp.sum(scaled * np.eye(z.shape[0])) / z.shape[0], MAX_STIFFNESS),
         min_violation=jnp.maximum(-largest / radius, -FAR),
     )
 
