@@ -25,7 +25,7 @@ from qtraj.design.tuning.peaks import ABSENT
 from qtraj.design.tuning.problem import Problem
 from qtraj.design.tuning.search import SearchResult
 from qtraj.design.tuning.sqp import FEASIBLE, SequentialQuadratic
-from qtraj.design.tuning.task import TARGET_RATIO, LimitSlots, Task
+from qtraj.design.tuning.task import TARGET_RATIO, LimitSlots, Task, over_slots
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.indexing import element, with_element
 from qtraj.foundation.progress import Report

@@ -131,7 +131,7 @@ def _orders(
             x = x + angle_rate[k] * shifted
             if moved_rate is not None:
                 i, j = pairs().T
-                n, rates = moved_rate.shape[0], moved_rate[:, k, None, None]
+                rates = moved_rate[:, k, None, None]
                 from_slopes = rates * shifted[:1]
                 from_pairs = rates[i] * shifted[1 + j] + rates[j] * shifted[1 + i]
                 x = x + jnp.concatenate([jnp.zeros_like(x[:1]), from_slopes, from_pairs])

@@ -206,8 +206,9 @@ def _gradient(group: Group, r: list[Triple], index: Int[Array, ""]) -> tuple[Arr
     for name, (a, b) in group.products.items():
         axes = 2 if name in HORIZONTAL else 3
         s.append(Y[a][2] if b == "up" else _dot(Y[a][:axes], Y[b][:axes]))
-    table = element((*group.table, group.table.odd), element(MEMBER, index))
-    G, in_invariants, hessian = monomials.expand(*table, jnp.stack(s))
+    tables = group.table.coefficients, group.table.exponents, group.table.odd
+    coefficients, exponents, odd = element(tables, element(MEMBER, index))
+    G, in_invariants, hessian = monomials.expand(coefficients, exponents, odd, jnp.stack(s))
     gradient: dict[str, Any] = dict.fromkeys(Y, (0, 0, 0))
     for i, (name, (a, b)) in enumerate(group.products.items()):
         if b == "up":

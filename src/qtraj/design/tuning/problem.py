@@ -59,7 +59,8 @@ class Problem(eqx.Module):
     def path(self, z: Variables) -> SpiralHelix:
         """The path for the variables `z`."""
         duration = self.time(z)
-        return SpiralHelix(*self._between(*self.velocities(z, duration), duration), duration, self.placement)
+        va, vb = self.velocities(z, duration)
+        return SpiralHelix(*self._between(va, vb, duration), duration, self.placement)
 
     @property
     def ends(self) -> tuple[Vec3, Vec3]:

@@ -216,7 +216,8 @@ def _sums(
     def of_slot(slot: Int[Array, ""], carry: tuple[_Sums, Array]) -> tuple[_Sums, Array]:
         sums, slopes = carry
         parts = constraints.slope, constraints.curvature, at.multipliers, at.value
-        products, weighted, slope = jax.vmap(of_peaks)(*element(parts, slot, 1), at.d, is_free, largest)
+        own = (*element(parts, slot, 1), at.d, is_free, largest)
+        products, weighted, slope = jax.vmap(lambda own: of_peaks(*own))(own)
         return _Sums(sums.products + products, sums.hessian + weighted), with_element(slopes, slot, slope, 1)
 
     empty = _Sums(jnp.zeros((batch, n + 2, n + 2), is_free.dtype), jnp.zeros((batch, n, n), is_free.dtype))
