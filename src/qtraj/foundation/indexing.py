@@ -1,10 +1,13 @@
-"""Elements at an index that only compiled code knows. NumPy's notation compiles to several times as many operations."""
+"""Elements of arrays at an index, or under a condition, that only compiled code knows.
+
+NumPy's notation for such an index compiles to several times as many operations.
+"""
 
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, Bool, Int
 
 
 def element(tree: Any, index: Int[Array, ""], axis: int = 0) -> Any:
@@ -23,3 +26,8 @@ def with_element(tree: Any, index: Int[Array, ""], value: Any, axis: int = 0) ->
         return jax.lax.dynamic_update_index_in_dim(x, value, index, axis, allow_negative_indices=False)
 
     return jax.tree.map(of_array, tree, value)
+
+
+def choose(condition: Bool[Array, " batch"], new: Any, old: Any) -> Any:
+    """The elements of a batch from the arrays of `new` where the condition is true, elsewhere from those of `old`."""
+    return jax.tree.map(lambda x, y: jnp.where(jnp.expand_dims(condition, range(1, x.ndim)), x, y), new, old)

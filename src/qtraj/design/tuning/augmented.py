@@ -34,6 +34,7 @@ from qtraj.design.tuning.problem import Variables
 from qtraj.design.tuning.search import AbstractSearch, SearchResult, step_count
 from qtraj.design.tuning.sqp import FEASIBLE
 from qtraj.design.tuning.task import LimitSlots, Task
+from qtraj.foundation.indexing import choose
 from qtraj.foundation.types import Flag, Scalar
 
 INITIAL_PENALTY, PENALTY_GROWTH, MAX_PENALTY = 10.0, 4.0, 1e9
@@ -143,7 +144,7 @@ class AugmentedLagrangian(AbstractSearch):
         def advance(s: State) -> State:
             on = is_running(s)
             after = jax.vmap(lambda task, s, on: self._step(task, slots, s, on))(tasks, s, on)
-            return jax.tree.map(lambda new, old: jnp.where(jnp.expand_dims(on, range(1, new.ndim)), new, old), after, s)
+            return choose(on, after, s)
 
         return jax.lax.while_loop(lambda s: jnp.any(is_running(s)), advance, states)
 

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.foundation.argmin import min_and_argmin
-from qtraj.foundation.indexing import element, with_element
+from qtraj.foundation.indexing import choose, element, with_element
 from qtraj.foundation.types import Flag, Scalar
 
 MAX_STEPS = 60
@@ -124,13 +124,11 @@ def minimise(qps: QP, n_slots: Index) -> Solution:
         on = is_running(at, count)
         violated = _most_violated(qps, n_slots, weights, at.x)
         after = jax.vmap(_advance)(qps, weights[2], at, jnp.where(at.entering < 0, violated, at.entering))
-        stops = after.done | after.stuck
-        moves = on & ~stops
-        chosen = jax.tree.map(
-            lambda new, old: jnp.where(jnp.expand_dims(moves, range(1, new.ndim)), new, old), after, at
+        stops = on & (after.done | after.stuck)
+        chosen = choose(on & ~stops, after, at)
+        return chosen._replace(done=at.done | stops, stuck=at.stuck | (on & after.stuck)), count + on.astype(
+            count.dtype
         )
-        ended = chosen._replace(done=at.done | stops, stuck=jnp.where(on, after.stuck, at.stuck))
-        return ended, jnp.where(on, count + 1, count)
 
     start = jax.vmap(_start)(qps), jnp.zeros(qps.penalty.shape, jnp.int32)
     end, steps = jax.lax.while_loop(lambda s: jnp.any(is_running(*s)), step, start)
@@ -143,20 +141,18 @@ def inverse(matrices: Float[Array, "*batch n n"]) -> tuple[Float[Array, "*batch 
 
     The pivots are those of Gaussian elimination: all are positive if and only if the matrix is positive definite.
     """
-    n = matrices.shape[-1]
+    n, last = matrices.shape[-1], matrices.ndim - 1
     places = jnp.arange(n, dtype=jnp.uint32)
 
     def sweep(k: Index, now: tuple[Array, Array]) -> tuple[Array, Array]:
         matrix, min_pivot = now
-        here = jnp.expand_dims(places == k, range(matrices.ndim - 2))
-        row, column = matrix[..., k, :], matrix[..., :, k]
-        pivot = jnp.sum(jnp.where(here, row, 0.0), axis=-1)
+        here = jnp.expand_dims(places == k, range(last - 1))
+        row, column = element(matrix, k, last - 1), element(matrix, k, last)
+        pivot = element(row, k, last - 1)
         over = (1 / jnp.where(pivot == 0, 1.0, pivot))[..., None]
-        row = jnp.where(here, over, row * over)
-        updated = jnp.where(
-            here[..., None, :], -(column * over)[..., None], matrix - column[..., None] * row[..., None, :]
-        )
-        return jnp.where(here[..., None], row[..., None, :], updated), jnp.minimum(min_pivot, pivot)
+        row = jnp.where(here, over, row * over)[..., None, :]
+        updated = jnp.where(here[..., None, :], -(column * over)[..., None], matrix - column[..., None] * row)
+        return jnp.where(here[..., None], row, updated), jnp.minimum(min_pivot, pivot)
 
     start = matrices, jnp.full(matrices.shape[:-2], jnp.inf, matrices.dtype)
     return jax.lax.fori_loop(np.uint32(0), np.uint32(n), sweep, start)

@@ -25,6 +25,7 @@ from qtraj.design.tuning.problem import Variables
 from qtraj.design.tuning.search import AbstractSearch, SearchResult, step_count
 from qtraj.design.tuning.subproblem import PENALISED, Step, compute_step
 from qtraj.design.tuning.task import SLOTS, LimitSlots, Task
+from qtraj.foundation.indexing import choose
 from qtraj.foundation.types import Flag, Scalar
 
 INITIAL_RADIUS, MAX_RADIUS, MIN_RADIUS = 0.5, 2.0, 1e-11
@@ -145,7 +146,7 @@ def run(tasks: Task, slots: LimitSlots, states: State, max_steps: Int[Array | np
         z = s.z + step.d
         peaks = find_peaks(jax.vmap(models.make_setting)(tasks.problem, z), slots, tasks.limits)
         after = jax.vmap(_arrive)(tasks, s, step, times, z, peaks)
-        return jax.tree.map(lambda new, old: jnp.where(jnp.expand_dims(on, range(1, new.ndim)), new, old), after, s)
+        return choose(on, after, s)
 
     def move(s: State) -> tuple[Step, Array]:
         model = models.build(tasks, slots, s.z, s.peaks)
