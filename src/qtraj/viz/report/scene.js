@@ -3,7 +3,7 @@
 const RECORDED = "#737373";
 /** Whether the scene has a legend of its paths. */
 const VISIBLE = 2; // plotly's units between the lower and the upper edge of the scene
-const LABEL_SPACE = narrow ? 130 : 115; // [px] for the labels of the axes
+const LABEL_SPACE = narrow ? { across: 130, along: 130 } : { across: 115, along: 90 }; // [px] for the labels of the axes
 const listed = data.kind === "path" && (bodies.length > 1 || data.recorded !== null);
 
 // The first view direction: from above, and from the side from which the scene is largest.
@@ -243,7 +243,7 @@ function zoom(extent, right = RIGHT, up = UP) {
   const { clientWidth: width, clientHeight: height } = byId("space");
   const seen = (side) =>
     data.kind === "attitude" ? extent[0] : extent.reduce((sum, size, k) => sum + size * Math.abs(side[k]), 0);
-  return (VISIBLE / height) * Math.min((width - LABEL_SPACE) / seen(right), (height - LABEL_SPACE) / seen(up));
+  return (VISIBLE / height) * Math.min((width - LABEL_SPACE.across) / seen(right), (height - LABEL_SPACE.along) / seen(up));
 }
 
 /** The label of a world axis, with the offset of the common centre. */
