@@ -29,11 +29,11 @@ def read_bytes(path: Path) -> bytes:
 
     **Raises:** OSError if it cannot be read; ValueError, naming it, if it is larger than `MAX_SIZE`, or no gzip file.
     """
-    with path.open("rb") as stream:
-        try:
-            content = (gzip.open(stream) if path.suffix == ".gz" else stream).read(MAX_SIZE + 1)
-        except (gzip.BadGzipFile, EOFError, zlib.error):
-            raise ValueError(f"{path}: the file is not a complete gzip file, which its name says") from None
+    try:
+        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as stream:
+            content = stream.read(MAX_SIZE + 1)
+    except (gzip.BadGzipFile, EOFError, zlib.error):
+        raise ValueError(f"{path}: not a complete gzip file, although its name ends with .gz") from None
     if len(content) > MAX_SIZE:
         raise ValueError(f"{path}: the file is larger than the maximum of {MAX_SIZE / 2**30:.3g} GiB")
     return content

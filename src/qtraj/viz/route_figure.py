@@ -16,7 +16,7 @@ from qtraj.viz.style import BAND, BOUND, COLOURS, MARK, RC, RECORD, WIDTH, head,
 
 PANEL, MAP = 1.05, 4.6  # [inch] of height
 LEFT = 0.105
-COLOURED = 0.98
+COLOURED = 0.95
 """Quantile of the curvature at which the colour scale of the map ends: stops have infinite curvature."""
 
 
