@@ -14,7 +14,7 @@ from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.programs import rotation_minimizing
 from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing
-from qtraj.path.driving import require_moving, usual_frame
+from qtraj.path.driving import default_frame, require_moving
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, trihedral
 
@@ -58,7 +58,7 @@ class FrameProgram(AbstractProgram):
         anchors: ArrayInput | None = None,
     ):
         self.path = path
-        self.frame = usual_frame(path) if frame is None else frame
+        self.frame = default_frame(path) if frame is None else frame
         if not isinstance(self.frame, AbstractFrame | RotationMinimizing):
             raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
         if isinstance(self.frame, RotationMinimizing):
