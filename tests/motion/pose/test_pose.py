@@ -115,7 +115,7 @@ def test_signs_stores_and_what_is_refused(tmp_path):
     for call, expected in (
         (lambda: qt.PoseProgram(both, both.attitude), "the path must be a hodograph"),
         (lambda: qt.PoseProgram(both.path, both.path), "the attitude must be a program"),
-        (lambda: qt.PoseLaw(qt.RateLaw(1.0), 1.0, 1.0), "from the state alone"),
+        (lambda: qt.PoseLaw(qt.RateLaw(1.0), 1.0, 1.0), "have no memory"),
         (lambda: qt.PoseLaw(LAW.attitude, [1.0, 2.0], 1.0), "k1 must be a scalar"),
         (lambda: qt.simulate_pose(both.path, LAW, *state), "must be a PoseProgram"),
         (lambda: qt.simulate_pose(both, LAW.attitude, *state), "must be a PoseLaw"),

@@ -55,7 +55,7 @@ def fit_route(
     upper quartile are left out as `outliers`. Gaps are bridged with minimum jerk. `covariance()` of the result is the
     covariance of the joint states. Recorded attitudes are not used in the fit; `attitude` of the result compares them
     with the route's upright frame, by `compare_attitude`. For geographical coordinates use
-    `read_track(..., projection=...)`. Use float64. The fit is not differentiable, but the route is, like any other path.
+    `read_track(..., projection=...)`. Use float64. The fit is not differentiable; the route is, like any other path.
 
     **Raises:** ValueError for invalid knots, a tolerance or smoothing that is not positive, a tolerance that is too
     small, both at once, or fewer than eight samples. RuntimeError with `throw` if the result is not finite.

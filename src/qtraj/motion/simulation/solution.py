@@ -114,8 +114,8 @@ class Solution(AbstractOutcome):
             "command": Quantity(self.command, per, commanded, axes),
             "error": Quantity(self.error, "1", "error quaternion of the law", axes),
             "angle": Quantity(self.angle, "rad", "angle between body and program", (along,)),
-            "result": Quantity(np.asarray(self.result), "", "how it ended"),
-            "code": Quantity(self.code, "1", "how it ended, as a number"),
+            "result": Quantity(np.asarray(self.result), "", "the result in words"),
+            "code": Quantity(self.code, "1", "result code"),
         }
         variables = {name: q for name, q in columns.items() if q.values is not None}
         variables |= {} if self.body is None else self.body.variables()
