@@ -103,7 +103,7 @@ def test_the_example_passes_its_attitudes_and_tells_the_sign(qtraj, tmp_path):
     text = result.stdout
     assert "Slew 2 of 2" in text
     assert "the given quaternion with the other sign" in " ".join(text.split())
-    assert "max_rate, max_acceleration and max_jerk bind" in text
+    assert "max_rate, max_acceleration and max_jerk are active" in text
     wide = [line for line in text.splitlines() if len(line) > 80 and not line.startswith(("Scenario:", str(tmp_path)))]
     assert wide == []
     program = qt.load(tmp_path / "out" / "program.toml")

@@ -11,17 +11,7 @@ from qtraj.motion.programs.rotation_minimizing import name_of
 from qtraj.scenario.loop import prepare
 from qtraj.scenario.loop_parts import FeedbackPart
 from qtraj.scenario.reader import read_scenario
-
-SLEW = """
-angles = "deg"
-[program.slew.start]
-quaternion = [1, 0, 0, 0]
-[program.slew.end]
-rotation_vector = [0, 0, 30]
-[program.slew.law]
-max_acceleration = 20
-"""
-LAW = "[law]\nsettling_time = 3\n"
+from tests.cli.loop_scenarios import LAW, SLEW
 
 
 @pytest.fixture

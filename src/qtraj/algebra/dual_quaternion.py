@@ -2,8 +2,8 @@
 
 The pose with the position r (inertial axes) and the attitude λ is Λ = λ + s ½ r∘λ: a point x of the body is at
 r + λ∘x∘λ⁻¹. Poses multiply like attitudes: Λ_AC = Λ_AB∘Λ_BC. With the twist U = ω + s u, 2Λ̇ = Λ∘U_x = U_ξ∘Λ, where
-u_x is the velocity of the body's origin in body axes, and u_ξ = v + r × ω the velocity of the body point at the inertial
-origin (Kotelnikov's transference principle; Chelnokov and Nelaeva, 2015). λ may have any length but 0.
+u_x is the velocity of the body's origin in body axes, and u_ξ = v + r × ω that of the body point at the inertial origin
+(Kotelnikov's transference principle; Chelnokov and Nelaeva, 2015). λ may have any length but 0.
 
 A dual quaternion is an array (8,), λ first. The functions take one; use `jax.vmap` for batches.
 """

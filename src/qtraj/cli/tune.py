@@ -183,7 +183,7 @@ def _show(
         show_fit(console, content["fit"])
     _show_limits(console, before, best.certificate, content["purpose"])
     _show_change(console, change)
-    console.print(Text(f"The path after leaves the path before by {float(change.deviation):.3g} m at most."))
+    console.print(Text(f"The path after deviates from the path before by at most {float(change.deviation):.3g} m."))
     console.print(Text(change.text))
     layout.heading(console, f"Result: objective '{task.objective}', motion '{task.motion}'")
     for what, text in (("Fixed", ", ".join(task.part.fixed)), ("Bounded", _ranges(task.part))):
