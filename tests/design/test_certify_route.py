@@ -203,7 +203,7 @@ def test_findings_are_stored_and_nothing_is_judged_without_limits(found, tmp_pat
 
 def test_what_cannot_be_judged_is_refused(found):
     route, _ = found
-    with pytest.raises(ValueError, match="one route whose numbers are known"):
+    with pytest.raises(ValueError, match="certify accepts one route with concrete values"):
         jax.jit(lambda r: qt.certify(r, LIMITS).whole.codes)(route)
     with pytest.raises(ValueError, match="a corridor limits the distance of a SpiralHelix"):
         qt.certify(route, LIMITS, corridor=1.0, reference=qt.SpiralHelix([1.0], [0.0, 1.0], [0.0], 1.0))

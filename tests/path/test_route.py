@@ -295,7 +295,7 @@ def test_evaluate_peak_and_dynamics_know_routes(case):
     assert np.asarray(table.defined).all()
     time, value = qt.peak(route, "curvature")
     assert float(value) == pytest.approx(float(np.max(table.curvature)), rel=1e-3)
-    assert float(qt.Limits(curvature=1.0).values(route, when)["curvature"]) == pytest.approx(float(value), rel=1e-9)
+    assert float(qt.Limits(curvature=1.0).values(route, time)["curvature"]) == pytest.approx(float(value), rel=1e-9)
     forces = qt.dynamics.forces(route, 1.0, 2.0, [0.0, 0.0, -9.81])
     assert np.isfinite(np.asarray(jax.tree.leaves(forces)[0])).all()
 

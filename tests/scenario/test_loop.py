@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tests.cli.loop_scenarios import LAW, SLEW
 
 import qtraj as qt
 from qtraj.motion.control.errors import error_quaternion
@@ -11,7 +12,6 @@ from qtraj.motion.programs.rotation_minimizing import name_of
 from qtraj.scenario.loop import prepare
 from qtraj.scenario.loop_parts import FeedbackPart
 from qtraj.scenario.reader import read_scenario
-from tests.cli.loop_scenarios import LAW, SLEW
 
 
 @pytest.fixture

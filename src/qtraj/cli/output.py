@@ -1,4 +1,4 @@
-"""What the commands put out alike: the head of their JSON, and tables and figures as files."""
+"""Output that the commands share: the first keys of their JSON, and tables and figures as files."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -18,9 +18,9 @@ __all__ = ["check_folder", "header", "provenance", "result_writers", "table_writ
 
 
 def header(command: str, given: ScenarioFile[Any]) -> dict[str, Any]:
-    """The first keys of a command's JSON: the version, the command, and which scenario it was.
+    """The first keys of a command's JSON: the version, the command and the scenario.
 
-    `source` is that of its recording, where it has one.
+    `source` is the source of the recording, if there is one.
     """
     scenario = given.scenario
     about = {name: getattr(scenario, name, None) for name in ("name", "description")}
@@ -30,14 +30,14 @@ def header(command: str, given: ScenarioFile[Any]) -> dict[str, Any]:
 
 
 def provenance(given: ScenarioFile[Any]) -> dict[str, str]:
-    """Attributes of a dataset that say where it comes from."""
+    """Attributes of a dataset that state its origin."""
     about = header("", given)["scenario"]
     known = {"title": about["name"], "recording": about["source"], "scenario_sha256": about["sha256"]}
     return {name: text for name, text in known.items() if text} | {"scenario_file": given.file.name}
 
 
 def tabular(record: Record) -> dict[str, Any]:
-    """A record over instants as `units` and `columns`, by the names of its quantities."""
+    """The `units` and `columns` of a record over instants, by the names of its quantities."""
     columns = plain(record)
     return {"units": columns.pop("units"), "columns": {name: columns[name] for name in record.everything()}}
 

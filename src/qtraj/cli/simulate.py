@@ -1,4 +1,4 @@
-"""`qtraj simulate`: a body under feedback follows a program."""
+"""`qtraj simulate`: simulates a body that follows a program under feedback."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,7 +28,7 @@ HEADERS = {
     "command": ["command"],
     "norm": ["|λ|"],
 }
-ENDINGS = {
+RESULTS = {
     ResultCode.successful: "finished: every instant was reached.",
     ResultCode.max_steps_reached: (
         "stopped: too many steps between two instants. Take smaller gains, larger simulation.rtol and simulation.atol, "
@@ -44,7 +44,7 @@ ENDINGS = {
         "has no command."
     ),
 }
-"""How an integration ended, and what to do, in terms of the scenario."""
+"""Result texts in terms of the scenario."""
 
 OTHER_SIGN = "λ and −λ are one attitude: sign = 'auto' in [error] takes the one that passes more smoothly."
 NO_SIGN = (
@@ -57,16 +57,16 @@ def simulate(
     scenario: Path | None = terminal.scenario_argument("loop"),
     out: Path = terminal.out_option(),
     samples: int | None = typer.Option(
-        None, min=2, max=100_000, metavar="N", help="Number of instants, both ends included; before the scenario's."
+        None, min=2, max=100_000, metavar="N", help="Number of instants, both ends included; overrides the scenario."
     ),
     frame: FrameName | None = terminal.frame_option("the scenario's; upright"),
     as_json: bool = terminal.json_option(),
 ) -> None:
-    """Simulate a body that a feedback law makes follow a program of attitude.
+    """Simulate a body that follows an attitude program under a feedback law.
 
     The program is a slew, the frame of a path, or a saved one; disturbance, sensor and actuator may be added. The
     error is compared with its closed form. Writes the motion (solution.toml), its table (table.nc, table.csv) and a
-    figure (simulation.png, simulation.svg). Exit code 1 where the integration did not finish.
+    figure (simulation.png, simulation.svg). Exit code 1 if the integration did not finish.
     """
     with terminal.guarded():
         outcome = run(scenario, out, samples, frame and frame.value)
@@ -80,10 +80,11 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
     """
     with watching() as watch:
         watch.say("reading")
-        # Here, so that --help need not wait for pydantic, xarray and matplotlib.
+        # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
         from qtraj.cli.output import check_folder, header, provenance, result_writers, tabular, write_all
         from qtraj.foundation.plain import plain
         from qtraj.foundation.record import to_dataset
+        from qtraj.motion.simulation.actuator import Actuator
         from qtraj.scenario.reader import read_scenario
         from qtraj.viz.simulation_figure import simulation_figure
 
@@ -91,11 +92,14 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
         given = read_scenario(file, "loop")
         task, history, found = _simulated(given, samples, frame, watch)
         table = history[np.searchsorted(history.times, task.times)]
-        actuator = task.actuator
-        limit = None if actuator is None or actuator.limit is None else np.asarray(actuator.limit).tolist()
-        described = given.scenario.program.describe(task.program)
+        actuator = task.actuator or Actuator()
+        limit = None if actuator.limit is None else np.asarray(actuator.limit).tolist()
+        saturation = None if limit is None else actuator.saturation
         content = header("simulate", given) | {
-            "program": {"description": described, "duration": float(task.program.duration)},
+            "program": {
+                "description": given.scenario.program.describe(task.program),
+                "duration": float(task.program.duration),
+            },
             "law": {"kind": given.scenario.law.kind} | _gains(task),
             "start": {
                 "quaternion": np.asarray(task.quaternion).tolist(),
@@ -104,7 +108,7 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
             },
             "duration": float(task.times[-1]),
             "command_limit": limit,
-            "saturation": None if limit is None or actuator is None else actuator.saturation,
+            "saturation": saturation,
             "verdict": plain(found.record()),
             "finished": bool(history.solution.successful),
             "result": _result(history, found, given.scenario.error.sign),
@@ -114,8 +118,8 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
         watch.say("writing")
         about = provenance(given) | {"law": content["law"]["kind"], "result": content["result"]}
         about["closed_form"] = "applies" if found.applies else f"does not apply: {found.reason}"
-        if limit is not None and actuator is not None:
-            about["saturation"] = actuator.saturation
+        if saturation is not None:
+            about["saturation"] = saturation
         dataset = to_dataset(table.record(), about)
         if limit is not None:
             dataset["command"].attrs["limit"] = limit
@@ -128,7 +132,7 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
 def _simulated(
     given: "ScenarioFile[Any]", samples: int | None, frame: str | None, watch: Watch
 ) -> tuple["LoopTask", "LoopHistory", "LoopVerdict"]:
-    """The closed loop of a scenario, its motion, and the verdict on it; a ValueError names the file."""
+    """The closed loop of a scenario, its motion, and its assessment; a ValueError names the file."""
     import qtraj.motion.simulation.simulate as simulation
     from qtraj.motion.simulation.loop_history import judging_times, loop_history, references_at
     from qtraj.motion.simulation.loop_verdict import SETTLED, judge_loop
@@ -140,7 +144,7 @@ def _simulated(
         task = prepare(given, samples, frame)
         watch.say("simulating")
         times = judging_times(task.times, task.jumps, task.renewals)
-        references_at(task.program, times)  # raises where there is none, before anything is simulated
+        references_at(task.program, times)  # raises before the simulation if an attitude is missing
         loop = (task.program, task.law, task.quaternion, task.rate)
         around = (task.disturbance, task.sensor, task.actuator)
         tolerances: Any = {"rtol": task.rtol, "atol": task.atol}
@@ -152,17 +156,14 @@ def _simulated(
 
 
 def _gains(task: "LoopTask") -> dict[str, Any]:
-    return {
-        name: np.asarray(gain).tolist()
-        for name in ("k", "k1", "k2")
-        if (gain := getattr(task.law, name, None)) is not None
-    }
+    gains = {name: getattr(task.law, name, None) for name in ("k", "k1", "k2")}
+    return {name: np.asarray(gain).tolist() for name, gain in gains.items() if gain is not None}
 
 
 def _result(history: "LoopHistory", found: "LoopVerdict", sign: str) -> str:
-    """How the integration ended, and what to do."""
+    """The result in words, and what to do."""
     code = ResultCode(int(found.code))
-    text = ENDINGS.get(code, code.text)
+    text = RESULTS.get(code, code.text)
     if code in (ResultCode.near_zero_error, ResultCode.wrong_sign):
         text = f"{text} {NO_SIGN if sign == 'auto' else OTHER_SIGN}"
     reached = history.times[np.isfinite(np.asarray(history.solution.quaternion)).all(axis=1)]
@@ -173,7 +174,7 @@ def _result(history: "LoopHistory", found: "LoopVerdict", sign: str) -> str:
 
 
 def _show(console: Console, content: dict[str, Any], found: "LoopVerdict") -> None:
-    """The whole outcome, from the scenario to the files written, in degrees, readable at 80 columns."""
+    """Print the result, from the scenario to the files, in degrees, readable at 80 columns."""
     unit = "°/s" if found.commands == "rate" else "°/s²"
     layout.print_scenario(console, content["scenario"])
     layout.heading(console, "Closed loop")
@@ -243,7 +244,7 @@ def _closed(found: dict[str, Any]) -> str:
 
 
 def _peak(found: dict[str, Any], unit: str, each_axis: bool) -> str:
-    """The largest command as its limit counts it: the length, or each component."""
+    """The largest command, of its length or of each component, like its limit."""
     if found["peak_command"] is None:
         return "-"
     length = f"{layout.degrees(found['peak_command'])} {unit} at {found['peak_time']:.6g} s"

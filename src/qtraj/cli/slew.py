@@ -1,4 +1,4 @@
-"""`qtraj slew`: a slew from one attitude to another within limits."""
+"""`qtraj slew`: slews from one attitude to another within limits."""
 
 import math
 from pathlib import Path
@@ -37,9 +37,9 @@ def slew(
 ) -> None:
     """Slew from one attitude to another, or through several, about fixed axes.
 
-    The angle proceeds as fast as limits of rate, acceleration, jerk and torque allow, or in a given time; torques need
+    The slew takes the minimum time within limits of rate, acceleration, jerk and torque, or a given time. Torques need
     the inertia of the body, in the table `body`. Writes the program (program.toml), its table (table.nc, table.csv) and
-    a figure (slew.png, slew.svg). Exit code 1 where a limit is broken.
+    a figure (slew.png, slew.svg). Exit code 1 if a limit is broken.
     """
     with terminal.guarded():
         outcome = run(scenario, out, samples)
@@ -47,13 +47,13 @@ def slew(
 
 
 def run(file: Path | None, out: Path, samples: int) -> Outcome:
-    """Make the program of a slew and write it.
+    """Compute the program of a slew and write it.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
     with watching() as watch:
         watch.say("reading")
-        # Here, so that --help need not wait for pydantic, xarray and matplotlib.
+        # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
         from qtraj.cli.output import check_folder, header, provenance, result_writers, tabular, write_all
         from qtraj.foundation.plain import plain
         from qtraj.foundation.record import to_dataset
@@ -67,13 +67,12 @@ def run(file: Path | None, out: Path, samples: int) -> Outcome:
         given = read_scenario(file, "slew")
         watch.say("slewing")
         scenario, program = given.scenario, slew_program(given)
-        inertia, max_torque = (
-            (None, None) if scenario.body is None else (scenario.body.inertia, scenario.body.max_torque)
-        )
-        limits, wanted = scenario.law.limits(scenario.angles), scenario.end.unit_quaternion(scenario.angles)
-        found = judge_slew(program, limits, inertia, max_torque, wanted)
+        body = scenario.body
+        inertia, max_torque = (None, None) if body is None else (body.inertia, body.max_torque)
+        limits, end = scenario.law.limits(scenario.angles), scenario.end.unit_quaternion(scenario.angles)
+        found = judge_slew(program, limits, inertia, max_torque, end)
         times = np.linspace(0.0, found.duration, samples if found.duration > 0 else 1)
-        both = slew_history(program, np.concatenate([times, fine_times(program)]), inertia)  # at once: compiled once
+        both = slew_history(program, np.concatenate([times, fine_times(program)]), inertia)  # one compilation
         table, drawn = both[: len(times)].record(), both[len(times) :]
         content = header("slew", given) | {
             "law": scenario.law.kind,
@@ -95,33 +94,33 @@ def run(file: Path | None, out: Path, samples: int) -> Outcome:
 
 
 def _notes(scenario: "SlewScenario", found: "SlewVerdict") -> list[str]:
-    """What a reader of the scenario might not expect."""
+    """Notes on effects that may be unexpected."""
     notes = []
     for k, (name, attitude) in enumerate(scenario.attitudes().items()):
         if (length := attitude.beyond_half_turn(scenario.angles)) is not None:
-            slewed = "." if k == 0 else f": the slew to it is by {layout.degrees(float(found.angles[k - 1]))}°."
+            slewed = "." if k == 0 else f", by {layout.degrees(float(found.angles[k - 1]))}°."
             notes.append(
-                f"The rotation vector of [{name}] is {layout.degrees(length)}° long, more than a half turn. It is the "
-                f"attitude that counts, reached by the shorter way{slewed}"
+                f"The rotation vector of [{name}] is {layout.degrees(length)}° long, more than a half turn. The slew "
+                f"takes the shorter way to the same attitude{slewed}"
             )
     scale = math.degrees(1.0) if scenario.angles == "rad" else 1.0
     rates = {"starts": scenario.law.start_rate, "ends": scenario.law.end_rate}
     moving = [f"{verb} at {layout.number(scale * rate)}°/s" for verb, rate in rates.items() if rate]
     if moving:
-        notes.append(f"The program {' and '.join(moving)}, but is at rest before and after: its rate jumps there.")
+        notes.append(f"The program {' and '.join(moving)}, but is at rest before and after it: its rate jumps there.")
     return notes
 
 
 def _show(console: Console, content: dict[str, Any], found: "SlewVerdict") -> None:
-    """The whole outcome, from the scenario to the files written, in degrees, readable at 80 columns."""
+    """Print the result, from the scenario to the files, in degrees, readable at 80 columns."""
     layout.print_scenario(console, content["scenario"])
     for k in range(len(found.angles)):
         _show_slew(console, content["verdict"], k)
     if found.sign < 0:
-        text = f"The program ends at λ = {_vector(found.end)}, the given quaternion with the other sign: "
-        console.print(Text(text + "the same attitude by the shorter way. Go on from this sign."))
+        text = f"The program ends at λ = {_vector(found.end)}, the given quaternion with the opposite sign: "
+        console.print(Text(text + "the same attitude by the shorter way. Continue from this sign."))
     if np.isfinite(found.least_duration):
-        console.print(Text(f"Within the limits the shortest slew found takes {float(found.least_duration):.4f} s."))
+        console.print(Text(f"The shortest slew within the limits takes {float(found.least_duration):.4f} s."))
     for note in content["notes"]:
         console.print(Text(note))
     _show_limits(console, content["verdict"])

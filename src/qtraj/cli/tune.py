@@ -1,4 +1,4 @@
-"""`qtraj tune`: boundary velocities that meet the limits of a scenario."""
+"""`qtraj tune`: tunes boundary velocities so that a path meets its limits."""
 
 import math
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ from qtraj.foundation.naming import naming
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress_bar import Watch, watching
 
-if TYPE_CHECKING:  # a checker of types takes no names that are read from a registry
+if TYPE_CHECKING:  # type checkers cannot read names from a registry
     from qtraj.design.proof.certificate import Certificate
     from qtraj.design.tuning.outcome import Tuned
     from qtraj.path.change import PathChange
@@ -29,12 +29,12 @@ if TYPE_CHECKING:  # a checker of types takes no names that are read from a regi
 
     Motion = StrEnum
     Objective = StrEnum
-else:  # for completion by the Tab key, too
+else:  # enumerations, for completion by the Tab key
     Motion = StrEnum("Motion", {name: name for name in MOTIONS})
     Objective = StrEnum("Objective", {name: name for name in OBJECTIVES})
 
 SYMBOLS = ("V_ρ", "V_φ", "V_h")
-MIND = "A limit may be smaller than meant, or in another unit; [tune.bounds] keeps a path near."
+CAUSES = "A limit may be too small or in another unit; [tune.bounds] keeps a path near the given one."
 
 
 def tune(
@@ -54,9 +54,8 @@ def tune(
 ) -> None:
     """Tune the boundary velocities of a path until its limits hold, and write both paths.
 
-    Writes a labelled dataset (paths.nc), the tuned path (path.toml), the whole outcome (tuning.toml) and a figure
-    (tuning.png, tuning.svg). Exit code 1 where the limits are not met, or a path does not follow its
-    recording.
+    Writes a labelled dataset (paths.nc), the tuned path (path.toml), the complete result (tuning.toml) and a figure
+    (tuning.png, tuning.svg). Exit code 1 if the limits are not met, or if a path does not follow its recording.
     """
     with terminal.guarded():
         chosen = (motion and motion.value, objective and objective.value, starts)
@@ -65,13 +64,13 @@ def tune(
 
 
 def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int | None], frame: FrameName) -> Outcome:
-    """Tune a scenario and write its results; motion, objective and starts that are `chosen` go before its own.
+    """Tune a scenario and write its results; motion, objective and starts that are `chosen` replace its own.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
     with watching() as watch:
         watch.say("reading")
-        # Here, so that --help need not wait for pydantic, xarray and matplotlib.
+        # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
         from qtraj.cli.output import check_folder, header, provenance, write_all
         from qtraj.design.fitting.facts import facts
         from qtraj.foundation.plain import finite, plain
@@ -88,7 +87,7 @@ def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int 
         given = read_scenario(file, "path")
         task, before, best = _tuned(given, chosen, watch)
         change = compare_paths(task.path, best.path, (task.start, task.end))
-        warning = change.warning and f"{change.warning} {MIND}"
+        warning = change.warning and f"{change.warning} {CAUSES}"
         search = {"objective": task.objective, "motion": task.motion}
         held = {"fixed": ", ".join(task.part.fixed), "bounds": _ranges(task.part), "warning": warning}
         ended = {"status": best.status, "result": best.result}
@@ -117,7 +116,7 @@ def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int 
         }
 
         def draw(file: Path) -> None:
-            from qtraj.viz.figures import save, tuning_figure  # so that matplotlib is loaded when all else is done
+            from qtraj.viz.figures import save, tuning_figure  # last, because matplotlib takes long to load
 
             save(tuning_figure(dataset), file)
 
@@ -140,7 +139,7 @@ def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int 
 def _tuned(
     given: "ScenarioFile[Any]", chosen: tuple[str | None, str | None, int | None], watch: Watch
 ) -> tuple["PathTask", "Certificate", "Tuned"]:
-    """The task of a scenario, the findings on its path, and the outcome of its tuning; a ValueError names the file."""
+    """The task of a scenario, the certificate of its path, and the tuned result; a ValueError names the file."""
     from qtraj.design.proof.certify import certify
     from qtraj.design.tuning.tune import tune
     from qtraj.scenario.path import lay
@@ -158,7 +157,7 @@ def _tuned(
 
 
 def _ranges(part: "TunePart") -> str:
-    """What was bounded, and how, in words; empty for nothing."""
+    """The bounds of the variables in words; empty without bounds."""
     texts = []
     for name, (low, high) in part.ranges.items():
         unit = "s" if name == "duration" else "m/s"
@@ -177,7 +176,7 @@ def _show(
     best: "Tuned",
     change: "PathChange",
 ) -> None:
-    """The whole outcome, from the scenario to the files written, readable at 80 columns."""
+    """Print the result, from the scenario to the files, readable at 80 columns."""
     layout.print_scenario(console, content["scenario"])
     if content["fit"] is not None:
         show_fit(console, content["fit"])
@@ -215,12 +214,12 @@ def _show_limits(console: Console, before: "Certificate", after: "Certificate", 
     table = layout.plain_table("limit", "path", right=("value", "limit", "margin", "at [s]"), last=("",))
     for was, now in zip(before.findings(), after.findings(), strict=True):
         unit = f"[{symbol(quantity(was.name).unit) or '-'}]"
-        for label, path, found in ((was.name, "before", was), (unit, "after", now)):
-            known = math.isfinite(found.value)
-            margin = "active" if found.active else f"{found.limit - found.value:+.3g}" if known else "-"
-            value, limit = layout.number(found.value if known else None), layout.number(found.limit)
-            time = layout.number(found.time, 4)
-            table.add_row(Text(label), path, value, limit, margin, time, layout.verdict(found.status))
+        for label, path, finding in ((was.name, "before", was), (unit, "after", now)):
+            known = math.isfinite(finding.value)
+            margin = "active" if finding.active else f"{finding.limit - finding.value:+.3g}" if known else "-"
+            value, limit = layout.number(finding.value if known else None), layout.number(finding.limit)
+            time = layout.number(finding.time, 4)
+            table.add_row(Text(label), path, value, limit, margin, time, layout.verdict(finding.status))
         table.add_section()
     console.print(table)
     for name, text in purpose.items():
@@ -242,7 +241,7 @@ def _show_change(console: Console, change: "PathChange") -> None:
     console.print(Text("A: start, B: end. V_ρ: away from the axis, V_φ: about it, V_h: along it."))
     if change.given is not None and not np.allclose(change.given, before, rtol=1e-6, atol=1e-6):
         start, end = (", ".join(f"{v:.4f}" for v in state) for state in np.asarray(change.given))
-        console.print(Text(f"Given were (V_ρ, V_φ, V_h) = ({start}) m/s at A and ({end}) m/s at B."))
+        console.print(Text(f"The given (V_ρ, V_φ, V_h) were ({start}) m/s at A and ({end}) m/s at B."))
 
 
 def _compare(table: Table, label: str, values: Any, unit: str) -> None:

@@ -1,24 +1,24 @@
-"""Layer 6: scenarios, what a command is to do, as TOML files. This module is the registry of their kinds.
+"""Layer 6: scenarios, the TOML files that commands read. This module is the registry of their kinds.
 
-A kind is a model of the keys, in a module that also says what comes of them; both are imported when they are needed.
-The commands take their help from the kinds, docs/scenarios.py the page of all keys.
+A kind has a model of its keys, in a module that also builds the task of the command and is imported when needed. The
+help of the commands, and the page that docs/scenarios.py writes, come from the kinds.
 """
 
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 DATA = Path(__file__).parents[1] / "io" / "data"
-"""Where the embedded scenarios lie."""
+"""The folder of the embedded scenarios."""
 
 
 class Kind(NamedTuple):
     """A kind of scenario: the commands that read it, what it describes, its embedded file in `DATA`.
 
-    Its model and its builder are in the module `home`, under these names. `renamed`: old keys, with dots, that are
-    still read until 1.0, and their new names.
+    Its model is the class `model_name` in the module `home`. `renamed`: old keys, with dots, that are still read until
+    1.0, and their new names.
     """
 
     commands: tuple[str, ...]
@@ -26,40 +26,33 @@ class Kind(NamedTuple):
     file: str
     home: str
     model_name: str
-    builder_name: str
     renamed: Mapping[str, str] = MappingProxyType({})
 
     @property
     def title(self) -> str:
-        """The commands as a text."""
+        """The commands in words."""
         return " and ".join(f"`qtraj {command}`" for command in self.commands)
 
     @property
     def embedded(self) -> Path:
-        """The scenario that runs where none is named."""
+        """The scenario that runs if no file is given."""
         return DATA / self.file
 
     @property
     def model(self) -> Any:
-        """The class of its keys, a `part.Part`."""
+        """The model of its keys, a subclass of `part.Part`."""
         return getattr(importlib.import_module(f"{__name__}.{self.home}"), self.model_name)
-
-    @property
-    def build(self) -> Callable[..., Any]:
-        """What makes the task of the command from a `reader.ScenarioFile`."""
-        return getattr(importlib.import_module(f"{__name__}.{self.home}"), self.builder_name)
 
 
 KINDS = {
-    "path": Kind(("tune", "evaluate"), "a path and its limits", "default.toml", "path", "PathScenario", "lay"),
-    "slew": Kind(("slew",), "a slew", "slew.toml", "slew", "SlewScenario", "slew_program"),
+    "path": Kind(("tune", "evaluate"), "a path and its limits", "default.toml", "path", "PathScenario"),
+    "slew": Kind(("slew",), "a slew", "slew.toml", "slew", "SlewScenario"),
     "loop": Kind(
         ("simulate",),
         "a closed loop",
         "simulate.toml",
         "loop",
         "LoopScenario",
-        "prepare",
         {"program.turn": "program.slew"},
     ),
 }

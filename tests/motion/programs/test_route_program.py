@@ -209,7 +209,7 @@ def test_what_cannot_be_followed_is_refused():
         qt.Driving.along(qt.SpiralHelix([1.0], [0.0, 1.0], [0.0], 1.0))
     with pytest.raises(ValueError, match="hold_below must be positive"):
         qt.Driving.along(winding(), hold_below=-1.0)
-    with pytest.raises(ValueError, match=r"make it by Driving\.along"):
+    with pytest.raises(ValueError, match=r"Use Driving\.along"):
         qt.Driving([0.0], [1.0, 1.0], np.zeros((1, 2, 6)))
 
 

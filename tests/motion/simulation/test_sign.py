@@ -154,7 +154,7 @@ def test_between_changes_the_error_is_linear():
 
 
 def test_what_a_hysteretic_law_refuses(tmp_path):
-    with pytest.raises(ValueError, match="acts through an AccelerationLaw or a QuaternionFeedback"):
+    with pytest.raises(ValueError, match="needs an AccelerationLaw or a QuaternionFeedback"):
         qt.HystereticLaw(qt.GeometricFeedback(2.0, 1.0))
     with pytest.raises(ValueError, match=r"in \[0, 1\), but 1.0 was given"):
         qt.HystereticLaw(LAW, 1.0)
