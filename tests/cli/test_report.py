@@ -148,7 +148,7 @@ def test_what_is_no_result_is_refused(qtraj, results, path, tmp_path):
     qt.save_dataset(xarray.Dataset({"x": ("time", [1.0])}, {"time": [0.0]}), tmp_path / "x.nc")
     expected = {
         "nothing": "there is no such result",
-        "two": "holds several results: name one of",
+        "two": "contains several results: name one of",
         "empty": "holds neither paths.nc nor table.nc",
         "a.nc": "not a netCDF-4 file",
         "a.toml": "no qtraj document",

@@ -70,7 +70,7 @@ class NamedPart(Part):
     """Name and description of a scenario."""
 
     name: Text | None = key("name, for titles", "a text", None)
-    description: Text | None = key("description", "a text", None)
+    description: Text | None = key("description, for the output", "a text", None)
 
 
 class AttitudePart(Part):

@@ -69,11 +69,9 @@ class PathScenario(NamedPart):
     path: Text | None = key("a saved path", "the name of a saved path, relative to the scenario", None)
     placement: PlacementPart | None = key("the axis of a path from two states", "a table [placement]", None)
     duration: Positive | None = key(
-        "of a path between two states; default: from their rates about the axis", SECONDS, None
+        "duration of a path between two states; default: from their rates about the axis", SECONDS, None
     )
-    turns: Wholes | None = key(
-        "of a path between two states: additional whole turns", "a whole number, 0 or more", None
-    )
+    turns: Wholes | None = key("additional whole turns of a path between two states", "a whole number, 0 or more", None)
     limits: LimitsPart = key(  # pyright: ignore[reportInvalidTypeForm]
         "the limits of the tuned path", "a table [limits]", LimitsPart()
     )
