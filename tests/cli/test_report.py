@@ -149,7 +149,7 @@ def test_what_is_no_result_is_refused(qtraj, results, path, tmp_path):
     expected = {
         "nothing": "there is no such result",
         "two": "contains several results: name one of",
-        "empty": "holds neither paths.nc nor table.nc",
+        "empty": "contains neither paths.nc nor table.nc",
         "a.nc": "not a netCDF-4 file",
         "a.toml": "no qtraj document",
         "a.png": "must end in",
