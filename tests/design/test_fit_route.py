@@ -1,4 +1,4 @@
-"""Routes through recordings: known motions, outliers, gaps, stops, the choice of knots and smoothing, covariances."""
+"""Routes fitted to recordings: known motions, outliers, gaps, stops, choice of knots and smoothing, covariances."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -88,7 +88,7 @@ def test_the_banded_solve_and_covariances_are_those_of_dense_matrices():
 
 
 @pytest.mark.parametrize("velocities", [False, True])
-def test_a_known_motion_is_found_below_the_noise(velocities):
+def test_the_errors_of_a_known_motion_are_below_the_noise(velocities):
     track = recorded(velocities=velocities)
     fitted = qt.fit_route(track)
     t = np.linspace(0, 119.9, 3001)
@@ -104,7 +104,7 @@ def test_a_known_motion_is_found_below_the_noise(velocities):
     assert np.sqrt(np.mean(np.sum(rate_errors**2, axis=1))) < 0.06
 
 
-def test_the_errors_are_as_large_as_the_covariance_says():
+def test_the_errors_agree_with_the_covariance():
     ratios = []
     for seed in range(6):
         fitted = qt.fit_route(recorded(40.0, seed=seed), knots=1.0, smoothing=1e-4)
@@ -116,7 +116,7 @@ def test_the_errors_are_as_large_as_the_covariance_says():
     np.testing.assert_allclose(spread, 1.0, atol=0.15)
 
 
-def test_outliers_of_metres_are_found_and_do_not_matter():
+def test_outliers_are_found_and_have_no_effect():
     track = recorded(velocities=True)
     positions = np.array(track.positions)
     wrong = np.array([100, 101, 102, 400, 777, 778, 1100])
@@ -157,7 +157,7 @@ def stopped(t):
 
 
 @pytest.mark.parametrize("velocities", [False, True])
-def test_stops_are_found_and_held_exactly(velocities):
+def test_stops_are_found_and_exact(velocities):
     rng = np.random.default_rng(4)
     t = np.arange(0.0, 50.0, 0.1)
     h = 1e-5
@@ -176,7 +176,7 @@ def test_stops_are_found_and_held_exactly(velocities):
 
 
 @pytest.mark.parametrize("velocities", [False, True])
-def test_a_recording_of_a_vehicle_that_stands_is_a_point(velocities):
+def test_a_parked_vehicle(velocities):
     t = np.arange(0.0, 20.0, 0.1)
     noise = np.random.default_rng(5).normal(0, 0.002, (len(t), 3))
     fitted = qt.fit_route(qt.Track(t, ORIGIN + noise, np.zeros((len(t), 3)) if velocities else None))
@@ -185,7 +185,7 @@ def test_a_recording_of_a_vehicle_that_stands_is_a_point(velocities):
     np.testing.assert_array_equal(fitted.path.velocity(7.0), 0.0)
 
 
-def test_knots_smoothing_and_tolerance_are_obeyed():
+def test_user_knots_smoothing_and_tolerance():
     track = recorded(60.0)
     given = qt.fit_route(track, knots=[0.0, 10.0, 30.0, 40.0, 59.9], smoothing=1e-3)
     np.testing.assert_allclose(given.knots, [0.0, 10.0, 30.0, 40.0, 59.9])
@@ -199,7 +199,7 @@ def test_knots_smoothing_and_tolerance_are_obeyed():
     assert float(smooth.smoothing) > float(even.smoothing)
 
 
-def test_a_recorded_turn_is_followed_and_predicted():
+def test_a_recorded_turn():
     fitted = qt.fit_route(qt.read_track(BENDS))
     assert float(fitted.residual.distance_rms) < 0.02
     assert float(fitted.prediction_error) < 0.02
@@ -225,12 +225,12 @@ def test_the_result_is_stored(tmp_path):
         ({"tolerance": 1e-9, "knots": 5.0}, "pass a larger tolerance or more knots"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(arguments, words):
+def test_invalid_arguments(arguments, words):
     with pytest.raises(ValueError, match=words):
         qt.fit_route(recorded(20.0), **arguments)
 
 
-def test_few_samples_and_stamps_that_do_not_increase_are_refused():
+def test_few_samples_and_times_that_do_not_increase():
     few = recorded(0.6)
     with pytest.raises(ValueError, match="at least 8 samples"):
         qt.fit_route(few)

@@ -1,4 +1,4 @@
-"""How one path differs from another: from its definition, in words, and where it warns."""
+"""Comparison of two paths: values, texts and warnings."""
 
 import jax.numpy as jnp
 import numpy as np
