@@ -77,12 +77,12 @@ def run(
 
         if out is not None:
             check_folder(out)
-        given, path, fitted = _path(file)
+        loaded, path, fitted = _path(file)
         times = instants(float(path.duration), samples, step)
         watch.say("evaluating")
         table = evaluate(path, times, (*OUTPUTS, *also), frame.frame(), continuous=True)
         bends = np.asarray(evaluate(path, times, ("defined",)).defined)
-        content = header("evaluate", given) | {
+        content = header("evaluate", loaded) | {
             "fit": None if fitted is None else facts(fitted),
             "frame": table.frame,
             "path": {"duration": float(path.duration), "length": float(path.length()), "turn": float(path.turn)},
@@ -97,7 +97,7 @@ def run(
             variables: dict[str, Any] = {}
             texts = {} if fitted is None else with_fit(variables, fitted)
             dataset = dataset.assign(variables)
-            dataset.attrs |= conventions(table.frame) | provenance(given) | texts
+            dataset.attrs |= conventions(table.frame) | provenance(loaded) | texts
             written = write_all(out, table_writers(dataset, headers))
             content["files"] = [str(file) for file in written]
     loose = fitted is not None and not bool(fitted.successful)
@@ -112,9 +112,9 @@ def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | Non
 
     if is_saved(file):
         return ScenarioFile[Any](file, None, content_hash(file.read_bytes())), saved_path(file), None
-    given = read_scenario(file, "path")
-    task = lay(given)
-    return given, task.path, task.fitted
+    loaded = read_scenario(file, "path")
+    task = lay(loaded)
+    return loaded, task.path, task.fitted
 
 
 def instants(duration: float, samples: int | None, step: float | None) -> np.ndarray:

@@ -89,18 +89,18 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
         from qtraj.viz.simulation_figure import simulation_figure
 
         check_folder(out)
-        given = read_scenario(file, "loop")
-        task, history, found = _simulated(given, samples, frame, watch)
+        loaded = read_scenario(file, "loop")
+        task, history, verdict = _simulated(loaded, samples, frame, watch)
         table = history[np.searchsorted(history.times, task.times)]
         actuator = task.actuator or Actuator()
         limit = None if actuator.limit is None else np.asarray(actuator.limit).tolist()
         saturation = None if limit is None else actuator.saturation
-        content = header("simulate", given) | {
+        content = header("simulate", loaded) | {
             "program": {
-                "description": given.scenario.program.describe(task.program),
+                "description": loaded.scenario.program.describe(task.program),
                 "duration": float(task.program.duration),
             },
-            "law": {"kind": given.scenario.law.kind} | _gains(task),
+            "law": {"kind": loaded.scenario.law.kind} | _gains(task),
             "start": {
                 "quaternion": np.asarray(task.quaternion).tolist(),
                 "rate": np.asarray(task.rate).tolist(),
@@ -109,28 +109,28 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
             "duration": float(task.times[-1]),
             "command_limit": limit,
             "saturation": saturation,
-            "verdict": plain(found.record()),
+            "verdict": plain(verdict.record()),
             "finished": bool(history.solution.successful),
-            "result": _result(history, found, given.scenario.error.sign),
+            "result": _result(history, verdict, loaded.scenario.error.sign),
             **tabular(table.record()),
             "files": [],
         }
         watch.say("writing")
-        about = provenance(given) | {"law": content["law"]["kind"], "result": content["result"]}
-        about["closed_form"] = "applies" if found.applies else f"does not apply: {found.reason}"
+        about = provenance(loaded) | {"law": content["law"]["kind"], "result": content["result"]}
+        about["closed_form"] = "applies" if verdict.applies else f"does not apply: {verdict.reason}"
         if saturation is not None:
             about["saturation"] = saturation
         dataset = to_dataset(table.record(), about)
         if limit is not None:
             dataset["command"].attrs["limit"] = limit
-        figure = simulation_figure(dataset, float(found.settled_angle), limit)
+        figure = simulation_figure(dataset, float(verdict.settled_angle), limit)
         writers = {"solution.toml": table.solution.save, **result_writers(dataset, figure, "simulation")}
         content["files"] = [str(file) for file in write_all(out, writers)]
-    return Outcome(content, lambda console: _show(console, content, found), not content["finished"], given.warnings)
+    return Outcome(content, lambda console: _show(console, content, verdict), not content["finished"], loaded.warnings)
 
 
 def _simulated(
-    given: "ScenarioFile[Any]", samples: int | None, frame: str | None, watch: Watch
+    loaded: "ScenarioFile[Any]", samples: int | None, frame: str | None, watch: Watch
 ) -> tuple["LoopTask", "LoopHistory", "LoopVerdict"]:
     """The closed loop of a scenario, its motion, and its assessment; a ValueError names the file."""
     import qtraj.motion.simulation.simulate as simulation
@@ -139,9 +139,9 @@ def _simulated(
     from qtraj.scenario.loop import prepare
     from qtraj.scenario.part import radians
 
-    with naming(f"{given.file}: "):
+    with naming(f"{loaded.file}: "):
         watch.say("preparing the program and the law")
-        task = prepare(given, samples, frame)
+        task = prepare(loaded, samples, frame)
         watch.say("simulating")
         times = judging_times(task.times, task.jumps, task.renewals)
         references_at(task.program, times)  # raises before the simulation if an attitude is missing
@@ -150,8 +150,8 @@ def _simulated(
         tolerances: Any = {"rtol": task.rtol, "atol": task.atol}
         solution = simulation.simulate(*loop, times, *around, jumps=task.jumps, sign="as given", **tolerances)
         history = loop_history(*loop, solution)
-    settled = given.scenario.simulation.settled
-    angle = SETTLED if settled is None else radians(given.scenario.angles) * settled
+    settled = loaded.scenario.simulation.settled
+    angle = SETTLED if settled is None else radians(loaded.scenario.angles) * settled
     return task, history, judge_loop(history, task.law, *around, angle, **tolerances)
 
 
@@ -160,9 +160,9 @@ def _gains(task: "LoopTask") -> dict[str, Any]:
     return {name: np.asarray(gain).tolist() for name, gain in gains.items() if gain is not None}
 
 
-def _result(history: "LoopHistory", found: "LoopVerdict", sign: str) -> str:
+def _result(history: "LoopHistory", verdict: "LoopVerdict", sign: str) -> str:
     """The result in words, and what to do."""
-    code = ResultCode(int(found.code))
+    code = ResultCode(int(verdict.code))
     text = RESULTS.get(code, code.text)
     if code in (ResultCode.near_zero_error, ResultCode.wrong_sign):
         text = f"{text} {NO_SIGN if sign == 'auto' else OTHER_SIGN}"
@@ -173,9 +173,9 @@ def _result(history: "LoopHistory", found: "LoopVerdict", sign: str) -> str:
     return f"{text} {last}"
 
 
-def _show(console: Console, content: dict[str, Any], found: "LoopVerdict") -> None:
+def _show(console: Console, content: dict[str, Any], verdict: "LoopVerdict") -> None:
     """Print the result, from the scenario to the files, in degrees, readable at 80 columns."""
-    unit = "°/s" if found.commands == "rate" else "°/s²"
+    unit = "°/s" if verdict.commands == "rate" else "°/s²"
     layout.print_scenario(console, content["scenario"])
     layout.heading(console, "Closed loop")
     gains = ", ".join(f"{name} = {_gain(x)}" for name, x in content["law"].items() if name != "kind")
@@ -184,44 +184,42 @@ def _show(console: Console, content: dict[str, Any], found: "LoopVerdict") -> No
         ("law", f"'{content['law']['kind']}', {gains}"),
         (
             "error at the start",
-            f"{layout.degrees(float(found.initial_angle))}°, with the {content['start']['sign']} sign of λ",
+            f"{layout.degrees(float(verdict.initial_angle))}°, with the {content['start']['sign']} sign of λ",
         ),
         ("simulated", f"{content['duration']:.4f} s"),
     ]
     console.print(layout.facts_table(loop))
-    if not found.stable:
-        growing = f"errors grow, the fastest as exp({float(found.growth):.4g} t)."
+    if not verdict.stable:
+        growing = f"errors grow, the fastest as exp({float(verdict.growth):.4g} t)."
         text = f"This law is unstable: with these gains {growing}"
-        settling = "This law brings no error to rest: with these gains errors neither grow nor decay."
-        console.print(Text(text if found.growth > 0 else settling, style="bold red"))
+        settling = "With the gains of this law errors neither grow nor decay."
+        console.print(Text(text if verdict.growth > 0 else settling, style="bold red"))
     layout.heading(console, "Motion")
     console.print(layout.facts_table(_motion(content, content["verdict"], unit)))
-    if found.agrees is False:
-        text = (
-            f"The motion is not that of the closed form: the tolerances explain no more than {float(found.bound):.3g}. "
-        )
+    if verdict.agrees is False:
+        text = f"The deviation from the closed form exceeds {float(verdict.bound):.3g}, which the tolerances explain. "
         console.print(Text(text + "Take smaller simulation.rtol and simulation.atol.", style="bold red"))
-    _show_columns(console, content["columns"], found.applies, unit)
+    _show_columns(console, content["columns"], verdict.applies, unit)
     layout.heading(console, "Result")
     console.print(Text(content["result"]))
     layout.print_files(console, content["files"])
 
 
-def _motion(content: dict[str, Any], found: dict[str, Any], unit: str) -> list[tuple[str, str]]:
-    settling, drift, least = found["settling_time"], found["norm_drift"], found["least_error"]
-    when = "not reached and kept" if settling is None else f"from {settling:.4f} s on"
-    drifted = "" if drift is None else f", {layout.number(drift, 3)} from what it should be"
-    exactly = ", at any time, by the closed form" if found["least_error_exact"] else ""
-    error, lowest, highest = found["final_angle"], found["least_norm"], found["largest_norm"]
+def _motion(content: dict[str, Any], verdict: dict[str, Any], unit: str) -> list[tuple[str, str]]:
+    settling, drift, least = verdict["settling_time"], verdict["norm_drift"], verdict["least_error"]
+    when = "not reached permanently" if settling is None else f"from {settling:.4f} s on"
+    drifted = "" if drift is None else f", up to {layout.number(drift, 3)} from its exact value"
+    exactly = ", at any time, by the closed form" if verdict["least_error_exact"] else ""
+    error, lowest, highest = verdict["final_angle"], verdict["least_norm"], verdict["largest_norm"]
     return [
         ("error at the end", "-" if error is None else f"{layout.degrees(error)}°"),
-        (f"within {layout.degrees(found['settled_angle'])}°", when),
-        ("closed form", _closed(found)),
-        ("largest command", _peak(found, unit, content["saturation"] == "axis")),
+        (f"within {layout.degrees(verdict['settled_angle'])}°", when),
+        ("closed form", _closed(verdict)),
+        ("largest command", _peak(verdict, unit, content["saturation"] == "axis")),
         ("limit of command", _limit(content["command_limit"], unit, content["saturation"])),
         ("|λ|", f"{layout.number(lowest)} to {layout.number(highest)}{drifted}"),
         ("least |μ|", "-" if least is None else f"{layout.number(least)}{exactly}"),
-        ("found at", f"{found['instants']} instants, whatever the table asks for"),
+        ("evaluated at", f"{verdict['instants']} instants, independently of the table"),
     ]
 
 
@@ -236,19 +234,19 @@ def _show_columns(console: Console, columns: dict[str, Any], applies: bool, unit
     layout.print_instants(console, values, headers, significant=("angle", "closed_form_angle", "command"))
 
 
-def _closed(found: dict[str, Any]) -> str:
-    if found["deviation"] is None:
-        return found["closed_form"]
-    relative = f"{layout.number(found['deviation'], 3)} of the largest error quaternion"
-    return f"met within {relative}" if found["closed_form"] == "agrees" else f"departs from it by {relative}"
+def _closed(verdict: dict[str, Any]) -> str:
+    if verdict["deviation"] is None:
+        return verdict["closed_form"]
+    relative = f"{layout.number(verdict['deviation'], 3)} of the largest error quaternion"
+    return f"met within {relative}" if verdict["closed_form"] == "agrees" else f"departs from it by {relative}"
 
 
-def _peak(found: dict[str, Any], unit: str, each_axis: bool) -> str:
+def _peak(verdict: dict[str, Any], unit: str, each_axis: bool) -> str:
     """The largest command, of its length or of each component, like its limit."""
-    if found["peak_command"] is None:
+    if verdict["peak_command"] is None:
         return "-"
-    length = f"{layout.degrees(found['peak_command'])} {unit} at {found['peak_time']:.6g} s"
-    return f"{_degrees(found['peak_components'])} {unit} along x, y, z; length {length}" if each_axis else length
+    length = f"{layout.degrees(verdict['peak_command'])} {unit} at {verdict['peak_time']:.6g} s"
+    return f"{_degrees(verdict['peak_components'])} {unit} along x, y, z; length {length}" if each_axis else length
 
 
 def _limit(limit: float | list[float] | None, unit: str, saturation: str | None) -> str:

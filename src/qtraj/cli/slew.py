@@ -64,25 +64,25 @@ def run(file: Path | None, out: Path, samples: int) -> Outcome:
         from qtraj.viz.slew_figure import slew_figure
 
         check_folder(out)
-        given = read_scenario(file, "slew")
+        loaded = read_scenario(file, "slew")
         watch.say("slewing")
-        scenario, program = given.scenario, slew_program(given)
+        scenario, program = loaded.scenario, slew_program(loaded)
         body = scenario.body
         inertia, max_torque = (None, None) if body is None else (body.inertia, body.max_torque)
         limits, end = scenario.law.limits(scenario.angles), scenario.end.unit_quaternion(scenario.angles)
-        found = judge_slew(program, limits, inertia, max_torque, end)
-        times = np.linspace(0.0, found.duration, samples if found.duration > 0 else 1)
+        verdict = judge_slew(program, limits, inertia, max_torque, end)
+        times = np.linspace(0.0, verdict.duration, samples if verdict.duration > 0 else 1)
         both = slew_history(program, np.concatenate([times, fine_times(program)]), inertia)  # one compilation
         table, drawn = both[: len(times)].record(), both[len(times) :]
-        content = header("slew", given) | {
+        content = header("slew", loaded) | {
             "law": scenario.law.kind,
-            "verdict": plain(found.record()),
-            "notes": _notes(scenario, found),
+            "verdict": plain(verdict.record()),
+            "notes": _notes(scenario, verdict),
             **tabular(table),
             "files": [],
         }
         watch.say("writing")
-        about = provenance(given) | {"law": scenario.law.kind, "result": found.result}
+        about = provenance(loaded) | {"law": scenario.law.kind, "result": verdict.result}
         dataset = to_dataset(table, about)
         bounds: dict[str, Any] = {BOUNDED[name]: limit for name, limit in limits.items() if name in BOUNDED}
         for name, limit in (bounds | ({} if max_torque is None else {"torque": max_torque})).items():
@@ -90,15 +90,15 @@ def run(file: Path | None, out: Path, samples: int) -> Outcome:
         figure = slew_figure(to_dataset(drawn.record(), about), limits)
         writers = {"program.toml": program.save, **result_writers(dataset, figure, "slew")}
         content["files"] = [str(file) for file in write_all(out, writers)]
-    return Outcome(content, lambda console: _show(console, content, found), not found.met, given.warnings)
+    return Outcome(content, lambda console: _show(console, content, verdict), not verdict.met, loaded.warnings)
 
 
-def _notes(scenario: "SlewScenario", found: "SlewVerdict") -> list[str]:
+def _notes(scenario: "SlewScenario", verdict: "SlewVerdict") -> list[str]:
     """Notes on effects that may be unexpected."""
     notes = []
     for k, (name, attitude) in enumerate(scenario.attitudes().items()):
         if (length := attitude.beyond_half_turn(scenario.angles)) is not None:
-            slewed = "." if k == 0 else f", by {layout.degrees(float(found.angles[k - 1]))}°."
+            slewed = "." if k == 0 else f", by {layout.degrees(float(verdict.angles[k - 1]))}°."
             notes.append(
                 f"The rotation vector of [{name}] is {layout.degrees(length)}° long, more than a half turn. The slew "
                 f"takes the shorter way to the same attitude{slewed}"
@@ -111,16 +111,16 @@ def _notes(scenario: "SlewScenario", found: "SlewVerdict") -> list[str]:
     return notes
 
 
-def _show(console: Console, content: dict[str, Any], found: "SlewVerdict") -> None:
+def _show(console: Console, content: dict[str, Any], verdict: "SlewVerdict") -> None:
     """Print the result, from the scenario to the files, in degrees, readable at 80 columns."""
     layout.print_scenario(console, content["scenario"])
-    for k in range(len(found.angles)):
+    for k in range(len(verdict.angles)):
         _show_slew(console, content["verdict"], k)
-    if found.sign < 0:
-        text = f"The program ends at λ = {_vector(found.end)}, the given quaternion with the opposite sign: "
+    if verdict.sign < 0:
+        text = f"The program ends at λ = {_vector(verdict.end)}, the given quaternion with the opposite sign: "
         console.print(Text(text + "the same attitude by the shorter way. Continue from this sign."))
-    if np.isfinite(found.least_duration):
-        console.print(Text(f"The shortest slew within the limits takes {float(found.least_duration):.4f} s."))
+    if np.isfinite(verdict.least_duration):
+        console.print(Text(f"The shortest slew within the limits takes {float(verdict.least_duration):.4f} s."))
     for note in content["notes"]:
         console.print(Text(note))
     _show_limits(console, content["verdict"])
@@ -130,31 +130,31 @@ def _show(console: Console, content: dict[str, Any], found: "SlewVerdict") -> No
     layout.heading(console, "Program: t [s], angle Φ [°], rate [°/s], accel. [°/s²], quaternion λ")
     layout.print_instants(console, values, HEADERS)
     layout.heading(console, f"Result: law '{content['law']}'")
-    console.print(Text(found.result))
+    console.print(Text(verdict.result))
     layout.print_files(console, content["files"])
 
 
-def _show_slew(console: Console, found: dict[str, Any], k: int) -> None:
-    count, start, duration = len(found["angle"]), found["start"][k], found["duration"][k]
+def _show_slew(console: Console, verdict: dict[str, Any], k: int) -> None:
+    count, start, duration = len(verdict["angle"]), verdict["start"][k], verdict["duration"][k]
     layout.heading(console, f"Slew {k + 1} of {count}" if count > 1 else "Slew")
     rows = [
-        ("angle", f"{math.degrees(found['angle'][k]):.4f}°"),
-        ("axis, body", _vector(found["axis_body"][k])),
-        ("axis, inertial", _vector(found["axis_inertial"][k])),
+        ("angle", f"{math.degrees(verdict['angle'][k]):.4f}°"),
+        ("axis, body", _vector(verdict["axis_body"][k])),
+        ("axis, inertial", _vector(verdict["axis_inertial"][k])),
         ("duration", f"{duration:.4f} s"),
     ]
     if start:
         rows.append(("from", f"{start:.4f} s on"))
-    if switches := [t for t in found["switch_time"] if start < t < start + duration]:
+    if switches := [t for t in verdict["switch_time"] if start < t < start + duration]:
         rows.append(("switches at", ", ".join(f"{t:.4f}" for t in switches) + " s"))
     console.print(layout.facts_table(rows))
 
 
-def _show_limits(console: Console, found: dict[str, Any]) -> None:
+def _show_limits(console: Console, verdict: dict[str, Any]) -> None:
     layout.heading(console, "Peaks and limits")
     table = layout.plain_table("", right=("peak", "limit", "margin", "at [s]"), last=("unit", ""))
     names = ("limit", "limit_unit", "peak", "bound", "margin", "peak_time", "status", "active")
-    for name, unit, peak, bound, margin, time, status, active in zip(*(found[key] for key in names), strict=True):
+    for name, unit, peak, bound, margin, time, status, active in zip(*(verdict[key] for key in names), strict=True):
         shown = layout.degrees if unit.startswith("rad") else layout.number
         numbers = [shown(value) for value in (peak, bound, 0.0 if active else margin)]
         ending = Text(status) if bound is None else layout.verdict("active" if active else status)

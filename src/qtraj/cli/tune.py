@@ -84,8 +84,8 @@ def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int 
             raise ValueError(
                 f"{file}: a saved path has no limits: write a scenario with path = '{file.name}' and [limits]"
             )
-        given = read_scenario(file, "path")
-        task, before, best = _tuned(given, chosen, watch)
+        loaded = read_scenario(file, "path")
+        task, before, best = _tuned(loaded, chosen, watch)
         change = compare_paths(task.path, best.path, (task.start, task.end))
         warning = change.warning and f"{change.warning} {CAUSES}"
         search = {"objective": task.objective, "motion": task.motion}
@@ -96,15 +96,15 @@ def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int 
             {"before": task.path, "after": best.path},
             task.limits,
             task.track,
-            attributes=provenance(given) | about,
+            attributes=provenance(loaded) | about,
             fitted=task.fitted,
             frame=frame.frame(),
             findings={"before": before, "after": best.certificate},
         )
-        content = header("tune", given) | {
+        content = header("tune", loaded) | {
             "fit": None if task.fitted is None else facts(task.fitted),
             "frame": dataset.attrs["frame"],
-            "purpose": given.scenario.purpose,
+            "purpose": loaded.scenario.purpose,
             "before": plain(before.record()),
             "tuned": plain(best.record()),
             "change": plain(change.record()),
@@ -132,23 +132,23 @@ def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int 
     fitted = task.fitted is None or bool(task.fitted.successful)
     met = fitted and best.converged and best.certificate.met
     return Outcome(
-        content, lambda console: _show(console, content, task, before, best, change), not met, given.warnings
+        content, lambda console: _show(console, content, task, before, best, change), not met, loaded.warnings
     )
 
 
 def _tuned(
-    given: "ScenarioFile[Any]", chosen: tuple[str | None, str | None, int | None], watch: Watch
+    loaded: "ScenarioFile[Any]", chosen: tuple[str | None, str | None, int | None], watch: Watch
 ) -> tuple["PathTask", "Certificate", "Tuned"]:
     """The task of a scenario, the certificate of its path, and the tuned result; a ValueError names the file."""
     from qtraj.design.proof.certify import certify
     from qtraj.design.tuning.tune import tune
     from qtraj.scenario.path import lay
 
-    if not given.scenario.limits.limits():
-        raise ValueError(f"{given.file}: the table [limits] is missing or empty: there is nothing to tune for")
-    watch.say("fitting the recording" if given.scenario.track else "laying the path")
-    task = lay(given, *chosen)
-    with naming(f"{given.file}: "):
+    if not loaded.scenario.limits.limits():
+        raise ValueError(f"{loaded.file}: the table [limits] is missing or empty: there is nothing to tune for")
+    watch.say("fitting the recording" if loaded.scenario.track else "laying the path")
+    task = lay(loaded, *chosen)
+    with naming(f"{loaded.file}: "):
         watch.say("judging the path")
         corridor = task.part.corridor
         before = certify(task.path, task.limits, corridor=corridor, reference=None if corridor is None else task.path)

@@ -85,8 +85,8 @@ class ProgramPart(Part):
     def _one(self) -> "ProgramPart":
         sources = self.given("slew", "path", "file")
         if len(sources) != 1:
-            found = f"there are several programs ({', '.join(sources)})" if sources else "there is no program"
-            raise ValueError(f"{found}: give one of {SOURCES}")
+            problem = f"there are several programs ({', '.join(sources)})" if sources else "there is no program"
+            raise ValueError(f"{problem}: give one of {SOURCES}")
         if self.path is None and (extra := self.given("frame", "up", "heading")):
             raise ValueError(f"the key '{extra[0]}' belongs to a path, and there is none")
         if self.up is not None and ((self.frame or "upright") != "upright" or not any(self.up)):
@@ -207,14 +207,14 @@ class LoopTask:
         return np.unique(self.program.switches) if isinstance(self.program, EulerTurn | SlewSequence) else None
 
 
-def prepare(given: ScenarioFile[LoopScenario], samples: int | None = None, frame: str | None = None) -> LoopTask:
+def prepare(loaded: ScenarioFile[LoopScenario], samples: int | None = None, frame: str | None = None) -> LoopTask:
     """The closed loop of a scenario; `samples` and `frame` replace those of the scenario.
 
     **Raises:** OSError for a file that cannot be read; ValueError for invalid data.
     """
-    scenario = given.scenario
+    scenario = loaded.scenario
     scale = radians(scenario.angles)
-    program = _program(given, frame)
+    program = _program(loaded, frame)
     times = _times(scenario, program, samples)
     with naming("[law]: "):
         law = scenario.law.law()
@@ -230,16 +230,16 @@ def prepare(given: ScenarioFile[LoopScenario], samples: int | None = None, frame
     return LoopTask(program, law, quaternion, rate, times, disturbance, sensor, actuator, *tolerances, renewals)
 
 
-def _program(given: ScenarioFile[LoopScenario], frame: str | None) -> AbstractProgram:
-    part, angles = given.scenario.program, given.scenario.angles
+def _program(loaded: ScenarioFile[LoopScenario], frame: str | None) -> AbstractProgram:
+    part, angles = loaded.scenario.program, loaded.scenario.angles
     if frame is not None and part.path is None:
         raise ValueError(f"--frame {frame} belongs to a program along a path, [program] path, and there is none")
     if part.slew is not None:
         with naming("in [program.slew], "):
             return part.slew.program(angles, strict=True)
     if part.path is None:
-        return saved_program(given.beside(str(part.file)))
-    file = given.beside(part.path)
+        return saved_program(loaded.beside(str(part.file)))
+    file = loaded.beside(part.path)
     return part.along(saved_path(file) if is_saved(file) else lay(read_scenario(file, "path")).path, frame, angles)
 
 

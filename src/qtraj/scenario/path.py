@@ -138,12 +138,12 @@ class PathTask:
     def tuning(self) -> dict[str, Any]:
         """The arguments of `qtraj.tune`."""
         names = ("start", "end", "limits", "objective", "motion", "duration", "turns", "turn", "starts")
-        given = {name: getattr(self, name) for name in names}
-        return given | {"placement": self.path.placement} | self.part.arguments()
+        arguments = {name: getattr(self, name) for name in names}
+        return arguments | {"placement": self.path.placement} | self.part.arguments()
 
 
 def lay(
-    given: ScenarioFile[PathScenario],
+    loaded: ScenarioFile[PathScenario],
     motion: str | None = None,
     objective: str | None = None,
     starts: int | None = None,
@@ -152,7 +152,7 @@ def lay(
 
     **Raises:** OSError for a file that cannot be read; ValueError, naming the scenario, for data that define no path.
     """
-    scenario = given.scenario
+    scenario = loaded.scenario
     chosen: dict[str, Any] = {
         "objective": objective or scenario.tune.objective,
         "motion": motion or scenario.motion,
@@ -160,13 +160,13 @@ def lay(
         "limits": Limits(**scenario.limits.limits()),
         "part": scenario.tune,
     }
-    with naming(f"{given.file}: "):
+    with naming(f"{loaded.file}: "):
         if scenario.track is not None:
-            track = scenario.track.read(given.beside)
+            track = scenario.track.read(loaded.beside)
             fitted = (scenario.fit or FitPart()).fit(track, chosen["motion"])
             return _along(fitted.path, track=track, fitted=fitted, **chosen)
         if scenario.path is not None:
-            return _along(saved_path(given.beside(scenario.path)), **chosen)
+            return _along(saved_path(loaded.beside(scenario.path)), **chosen)
         return _between(scenario, **chosen)
 
 

@@ -179,10 +179,10 @@ class SlewScenario(NamedPart, SlewPart):
     angles: Angles = key("the unit of angles", ANGLES)
 
 
-def slew_program(given: ScenarioFile[SlewScenario]) -> EulerTurn | SlewSequence:
+def slew_program(loaded: ScenarioFile[SlewScenario]) -> EulerTurn | SlewSequence:
     """The program of a scenario.
 
     **Raises:** ValueError, naming the scenario, for a duration in which no such slew is possible.
     """
-    with naming(f"{given.file}: "):
-        return given.scenario.program(given.scenario.angles)
+    with naming(f"{loaded.file}: "):
+        return loaded.scenario.program(loaded.scenario.angles)

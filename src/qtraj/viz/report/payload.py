@@ -43,9 +43,7 @@ def _paths_space(report: Report) -> dict[str, Any]:
     middle = (low + high) / 2
     centre = np.round(middle) if np.abs(middle).max() > 10 * size else np.zeros(3)
     length = ARROW * size
-    tips = [
-        body.position[:, None] + LABEL * length * body.axes for body in report.bodies if body.position is not None
-    ]
+    tips = [body.position[:, None] + LABEL * length * body.axes for body in report.bodies if body.position is not None]
     low, high = _box([*paths, *tips])
     middle, half = (low + high) / 2, np.maximum(high - low, MIN_EXTENT * size) / 2 + MARGIN * size
     ranges = np.stack([middle - centre - half, middle - centre + half], axis=1)
