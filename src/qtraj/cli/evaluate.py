@@ -14,6 +14,7 @@ from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.cli.tune import show_fit
 from qtraj.foundation.progress_bar import watching
+from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
     from qtraj.design.fitting.fitted import Fitted
@@ -98,8 +99,7 @@ def run(
             texts = {} if fitted is None else with_fit(variables, fitted)
             dataset = dataset.assign(variables)
             dataset.attrs |= conventions(table.frame) | provenance(loaded) | texts
-            written = write_all(out, table_writers(dataset, headers))
-            content["files"] = [str(file) for file in written]
+            content["files"] = [str(file) for file in write_all(out, table_writers(dataset, headers))]
     loose = fitted is not None and not bool(fitted.successful)
     return Outcome(content, lambda console: _show(console, content), loose)
 
@@ -107,13 +107,12 @@ def run(
 def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | None"]:
     """The scenario of a file, its path, and the fit of the path; a saved path has no scenario and no fit."""
     from qtraj.io.saved import is_saved, saved_path
-    from qtraj.scenario.path import lay
     from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
 
     if is_saved(file):
         return ScenarioFile[Any](file, None, content_hash(file.read_bytes())), saved_path(file), None
     loaded = read_scenario(file, "path")
-    task = lay(loaded)
+    task = KINDS["path"].build(loaded)
     return loaded, task.path, task.fitted
 
 

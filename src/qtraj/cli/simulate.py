@@ -13,6 +13,7 @@ from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.foundation.naming import naming
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress_bar import Watch, watching
+from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
     from qtraj.motion.simulation.loop_history import LoopHistory
@@ -136,12 +137,11 @@ def _simulated(
     import qtraj.motion.simulation.simulate as simulation
     from qtraj.motion.simulation.loop_history import judging_times, loop_history, references_at
     from qtraj.motion.simulation.loop_verdict import SETTLED, judge_loop
-    from qtraj.scenario.loop import prepare
     from qtraj.scenario.part import radians
 
     with naming(f"{loaded.file}: "):
         watch.say("preparing the program and the law")
-        task = prepare(loaded, samples, frame)
+        task: LoopTask = KINDS["loop"].build(loaded, samples, frame)
         watch.say("simulating")
         times = judging_times(task.times, task.jumps, task.renewals)
         references_at(task.program, times)  # raises before the simulation if an attitude is missing
@@ -190,10 +190,11 @@ def _show(console: Console, content: dict[str, Any], verdict: "LoopVerdict") -> 
     ]
     console.print(layout.facts_table(loop))
     if not verdict.stable:
-        growing = f"errors grow, the fastest as exp({float(verdict.growth):.4g} t)."
-        text = f"This law is unstable: with these gains {growing}"
-        settling = "With the gains of this law errors neither grow nor decay."
-        console.print(Text(text if verdict.growth > 0 else settling, style="bold red"))
+        unstable = (
+            f"This law is unstable: with these gains errors grow, the fastest as exp({float(verdict.growth):.4g} t)."
+        )
+        neutral = "With the gains of this law errors neither grow nor decay."
+        console.print(Text(unstable if verdict.growth > 0 else neutral, style="bold red"))
     layout.heading(console, "Motion")
     console.print(layout.facts_table(_motion(content, content["verdict"], unit)))
     if verdict.agrees is False:

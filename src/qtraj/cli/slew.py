@@ -13,6 +13,7 @@ from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import Outcome
 from qtraj.foundation.progress_bar import watching
 from qtraj.foundation.units import symbol
+from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
     from qtraj.motion.programs.slew_verdict import SlewVerdict
@@ -60,13 +61,12 @@ def run(file: Path | None, out: Path, samples: int) -> Outcome:
         from qtraj.motion.programs.slew_history import fine_times, slew_history
         from qtraj.motion.programs.slew_verdict import judge_slew
         from qtraj.scenario.reader import read_scenario
-        from qtraj.scenario.slew import slew_program
         from qtraj.viz.slew_figure import slew_figure
 
         check_folder(out)
         loaded = read_scenario(file, "slew")
         watch.say("slewing")
-        scenario, program = loaded.scenario, slew_program(loaded)
+        scenario, program = loaded.scenario, KINDS["slew"].build(loaded)
         body = scenario.body
         inertia, max_torque = (None, None) if body is None else (body.inertia, body.max_torque)
         limits, end = scenario.law.limits(scenario.angles), scenario.end.unit_quaternion(scenario.angles)

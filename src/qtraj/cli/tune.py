@@ -18,6 +18,7 @@ from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES, either
 from qtraj.foundation.naming import naming
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress_bar import Watch, watching
+from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:  # type checkers cannot read names from a registry
     from qtraj.design.proof.certificate import Certificate
@@ -90,8 +91,8 @@ def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int 
         warning = change.warning and f"{change.warning} {CAUSES}"
         search = {"objective": task.objective, "motion": task.motion}
         held = {"fixed": ", ".join(task.part.fixed), "bounds": _ranges(task.part), "warning": warning}
-        ended = {"status": best.status, "result": best.result}
-        about = {f"tuning_{key}": text for key, text in (search | ended | held).items() if text}
+        outcome = {"status": best.status, "result": best.result}
+        about = {f"tuning_{key}": text for key, text in (search | outcome | held).items() if text}
         dataset = path_dataset(
             {"before": task.path, "after": best.path},
             task.limits,
@@ -111,7 +112,7 @@ def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int 
             "tuning": search
             | {"method": task.part.method, "options": task.part.options, "fixed": list(task.part.fixed)}
             | {"bounds": finite({name: list(bounds) for name, bounds in task.part.ranges.items()})}
-            | ended,
+            | outcome,
             "warning": warning,
         }
 
@@ -142,12 +143,11 @@ def _tuned(
     """The task of a scenario, the certificate of its path, and the tuned result; a ValueError names the file."""
     from qtraj.design.proof.certify import certify
     from qtraj.design.tuning.tune import tune
-    from qtraj.scenario.path import lay
 
     if not loaded.scenario.limits.limits():
         raise ValueError(f"{loaded.file}: the table [limits] is missing or empty: there is nothing to tune for")
     watch.say("fitting the recording" if loaded.scenario.track else "laying the path")
-    task = lay(loaded, *chosen)
+    task: PathTask = KINDS["path"].build(loaded, *chosen)
     with naming(f"{loaded.file}: "):
         watch.say("judging the path")
         corridor = task.part.corridor

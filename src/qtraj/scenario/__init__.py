@@ -5,7 +5,7 @@ help of the commands, and the page that docs/scenarios.py writes, come from the 
 """
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -17,8 +17,8 @@ DATA = Path(__file__).parents[1] / "io" / "data"
 class Kind(NamedTuple):
     """A kind of scenario: the commands that read it, what it describes, its embedded file in `DATA`.
 
-    Its model is the class `model_name` in the module `home`. `renamed`: old keys, with dots, that are still read until
-    1.0, and their new names.
+    Its model and its builder are in the module `home`, under the names `model_name` and `builder_name`. `renamed`: old
+    keys, with dots, that are still read until 1.0, and their new names.
     """
 
     commands: tuple[str, ...]
@@ -26,6 +26,7 @@ class Kind(NamedTuple):
     file: str
     home: str
     model_name: str
+    builder_name: str
     renamed: Mapping[str, str] = MappingProxyType({})
 
     @property
@@ -41,18 +42,27 @@ class Kind(NamedTuple):
     @property
     def model(self) -> Any:
         """The model of its keys, a subclass of `part.Part`."""
-        return getattr(importlib.import_module(f"{__name__}.{self.home}"), self.model_name)
+        return self._named(self.model_name)
+
+    @property
+    def build(self) -> Callable[..., Any]:
+        """The function that makes the task of a command from a `reader.ScenarioFile`."""
+        return self._named(self.builder_name)
+
+    def _named(self, name: str) -> Any:
+        return getattr(importlib.import_module(f"{__name__}.{self.home}"), name)
 
 
 KINDS = {
-    "path": Kind(("tune", "evaluate"), "a path and its limits", "default.toml", "path", "PathScenario"),
-    "slew": Kind(("slew",), "a slew", "slew.toml", "slew", "SlewScenario"),
+    "path": Kind(("tune", "evaluate"), "a path and its limits", "default.toml", "path", "PathScenario", "lay"),
+    "slew": Kind(("slew",), "a slew", "slew.toml", "slew", "SlewScenario", "slew_program"),
     "loop": Kind(
         ("simulate",),
         "a closed loop",
         "simulate.toml",
         "loop",
         "LoopScenario",
+        "prepare",
         {"program.turn": "program.slew"},
     ),
 }

@@ -189,8 +189,7 @@ def _table(model: type[BaseModel], key: int | str) -> type[BaseModel] | None:
 
 def _expected(location: Location, root: type[BaseModel]) -> str:
     """The description of the key at a location, or of the nearest key above it."""
-    model = root
-    description = "another value"
+    model, description = root, "another value"
     for step in location:
         if isinstance(step, int):
             continue
