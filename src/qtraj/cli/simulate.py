@@ -182,10 +182,7 @@ def _show(console: Console, content: dict[str, Any], verdict: "LoopVerdict") -> 
     loop = [
         ("program", f"{content['program']['description']}, {content['program']['duration']:.4f} s"),
         ("law", f"'{content['law']['kind']}', {gains}"),
-        (
-            "error at the start",
-            f"{layout.degrees(float(verdict.initial_angle))}°, with the {content['start']['sign']} sign of λ",
-        ),
+        ("initial error", f"{layout.degrees(float(verdict.initial_angle))}°, {content['start']['sign']} sign of λ"),
         ("simulated", f"{content['duration']:.4f} s"),
     ]
     console.print(layout.facts_table(loop))
@@ -213,7 +210,7 @@ def _motion(content: dict[str, Any], verdict: dict[str, Any], unit: str) -> list
     exactly = ", at any time, by the closed form" if verdict["least_error_exact"] else ""
     error, lowest, highest = verdict["final_angle"], verdict["least_norm"], verdict["largest_norm"]
     return [
-        ("error at the end", "-" if error is None else f"{layout.degrees(error)}°"),
+        ("final error", "-" if error is None else f"{layout.degrees(error)}°"),
         (f"within {layout.degrees(verdict['settled_angle'])}°", when),
         ("closed form", _closed(verdict)),
         ("largest command", _peak(verdict, unit, content["saturation"] == "axis")),

@@ -16,7 +16,6 @@ from qtraj.scenario import KINDS
 if TYPE_CHECKING:
     from qtraj.motion.programs.rotation_minimizing import Frame
 
-
 FAILED = 1
 """Exit code of a run that does not meet its limits or did not converge."""
 
