@@ -184,7 +184,7 @@ def test_a_path_is_followed(qtraj, tmp_path):
     assert (result.exit_code, result.stderr) == (0, "")
     text = " ".join(result.stdout.split())
     assert "natural frame of ramp_from_states.toml" in text
-    assert "error at the start 13°, with the near sign of λ" in text
+    assert "initial error 13°, near sign of λ" in text
     assert "closed form met within" in text
     wide = [
         line

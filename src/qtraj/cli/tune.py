@@ -43,17 +43,20 @@ def tune(
     out: Path = terminal.out_option(),
     as_json: bool = terminal.json_option(),
     motion: Motion | None = typer.Option(
-        None, metavar="MOTION", help=f"In place of the scenario's: {either(MOTIONS, '')}."
+        None, metavar="MOTION", help=f"Overrides the scenario: {either(MOTIONS, '')}."
     ),
     objective: Objective | None = typer.Option(
-        None, metavar="OBJECTIVE", help=f"In place of the scenario's: {either(OBJECTIVES, '')}."
+        None, metavar="OBJECTIVE", help=f"Overrides the scenario: {either(OBJECTIVES, '')}."
     ),
     starts: int | None = typer.Option(
-        None, min=1, metavar="N", help="In place of the scenario's: searches, from the given states and about them."
+        None,
+        min=1,
+        metavar="N",
+        help="Number of searches, from the given states and around them; overrides the scenario.",
     ),
     frame: FrameName | None = terminal.frame_option(),
 ) -> None:
-    """Tune the boundary velocities of a path until its limits hold, and write both paths.
+    """Tune the boundary velocities of a path so that it meets its limits, and write both paths.
 
     Writes a labelled dataset (paths.nc), the tuned path (path.toml), the complete result (tuning.toml) and a figure
     (tuning.png, tuning.svg). Exit code 1 if the limits are not met, or if a path does not follow its recording.
