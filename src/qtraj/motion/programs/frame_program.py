@@ -29,7 +29,7 @@ ROUNDING = 16
 class FrameProgram(AbstractProgram):
     """The frame of a path as a program: λ⁰ world-from-frame, ω⁰ and ε⁰ in closed form, in the frame's own axes.
 
-    The frame is by default natural, for a route upright, and `Driving` if the route stops.
+    The default frame is `Driving` for a route that stops, `Upright` for other routes, and `Natural` for other paths.
 
     The quaternion has scalar part ≥ 0 at t = 0 and is continuous in t, also when evaluated at a single instant. The
     `anchors` (n, 4), quaternions at n equally spaced times on [0, duration], fix its sign; they are computed once, when

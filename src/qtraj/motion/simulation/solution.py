@@ -91,8 +91,8 @@ class Solution(AbstractOutcome):
         code = ResultCode(int(np.asarray(self.code)[at]))
         text = FINISHED if code == ResultCode.successful else code.text
         if self.body is not None:
-            moved: BodyMotion = jax.tree.map(lambda x: np.asarray(x)[at], self.body)
-            text = f"{text} {moved.exactness().capitalize()}."
+            body_motion: BodyMotion = jax.tree.map(lambda x: np.asarray(x)[at], self.body)
+            text = f"{text} {body_motion.exactness().capitalize()}."
         reached = np.isfinite(np.asarray(self.quaternion)[at]).all(axis=-1)
         if reached.all():
             return text
