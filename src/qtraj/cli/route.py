@@ -57,7 +57,7 @@ def run(file: Path | None, out: Path) -> Outcome:
         from qtraj.foundation import document
         from qtraj.foundation.plain import plain
         from qtraj.io.dataset import path_dataset, write_netcdf
-        from qtraj.path.driving import usual_frame
+        from qtraj.path.driving import default_frame
         from qtraj.scenario.route import fit_recording, read_route
 
         check_folder(out)
@@ -74,7 +74,7 @@ def run(file: Path | None, out: Path) -> Outcome:
             task.track,
             samples=int(np.clip(SAMPLES_PER_SEGMENT * path.segments + 1, MIN_SAMPLES, MAX_SAMPLES)),
             attributes=provenance(given) | {"route_result": task.fitted.result},
-            frame=usual_frame(path),
+            frame=default_frame(path),
             findings=None if certificate is None else {"route": certificate.whole},
         )
         content = header("route", given) | {
