@@ -31,7 +31,7 @@ def test_the_distance_travelled(dataset):
 
 def test_every_axis_has_its_unit(dataset):
     plan, bar, *panels = route_figure(dataset).axes
-    assert (plan.get_xlabel(), plan.get_ylabel()) == ("x − 600011 [m]", "y − 4800007 [m]")
+    assert (plan.get_xlabel(), plan.get_ylabel()) == ("x − 600011 [m]", "y − 4800004 [m]")
     assert [axes.get_ylabel() for axes in panels] == ["height\n[m]", "speed\n[m/s]", "curvature\n[1/m]"]
     assert panels[-1].get_xlabel() == "distance travelled [m]"
     assert bar.get_ylabel() == "curvature [1/m]"
