@@ -44,7 +44,7 @@ BAD = {
     "a strange key": (STATES + "[tune]\nxyzzy = 1\n", ["unknown key 'tune.xyzzy'", "known here: objective, motion"]),
     "an unknown method": (
         STATES + "[tune]\nmethod = 'sgd'\n",
-        ["'tune.method' holds 'sgd'", "'sqp', 'lbfgs' or 'adam'"],
+        ["'tune.method' has the value 'sgd'", "'sqp', 'lbfgs' or 'adam'"],
     ),
     "a learning rate for nothing": (
         STATES + "[tune]\nlearning_rate = 0.1\n",
@@ -56,21 +56,21 @@ BAD = {
     ),
     "a text for a number": (
         STATES.replace("0.1", "'0.1'"),
-        ["the key 'limits.curvature' holds '0.1'", "expected a positive finite number [1/m]"],
+        ["the key 'limits.curvature' has the value '0.1'", "expected a positive finite number [1/m]"],
     ),
-    "a truth for a number": (STATES.replace("0.1", "true"), ["'limits.curvature' holds True"]),
-    "a negative limit": (STATES.replace("0.1", "-0.1"), ["'limits.curvature' holds -0.1", "positive"]),
-    "a zero limit": (STATES.replace("0.1", "0"), ["'limits.curvature' holds 0", "positive"]),
-    "an infinite limit": (STATES.replace("0.1", "inf"), ["'limits.curvature' holds inf", "finite"]),
-    "a limit that is not a number": (STATES.replace("0.1", "nan"), ["'limits.curvature' holds nan"]),
-    "a limit beyond floats": (STATES.replace("0.1", "1" + "0" * 400), ["'limits.curvature' holds 1000"]),
+    "a truth for a number": (STATES.replace("0.1", "true"), ["'limits.curvature' has the value True"]),
+    "a negative limit": (STATES.replace("0.1", "-0.1"), ["'limits.curvature' has the value -0.1", "positive"]),
+    "a zero limit": (STATES.replace("0.1", "0"), ["'limits.curvature' has the value 0", "positive"]),
+    "an infinite limit": (STATES.replace("0.1", "inf"), ["'limits.curvature' has the value inf", "finite"]),
+    "a limit that is not a number": (STATES.replace("0.1", "nan"), ["'limits.curvature' has the value nan"]),
+    "a limit beyond floats": (STATES.replace("0.1", "1" + "0" * 400), ["'limits.curvature' has the value 1000"]),
     "two components": (
         STATES.replace("[12.0, 0.0, 0.0]", "[12.0, 0.0]"),
-        ["'start.position' holds [12.0, 0.0]", "three finite numbers [x, y, z] [m]"],
+        ["'start.position' has the value [12.0, 0.0]", "three finite numbers [x, y, z] [m]"],
     ),
     "a component that is a text": (
         STATES.replace("[0.0, 5.0, 0.0]", "[0.0, '5', 0.0]"),
-        ["'start.velocity[1]' holds '5'", "three finite numbers"],
+        ["'start.velocity[1]' has the value '5'", "three finite numbers"],
     ),
     "a missing velocity": (
         STATES.replace("velocity = [0.0, 5.0, 0.0]", ""),
@@ -78,9 +78,12 @@ BAD = {
     ),
     "an unknown motion": (
         STATES + "[tune]\nmotion = 'circular'\n",
-        ["'tune.motion' holds 'circular'", "'uniform' or 'hermite'"],
+        ["'tune.motion' has the value 'circular'", "'uniform' or 'hermite'"],
     ),
-    "a negative turn": (STATES + "[tune]\nturns = -1\n", ["'tune.turns' holds -1", "a whole number, 0 or more"]),
+    "a negative turn": (
+        STATES + "[tune]\nturns = -1\n",
+        ["'tune.turns' has the value -1", "a whole number, 0 or more"],
+    ),
     "a fixed name that is none": (
         STATES + "[tune]\nfixed = ['end.V_z']\n",
         ["'end.V_z' is no variable of this problem", "start.V_rho"],
@@ -94,19 +97,25 @@ BAD = {
         STATES + "[tune]\nfixed = ['end.V_h']\nbounds = {'end.V_h' = [0, 1]}\n",
         ["end.V_h is both fixed and bounded"],
     ),
-    "one bound": (STATES + "[tune.bounds]\nduration = [4.0]\n", ["'tune.bounds.duration' holds [4.0]", "[low, high]"]),
+    "one bound": (
+        STATES + "[tune.bounds]\nduration = [4.0]\n",
+        ["'tune.bounds.duration' has the value [4.0]", "[low, high]"],
+    ),
     "a bound of another word": (
         STATES + "[tune.bounds]\nduration = {low = 4.0}\n",
-        ["'tune.bounds.duration' holds {'low': 4.0}", "duration = {max = 8.0}, or {min = 4.0}"],
+        ["'tune.bounds.duration' has the value {'low': 4.0}", "duration = {max = 8.0}, or {min = 4.0}"],
     ),
-    "no bound": (STATES + "[tune.bounds]\nduration = {}\n", ["'tune.bounds.duration' holds {}", "{max = 8.0}"]),
+    "no bound": (STATES + "[tune.bounds]\nduration = {}\n", ["'tune.bounds.duration' has the value {}", "{max = 8.0}"]),
     "an infinite bound": (
         STATES + "[tune.bounds]\nduration = [4.0, inf]\n",
-        ["'tune.bounds.duration[1]' holds inf", "or of one of them alone: duration = {max = 8.0}, or {min = 4.0}"],
+        [
+            "'tune.bounds.duration[1]' has the value inf",
+            "or of one of them alone: duration = {max = 8.0}, or {min = 4.0}",
+        ],
     ),
     "one bound that is infinite": (
         STATES + "[tune.bounds]\nduration = {max = inf}\n",
-        ["'tune.bounds.duration' holds inf", "{max = 8.0}"],
+        ["'tune.bounds.duration' has the value inf", "{max = 8.0}"],
     ),
     "one-sided bounds that contradict": (
         STATES + "[tune.bounds]\nduration = {max = 4.0, min = 8.0}\n",
@@ -114,7 +123,7 @@ BAD = {
     ),
     "a bound without quotes": (
         STATES + "[tune.bounds]\nend.V_h = [0, 1]\n",
-        ["'tune.bounds.end' holds {'V_h': [0, 1]}", "a name with a dot stands in quotes"],
+        ["'tune.bounds.end' has the value {'V_h': [0, 1]}", "a name with a dot stands in quotes"],
     ),
     "turns twice": ("turns = 1\n" + STATES + "[tune]\nturns = 1\n", ["turns and tune.turns are the same thing"]),
     "turns of a track": (TRACK + "[tune]\nturns = 1\n", ["tune.turns belongs to [start] and [end]"]),
@@ -122,7 +131,7 @@ BAD = {
     "a purpose of nothing": (STATES + "[purpose]\nspeed = 'comfort'\n", ["purpose.speed", "[limits] has no 'speed'"]),
     "a window backwards": (
         TRACK.replace("[limits]", "window = [5, 1]\n[limits]"),
-        ["[track]: the key 'window' holds [5.0, 1.0]", "t0 < t1"],
+        ["[track]: the key 'window' has the value [5.0, 1.0]", "t0 < t1"],
     ),
     "a window outside": (
         TRACK.replace("[limits]", "window = [5, 50]\n[limits]"),

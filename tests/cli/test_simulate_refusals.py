@@ -29,10 +29,10 @@ BAD = {
     ),
     "a turn that ends in motion, and longer": (
         SLEW + "max_rate = 4\nend_rate = 2\n" + LAW + "[simulation]\nduration = 60\n",
-        ["'simulation.duration' holds 60", "this program ends there, still turning"],
+        ["'simulation.duration' has the value 60", "this program ends there, still turning"],
     ),
-    "a negative gain": (SLEW + "[law]\nk1 = -1\nk2 = 1\n", ["'law.k1' holds -1", "a positive finite number"]),
-    "no gain of a rate law": (SLEW + "[law]\nkind = 'rate'\nk = 0\n", ["'law.k' holds 0", "a positive finite"]),
+    "a negative gain": (SLEW + "[law]\nk1 = -1\nk2 = 1\n", ["'law.k1' has the value -1", "a positive finite number"]),
+    "no gain of a rate law": (SLEW + "[law]\nkind = 'rate'\nk = 0\n", ["'law.k' has the value 0", "a positive finite"]),
     "a far sign in the normalization of Gibbs": (
         SLEW + LAW + "[error]\ngauge = 'gibbs'\nsign = 'far'\n",
         ["error.sign = 'far' contradicts error.gauge = 'gibbs'"],
@@ -43,7 +43,7 @@ BAD = {
     ),
     "a seed beyond integers": (
         SLEW + LAW + "[sensor]\nsampling = 1\nrate_noise = 1\nseed = 9223372036854775808\n",
-        ["'sensor.seed' holds 9223372036854775808", "from 0 to 2⁶³ − 1"],
+        ["'sensor.seed' has the value 9223372036854775808", "from 0 to 2⁶³ − 1"],
     ),
     "commands without end": (
         SLEW + LAW + "[sensor]\nsampling = 1e-7\n",
@@ -57,17 +57,20 @@ BAD = {
     "one gain of two": (SLEW + "[law]\nk1 = 1\n", ["the key 'k2' is missing: k1 and k2 belong together"]),
     "a gain that is a text": (
         SLEW + "[law]\nk1 = 'x'\nk2 = 1\n",
-        ["'law.k1' holds 'x'", "a positive finite"],
+        ["'law.k1' has the value 'x'", "a positive finite"],
     ),
-    "a gain beyond floats": (SLEW + f"[law]\nk1 = 1{'0' * 400}\nk2 = 1\n", ["'law.k1' holds 1000"]),
-    "a ragged gain": (SLEW + "[law]\nk1 = [[1, 2], [3]]\nk2 = 1\n", ["'law.k1' holds [[1, 2], [3]]", "square matrix"]),
+    "a gain beyond floats": (SLEW + f"[law]\nk1 = 1{'0' * 400}\nk2 = 1\n", ["'law.k1' has the value 1000"]),
+    "a ragged gain": (
+        SLEW + "[law]\nk1 = [[1, 2], [3]]\nk2 = 1\n",
+        ["'law.k1' has the value [[1, 2], [3]]", "square matrix"],
+    ),
     "a small gain": (SLEW + "[law]\nk1 = [1, 2, 3]\nk2 = 1\n", ["a gain of size 3", "4 for a diagonal"]),
     "a gain of another law": (SLEW + "[law]\nk = 1\n", ["the key 'k' does not suit the kind 'body'"]),
     "a residual of nothing": (
         SLEW + "[law]\nk1 = 1\nk2 = 1\nresidual = 0.1\n",
         ["'residual' belongs to"],
     ),
-    "an infinite weight": (SLEW + "[law.weights]\nerror = inf\n", ["'law.weights.error' holds inf", "[1/s⁴]"]),
+    "an infinite weight": (SLEW + "[law.weights]\nerror = inf\n", ["'law.weights.error' has the value inf", "[1/s⁴]"]),
     "an error twice": (SLEW + LAW + "[error]\ngibbs = [0, 0, 0]\nquaternion = [1, 0, 0, 0]\n", ["[error]: there are"]),
     "a gauge at a half turn": (
         SLEW + LAW + "[error]\nrotation_vector = [180, 0, 0]\ngauge = 'gibbs'\n",
@@ -84,7 +87,7 @@ BAD = {
     "a torque on nothing": (SLEW + LAW + "[disturbance]\ntorque = [1, 0, 0]\n", ["torque and inertia belong together"]),
     "two inertias": (
         SLEW + LAW + "[disturbance]\ntorque = [1, 0, 0]\ninertia = [1, 2]\n",
-        ["'disturbance.inertia' holds [1, 2]", "[kg m²]"],
+        ["'disturbance.inertia' has the value [1, 2]", "[kg m²]"],
     ),
     "a negative inertia": (
         SLEW + LAW + "[disturbance]\ntorque = [1, 0, 0]\ninertia = [1, 2, -3]\n",
@@ -93,15 +96,18 @@ BAD = {
     "noise without samples": (SLEW + LAW + "[sensor]\nrate_noise = 0.1\n", ["the key 'sampling' is missing: noise"]),
     "a negative noise": (
         SLEW + LAW + "[sensor]\nrate_noise = -0.1\n",
-        ["'sensor.rate_noise' holds -0.1", "negative"],
+        ["'sensor.rate_noise' has the value -0.1", "negative"],
     ),
     "two samplings": (
         SLEW + LAW + "[sensor]\nsampling = 0.1\n[actuator]\nsampling = 0.2\n",
         ["sensor.sampling and actuator.sampling differ"],
     ),
     "a limit of each axis": (SLEW + LAW + "[actuator]\nlimit = [1, 2, 3]\n", ["needs saturation = 'axis'"]),
-    "a limit of zero": (SLEW + LAW + "[actuator]\nlimit = 0\n", ["'actuator.limit' holds 0", "a positive finite"]),
-    "one sample": (SLEW + LAW + "[simulation]\nsamples = 1\n", ["'simulation.samples' holds 1", "from 2 to"]),
+    "a limit of zero": (
+        SLEW + LAW + "[actuator]\nlimit = 0\n",
+        ["'actuator.limit' has the value 0", "a positive finite"],
+    ),
+    "one sample": (SLEW + LAW + "[simulation]\nsamples = 1\n", ["'simulation.samples' has the value 1", "from 2 to"]),
     "a missing program": ("angles = 'deg'\n[program]\nfile = 'gone.toml'\n" + LAW, ["gone.toml", "No such file"]),
     "a program that is none": (
         "angles = 'deg'\n[program]\nfile = 'path.toml'\n" + LAW,
@@ -117,7 +123,7 @@ BAD = {
     ),
     "a path that ends": (
         "angles = 'deg'\n[program]\npath = 'path.toml'\nframe = 'upright'\n[simulation]\nduration = 9\n" + LAW,
-        ["'simulation.duration' holds 9", "no more than 3 s: this program ends there\n"],
+        ["'simulation.duration' has the value 9", "no more than 3 s: this program ends there\n"],
     ),
 }
 

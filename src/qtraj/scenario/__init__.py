@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 DATA = Path(__file__).parents[1] / "io" / "data"
-"""The folder of the embedded scenarios."""
+"""The folder of the built-in scenarios."""
 
 
 class Kind(NamedTuple):

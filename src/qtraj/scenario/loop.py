@@ -253,7 +253,7 @@ def _times(scenario: LoopScenario, program: AbstractProgram, samples: int | None
     rests = isinstance(program, EulerTurn | SlewSequence) and not moving
     if duration > end * (1 + LONGER) and not rests:
         raise ValueError(
-            f"the key 'simulation.duration' holds {duration:.15g}, but expected no more than {end:.15g} s: this "
+            f"the key 'simulation.duration' has the value {duration:.15g}, but expected no more than {end:.15g} s: this "
             f"program ends there{', still turning' if moving else ''}"
         )
     duration = duration if rests else min(duration, end)

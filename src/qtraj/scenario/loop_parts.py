@@ -143,7 +143,7 @@ class FeedbackPart(Part):
             value = getattr(self, name)
             if isinstance(value, list) and len(value) != size:
                 raise ValueError(
-                    f"the key '{name}' holds a gain of size {len(value)}, but expected a number, {size} for a "
+                    f"the key '{name}' has a gain of size {len(value)}, but expected a number, {size} for a "
                     f"diagonal, or {size} × {size} for a law of the kind '{self.kind}'"
                 )
         return self

@@ -80,7 +80,7 @@ class TrackPart(Part):
     @model_validator(mode="after")
     def _ordered(self) -> "TrackPart":
         if self.window is not None and not self.window[0] < self.window[1]:
-            raise ValueError(f"the key 'window' holds {self.window}, but expected [t0, t1] with t0 < t1")
+            raise ValueError(f"the key 'window' has the value {self.window}, but expected [t0, t1] with t0 < t1")
         if self.origin is not None and self.projection is None:
             raise ValueError("the key 'origin' belongs to projection = 'tangent-plane'")
         return self

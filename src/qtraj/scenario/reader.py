@@ -141,7 +141,7 @@ def _fault(fault: dict[str, Any], root: type[BaseModel]) -> str:
     expected = _expected(where, root)
     if fault["type"] == "missing":
         return f"the key '{_dotted(where)}' is missing: expected {expected}"
-    return f"the key '{_dotted(where)}' holds {quoted(fault['input'])}, but expected {expected}"
+    return f"the key '{_dotted(where)}' has the value {quoted(fault['input'])}, but expected {expected}"
 
 
 def _unknown(where: Location, root: type[BaseModel]) -> str:

@@ -83,7 +83,7 @@ class SlewLawPart(Part):
         for name in self.given(*END_RATES):
             if self.max_rate is not None and abs(getattr(self, name)) > self.max_rate:
                 raise ValueError(
-                    f"the key '{name}' holds {getattr(self, name)!r}, but expected no more than max_rate = "
+                    f"the key '{name}' has the value {getattr(self, name)!r}, but expected no more than max_rate = "
                     f"{self.max_rate!r}"
                 )
         return self
@@ -121,9 +121,9 @@ class BodyPart(Part):
         try:
             inertia_matrix(self.inertia)
         except ValueError as error:
-            raise ValueError(f"the key 'inertia' holds {self.inertia!r}: {error}") from error
+            raise ValueError(f"the key 'inertia' has the value {self.inertia!r}: {error}") from error
         if isinstance(self.max_torque, list) and not all(m > 0 for m in self.max_torque):
-            raise ValueError(f"the key 'max_torque' holds {self.max_torque!r}, but expected positive numbers [N m]")
+            raise ValueError(f"the key 'max_torque' has the value {self.max_torque!r}, but expected positive numbers [N m]")
         return self
 
 
