@@ -30,7 +30,10 @@ BAD = {
     "an empty file": ("", ["there is no path", "[track]", "[start] and [end]"]),
     "limits alone": ("[limits]\ncurvature = 1.0\n", ["there is no path"]),
     "no limits": (STATES.split("[limits]")[0], ["[limits] is missing or empty"]),
-    "one end alone": ("[start]\nposition = [1, 0, 0]\nvelocity = [0, 1, 0]\n", ["[start] stands alone", "[end]"]),
+    "one end alone": (
+        "[start]\nposition = [1, 0, 0]\nvelocity = [0, 1, 0]\n",
+        ["[start] requires [end]", "is missing"],
+    ),
     "two paths": (STATES + TRACK.split("[limits]")[0], ["several paths (track, start, end)"]),
     "a misspelt limit": (
         STATES.replace("curvature", "curvatur"),
@@ -39,20 +42,23 @@ BAD = {
     "a misspelt table": (STATES.replace("[limits]", "[limit]"), ["unknown key 'limit'", "did you mean 'limits'?"]),
     "a key of another table": (
         STATES + "duration = 4.0\n",
-        ["unknown key 'limits.duration'", "known here: curvature, torsion, speed"],
+        ["unknown key 'limits.duration'", "the known keys are curvature, torsion, speed"],
     ),
-    "a strange key": (STATES + "[tune]\nxyzzy = 1\n", ["unknown key 'tune.xyzzy'", "known here: objective, motion"]),
+    "a strange key": (
+        STATES + "[tune]\nxyzzy = 1\n",
+        ["unknown key 'tune.xyzzy'", "the known keys are objective, motion"],
+    ),
     "an unknown method": (
         STATES + "[tune]\nmethod = 'sgd'\n",
         ["'tune.method' has the value 'sgd'", "'sqp', 'lbfgs' or 'adam'"],
     ),
     "a learning rate for nothing": (
         STATES + "[tune]\nlearning_rate = 0.1\n",
-        ["learning_rate belongs to method = 'adam', but the method is 'sqp'"],
+        ["learning_rate is valid only with method = 'adam', but the method is 'sqp'"],
     ),
     "inner steps for nothing": (
         STATES + "[tune]\ninner_steps = 10\n",
-        ["inner_steps belongs to method = 'lbfgs' or 'adam'"],
+        ["inner_steps is valid only with method = 'lbfgs' or 'adam'"],
     ),
     "a text for a number": (
         STATES.replace("0.1", "'0.1'"),
@@ -110,7 +116,7 @@ BAD = {
         STATES + "[tune.bounds]\nduration = [4.0, inf]\n",
         [
             "'tune.bounds.duration[1]' has the value inf",
-            "or of one of them alone: duration = {max = 8.0}, or {min = 4.0}",
+            "or with one bound: duration = {max = 8.0}, or {min = 4.0}",
         ],
     ),
     "one bound that is infinite": (
@@ -123,19 +129,22 @@ BAD = {
     ),
     "a bound without quotes": (
         STATES + "[tune.bounds]\nend.V_h = [0, 1]\n",
-        ["'tune.bounds.end' has the value {'V_h': [0, 1]}", "a name with a dot stands in quotes"],
+        ["'tune.bounds.end' has the value {'V_h': [0, 1]}", "a name with a dot needs quotes"],
     ),
-    "turns twice": ("turns = 1\n" + STATES + "[tune]\nturns = 1\n", ["turns and tune.turns are the same thing"]),
-    "turns of a track": (TRACK + "[tune]\nturns = 1\n", ["tune.turns belongs to [start] and [end]"]),
-    "a fit of nothing": (STATES + "[fit]\nmotion = 'uniform'\n", ["[fit] belongs to a [track]"]),
-    "a purpose of nothing": (STATES + "[purpose]\nspeed = 'comfort'\n", ["purpose.speed", "[limits] has no 'speed'"]),
+    "turns twice": ("turns = 1\n" + STATES + "[tune]\nturns = 1\n", ["turns and tune.turns are the same setting"]),
+    "turns of a track": (TRACK + "[tune]\nturns = 1\n", ["tune.turns is valid only with [start] and [end]"]),
+    "a fit of nothing": (STATES + "[fit]\nmotion = 'uniform'\n", ["[fit] requires [track]"]),
+    "a purpose of nothing": (
+        STATES + "[purpose]\nspeed = 'comfort'\n",
+        ["purpose.speed", "there is no limit 'speed' in [limits]"],
+    ),
     "a window backwards": (
         TRACK.replace("[limits]", "window = [5, 1]\n[limits]"),
         ["[track]: the key 'window' has the value [5.0, 1.0]", "t0 < t1"],
     ),
     "a window outside": (
         TRACK.replace("[limits]", "window = [5, 50]\n[limits]"),
-        ["the window 5 to 50 s leaves the recording", "0 to 11 s"],
+        ["the window 5 to 50 s extends beyond the recording", "0 to 11 s"],
     ),
     "a parked car": (
         TRACK.replace("track.csv", "parked.csv"),
@@ -162,7 +171,7 @@ BAD = {
     ),
     "a missing path": ("path = 'gone.toml'\n[limits]\nspeed = 1\n", ["gone.toml", "No such file"]),
     "a path that is none": ("path = 'track.csv'\n[limits]\nspeed = 1\n", ["track.csv", "must end in .toml or .json"]),
-    "a path of another format": ("path = 'scenario.toml'\n[limits]\nspeed = 1\n", ["no qtraj document"]),
+    "a path of another format": ("path = 'scenario.toml'\n[limits]\nspeed = 1\n", ["not a qtraj document"]),
     "states on the axis": (STATES.replace("12.0, 0.0, 0.0", "0, 0, 0"), ["radius 0"]),
     "equal azimuths": (STATES.replace("[0.0, 12.0, 1.5]", "[13.0, 0.0, 1.5]"), ["the same azimuth"]),
     "a start without sense": (
@@ -182,10 +191,10 @@ BAD = {
     "bad syntax": ("[start]\nposition = [1, 2\nvelocity = 3", ["not valid TOML", "line 3"]),
     "a text without quotes": (
         TRACK.replace('"track.csv"', "track.csv  # here"),
-        ["line 3, column 8", "in 'file = track.csv  # here'", 'a text needs quotes: file = "track.csv"'],
+        ["line 3, column 8", "in 'file = track.csv  # here'", 'a string needs quotes: file = "track.csv"'],
     ),
     "a file with a date and without quotes": ("path = 2024.csv\n", ["in 'path = 2024.csv'", 'path = "2024.csv"']),
-    "names without quotes": ("a = [x, y]\n", ["in 'a = [x, y]'; a text needs quotes\n"]),
+    "names without quotes": ("a = [x, y]\n", ["in 'a = [x, y]'; a string needs quotes\n"]),
     "a number with a unit": ("duration = 0.5 s\n", ["in 'duration = 0.5 s'\n"]),
     "an unclosed array": ("[limits]\ncurvature = [1,", ["not valid TOML", "line 2, column 16"]),
     "a key twice": ("name = 'a'\nname = 'b'\n", ["not valid TOML", "line 2"]),
@@ -248,7 +257,7 @@ def test_an_out_that_is_a_file_is_refused_before_any_work(qtraj, folder, command
     [
         ("tune", 'write a .toml file with file = "track.csv" under [track], and with [limits]'),
         ("evaluate", 'write a .toml file with file = "track.csv" under [track]'),
-        ("slew", "`qtraj tune` and `qtraj evaluate` read one"),
+        ("slew", "to use it with `qtraj tune` and `qtraj evaluate`, write a .toml file"),
     ],
 )
 def test_a_recording_is_no_scenario(qtraj, folder, command, fragment):

@@ -151,7 +151,7 @@ def test_what_is_no_result_is_refused(qtraj, results, path, tmp_path):
         "two": "contains several results: name one of",
         "empty": "contains neither paths.nc nor table.nc",
         "a.nc": "not a netCDF-4 file",
-        "a.toml": "no qtraj document",
+        "a.toml": "not a qtraj document",
         "a.png": "must end in",
         "turn.toml": "a saved path or tuning was expected, but the file holds a EulerTurn",
         "x.nc": "a report needs position or quaternion over time",

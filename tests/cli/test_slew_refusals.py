@@ -38,7 +38,7 @@ BAD = {
     ),
     "angles without a sequence": (
         REST.replace("rotation_vector", "euler") + LAW,
-        ["[end]: euler and sequence belong together"],
+        ["[end]: euler and sequence must be given together"],
     ),
     "a strange sequence": (
         REST.replace("rotation_vector", "sequence = 'xxy'\neuler") + LAW,
@@ -65,26 +65,26 @@ BAD = {
         REST + LAW + "kind = 'linear'\n",
         ["'law.kind' has the value 'linear'", "'time_optimal', 's_curve'"],
     ),
-    "a jerk of jumps": (REST + LAW + "max_jerk = 1\n", ["[law]: a time_optimal slew has jumps"]),
+    "a jerk of jumps": (REST + LAW + "max_jerk = 1\n", ["[law]: max_jerk cannot be used with a time_optimal slew"]),
     "a jerk of the jumps of a cubic": (
         REST + "[law]\nkind = 'cubic'\nduration = 9\nmax_jerk = 1\n",
-        ["[law]: a cubic slew has jumps", "'quintic'"],
+        ["[law]: max_jerk cannot be used with a cubic slew", "'quintic'"],
     ),
     "an end rate of a smooth law": (
         REST + LAW + "kind = 'cubic'\nend_rate = 0.1\n",
-        ["[law]: the key 'end_rate' belongs to 'time_optimal'"],
+        ["[law]: the key 'end_rate' is valid only with kind = 'time_optimal'"],
     ),
     "an end rate beyond the limit": (
         REST + LAW + "end_rate = 3\n",
-        ["'end_rate' has the value 3", "no more than max_rate = 1"],
+        ["'end_rate' has the value 3", "at most max_rate = 1"],
     ),
     "an end rate a little beyond the limit": (
         REST + LAW + "end_rate = 1.00000001\n",
-        ["'end_rate' has the value 1.00000001, but expected no more than max_rate = 1.0"],
+        ["'end_rate' has the value 1.00000001, but expected at most max_rate = 1.0"],
     ),
     "an end rate of a chain": (
         REST + "[[via]]\ngibbs = [0, 0, 1]\n" + LAW + "end_rate = 0.1\n",
-        ["the key 'law.end_rate' suits no sequence of slews"],
+        ["'law.end_rate' cannot be used with a sequence of slews"],
     ),
     "nothing that takes time": (REST + "[law]\nkind = 'cubic'\n", ["needs a duration or a limit"]),
     "too short a time": (

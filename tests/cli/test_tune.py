@@ -276,7 +276,7 @@ def test_what_cannot_be_met_is_written_and_explained(qtraj, tmp_path):
     assert "What would help" in content["tuning"]["result"]
     assert content["tuned"]["status"][content["tuned"]["limit"].index("speed")] == "broken"
     assert content["fit"] is None
-    assert content["warning"].startswith("The path after takes ")
+    assert content["warning"].startswith("The tuned path takes ")
     assert content["warning"].endswith("[tune.bounds] keeps the path near the original one.")
     text = qtraj("tune", tmp_path / "tight.toml", "--out", out).stdout
     assert content["warning"] in " ".join(text.split())

@@ -160,9 +160,7 @@ def _show(console: Console, content: dict[str, Any]) -> None:
         console.print(layout.numbers_table(columns, block, exists))
     if len(defined) > layout.MAX_ROWS:
         console.print(
-            Text(
-                f"… : {len(defined) - layout.MAX_ROWS} instants are not shown; use --out DIR or --json to get all of them"
-            )
+            Text(f"… : {len(defined) - layout.MAX_ROWS} instants are not shown; --out DIR or --json gives all of them")
         )
     if missing := int(np.sum(~defined)):
         console.print(Text(f"- : the {frame} frame does not exist ({MISSING[frame]}) at {missing} instants"))

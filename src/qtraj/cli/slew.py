@@ -108,7 +108,7 @@ def _notes(scenario: "SlewScenario", verdict: "SlewVerdict") -> list[str]:
     moving = [f"{verb} at {layout.number(scale * rate)}°/s" for verb, rate in rates.items() if rate]
     if moving:
         notes.append(
-            f"The slew {' and '.join(moving)}, but the body is at rest before and after the slew: the commanded rate is "
+            f"The slew {' and '.join(moving)}, but the body is at rest before and after it: the commanded rate is "
             "discontinuous there."
         )
     return notes

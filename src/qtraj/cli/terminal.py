@@ -39,9 +39,9 @@ class FrameName(StrEnum):
 
 
 ABOUT_FRAMES = (
-    "upright (x forward, y left, z up; for wheeled vehicles), natural (tangent, principal normal, binormal; flips where "
-    "the curvature changes sign), rotation-minimizing (zero rate about the tangent), or thrust-aligned (z along the "
-    "thrust, acceleration minus gravity; for multirotors)."
+    "upright (x forward, y left, z up; for wheeled vehicles), natural (tangent, principal normal, binormal; flips "
+    "where the curvature changes sign), rotation-minimizing (zero rate about the tangent), or thrust-aligned (z along "
+    "the thrust, acceleration minus gravity; for multirotors)."
 )
 
 
