@@ -181,5 +181,5 @@ def test_bad_input_is_an_error_with_a_reason(make, fragment):
 
 
 def test_coarse_float32_positions_warn():
-    with pytest.warns(UserWarning, match=r"resolves only 0\.5 m"):
+    with pytest.warns(UserWarning, match=r"has a resolution of only 0\.5 m"):
         qt.BoundaryState(jnp.asarray([623425.5, 4848821.0, 153.0], jnp.float32), jnp.zeros(3, jnp.float32))

@@ -46,7 +46,7 @@ def taylor_terms(coefficients: Sequence[Any], t: Any, order: int) -> list[Any]:
     """Taylor coefficients at `t`, orders 0 … `order`, from a list of coefficients that broadcast with `t`.
 
     Repeated synthetic division (Ruffini–Horner). Orders above the degree are the integer 0, so that terms with them can
-    be left out.
+    be omitted.
     """
     c = list(coefficients)
     for k in range(min(order + 1, len(c) - 1)):
@@ -56,7 +56,7 @@ def taylor_terms(coefficients: Sequence[Any], t: Any, order: int) -> list[Any]:
 
 
 def hermite(start: Float[Array, " m"], end: Float[Array, " n"], duration: ScalarLike) -> Float[Array, " m+n"]:
-    """The polynomial of least degree with given value and derivatives at both ends of [0, duration].
+    """The polynomial of lowest degree with given value and derivatives at both ends of [0, duration].
 
     `start[k]` and `end[k]` are the k-th derivatives in t at 0 and at `duration`. Two of each give the cubic of paper S
     (its ρ2 and ρ3, with the sign of ρ3 corrected), three of each a quintic.

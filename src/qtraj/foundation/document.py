@@ -97,11 +97,11 @@ def load(file: str | os.PathLike[str]) -> Any:
     except ValueError as error:
         raise ValueError(f"{path}: not valid {path.suffix[1:].upper()}: {error}") from error
     if not isinstance(data, dict) or data.pop("format", None) != FORMAT:
-        raise ValueError(f"{path}: no qtraj document: the key 'format' must be {FORMAT!r}")
+        raise ValueError(f"{path}: not a qtraj document: the key 'format' must be {FORMAT!r}")
     if not jax.config.read("jax_enable_x64"):
         warnings.warn(
             f"{path}: the stored float64 numbers are rounded to float32. "
-            "Call jax.config.update('jax_enable_x64', True) first to have them exactly.",
+            "Call jax.config.update('jax_enable_x64', True) first to keep full precision.",
             stacklevel=2,
         )
     try:

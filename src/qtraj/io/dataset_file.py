@@ -1,4 +1,4 @@
-"""Saves and loads labelled datasets as netCDF, Zarr, Parquet or CSV, by the suffix of the file, every float exactly.
+"""Save and load labelled datasets as netCDF, Zarr, Parquet or CSV, by the suffix of the file, with exact floats.
 
 netCDF and Zarr store any dataset unchanged. Parquet and CSV store one table: a row for each instant (of each path), a
 column for each component, and a header with everything else (see `qtraj.io.flat`), so that pandas reads the table and

@@ -1,4 +1,4 @@
-"""Loads saved documents that must contain a path or a program."""
+"""Load saved documents that must contain a path or a program."""
 
 from pathlib import Path
 

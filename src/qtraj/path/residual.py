@@ -37,7 +37,7 @@ MEANINGS = {
 
 
 def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
-    """Older residuals had the outcome of the fit, which is now part of its result."""
+    """Older residuals contained the outcome of the fit, which is now part of its result."""
     return {name: value for name, value in fields.items() if name not in ("converged", "message")}
 
 

@@ -127,8 +127,8 @@ class Route(AbstractHodograph, AbstractResult):
     def length(self) -> Scalar:
         """Arc length over the duration [m].
 
-        By Gauss–Legendre quadrature in each segment. Its error is round-off, unless the speed is zero or nearly zero
-        inside a segment: there it is about 1e-5 of that segment's length.
+        Computed by Gauss–Legendre quadrature in each segment. The error is round-off, unless the speed is zero or
+        nearly zero inside a segment: there it is about 1e-5 of that segment's length.
         """
         return route_length.total(self.starts, self.coefficients, self.duration)
 
@@ -146,7 +146,7 @@ class Route(AbstractHodograph, AbstractResult):
         return route_length.inverse(self.starts, self.coefficients, self.duration, s)
 
     def nearest(self, point: ArrayInput) -> Nearest:
-        """The point of the route nearest to `point` (3,), world axes: its time, position and distance.
+        """The point on the route nearest to `point` (3,), world axes: its time, position and distance.
 
         Every segment is sampled at 17 instants, and its best sample is refined by Newton's method. The distance
         is differentiable (envelope theorem).
@@ -162,7 +162,7 @@ class Route(AbstractHodograph, AbstractResult):
         """
         count = self.segments
         if not -count <= i < count:
-            raise IndexError(f"the route has {count} segments, so {i} is not the index of one")
+            raise IndexError(f"segment {i} does not exist: the route has {count} segments")
         i = i % count
         c = _concrete(self.coefficients)[i : i + 1]
         return from_segments(np.zeros(1, c.dtype), c, self._durations()[i], _concrete(self.origin))
@@ -199,8 +199,8 @@ class Route(AbstractHodograph, AbstractResult):
         gap, size = float(np.linalg.norm(start - end)), float(np.max(np.abs(start)))
         if gap > max(JOINED, 16 * size * float(np.finfo(start.dtype).eps)):
             raise ValueError(
-                f"the second route starts {gap:.6g} m from the end of the first, at {start.tolist()} after "
-                f"{end.tolist()}: only a route that starts where the first one ends can be joined to it"
+                f"the second route starts at {start.tolist()}, but the first ends at {end.tolist()}, {gap:.6g} m away. "
+                "Routes can be joined only if the second starts where the first ends."
             )
         degree = max(x.coefficients.shape[-2] for x in (self, other))
         parts = [_concrete(x.coefficients)[: x.segments] for x in (self, other)]

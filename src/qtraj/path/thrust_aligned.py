@@ -50,7 +50,7 @@ class ThrustAligned(AbstractFrame):
     third and the fourth derivative of the path. A frame with a function as heading cannot be saved.
 
     **Raises:** ValueError for a heading that is neither a number nor such a function, or a gravity that is not finite
-    or has another shape.
+    or has the wrong shape.
     """
 
     heading: Any
