@@ -92,7 +92,7 @@ BAD = {
     ),
     "a fixed name that is none": (
         STATES + "[tune]\nfixed = ['end.V_z']\n",
-        ["'end.V_z' is no variable of this problem", "start.V_rho"],
+        ["'end.V_z' is not a variable of this problem", "start.V_rho"],
     ),
     "a bounded name that is none": (STATES + "[tune.bounds]\nspeed = [1, 2]\n", ["'speed' is no variable"]),
     "bounds that contradict": (

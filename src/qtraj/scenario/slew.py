@@ -15,6 +15,7 @@ from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 from qtraj.motion.programs.slew_torque import within_torque
 from qtraj.scenario.part import (
     ANGLES,
+    SECONDS,
     Angles,
     KnownAttitudePart,
     NamedPart,

@@ -1,4 +1,4 @@
-"""Derivatives of the constraints in the variables and in the place u on the path."""
+"""Derivatives of the constraints with respect to the variables and to the place u on the path."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from qtraj.path.components import Triple, add_vectors, cross, dot
 
 
 class Expansion(NamedTuple):
-    """The constraint g at many places: its value and its derivatives in the variables and in u."""
+    """The constraint g at many places: its value and its derivatives with respect to the variables and u."""
 
     value: Places
     slope: Float[Array, "n places"]
@@ -29,7 +29,7 @@ class Expansion(NamedTuple):
 def slopes(
     setting: Setting, derivatives: CurveDerivatives, index: Int[Array, ""], limit: Scalar, u: Places
 ) -> tuple[Places, Float[Array, "n places"]]:
-    """g at the places `u`, and its derivatives in the variables."""
+    """g at the places `u`, and its derivatives with respect to the variables."""
     curves = setting.curves
     scale, per_log = limit_scale(setting, index, limit)
 
@@ -56,7 +56,7 @@ def slopes(
 def expansions(
     setting: Setting, derivatives: CurveDerivatives, index: Int[Array, ""], limit: Scalar, u: Places
 ) -> Expansion:
-    """g at the places `u`, with first and second derivatives in the variables and in u."""
+    """g at the places `u`, with first and second derivatives with respect to the variables and u."""
     scale, per_log = limit_scale(setting, index, limit)
     places = setting.curves.place, derivatives.first.place, setting.reference
     arrays = switch_group(
@@ -65,7 +65,7 @@ def expansions(
         lambda: corridor.second_order(*places, u),
     )
     G = Expansion(*arrays)
-    # The slopes are T times velocities, so they are linear in T as well as in the velocities.
+    # The slopes are T times the velocities, so they are linear in T and in the velocities.
     J, e = derivatives.slopes, derivatives.log_duration[:, None]
     slope, mixed = J.T @ G.slope, J.T @ G.mixed
     curvature = jnp.einsum("in,ijp,jm->nmp", J, G.curvature, J)
@@ -89,10 +89,10 @@ def expansions(
 def _second_order(
     group: Group, setting: Setting, derivatives: CurveDerivatives, index: Int[Array, ""], u: Places
 ) -> tuple[Array, ...]:
-    """G, with first and second derivatives in the slopes at the ends, mixed ones, and those in u.
+    """G, its first and second derivatives with respect to the end slopes, the mixed ones, and those with respect to u.
 
     In the directions w of the slopes and of u, with invariants s and blocks Y,
-    G_ww = Σ G_ss s_w s_w + Σ W Y_w Y_w + Σ Ȳ·Y_ww, where W are the weights of the blocks' products and Ȳ = G_Y.
+    G_ww = Σ G_ss s_w s_w + Σ W Y_w Y_w + Σ Ȳ·Y_ww, where W are the weights of the products of blocks and Ȳ = G_Y.
     """
     curves = setting.curves
     r, in_u, in_u_twice = along_u(curves.up_to(group.order), u, 2)
@@ -157,7 +157,7 @@ def _second_order(
 
 
 def _gradient(group: Group, r: list[Triple], index: Int[Array, ""]) -> tuple[Places, list[Triple], tuple[Any, ...]]:
-    """G and its gradients in r', r'', …; then the blocks, and the derivatives in them and in the invariants."""
+    """G, its gradients with respect to r', r'', …, the blocks, and the gradients for the blocks and the invariants."""
     Y = {f"r{k + 1}": v for k, v in enumerate(r)}
     Y |= {name: cross(r[0], r[k]) for name, k in group.cross_products.items()}
     s = []

@@ -1,7 +1,7 @@
 """Squares of path quantities as sums of monomials in the invariants: tables of coefficients and exponents.
 
-The tables are computed from the formulas of the registry by evaluating them with symbols. The derivatives of a sum
-Σ c·Π sᵢ^eᵢ are again sums of monomials, since ∂/∂sᵢ multiplies by eᵢ/sᵢ. So one function serves every quantity.
+The tables are computed by evaluating the formulas of the registry with symbols. The derivatives of a sum Σ c·Π sᵢ^eᵢ
+are again sums of monomials, since ∂/∂sᵢ multiplies by eᵢ/sᵢ. So one function serves every quantity.
 """
 
 from collections.abc import Sequence
@@ -56,7 +56,7 @@ class _Polynomial:
 def table(entry: PathQuantity, invariants: Sequence[str]) -> Table:
     """The square of one quantity as a table of monomials in these invariants.
 
-    **Raises:** ValueError for a denominator that is not a single product of invariants.
+    **Raises:** ValueError if the denominator is not a single product of invariants.
     """
     identity = np.eye(len(invariants), dtype=int)
     symbols = SimpleNamespace(
@@ -82,7 +82,7 @@ def stacked(tables: Sequence[Table]) -> Table:
 def expand(
     coefficients: Float[Array, " t"], exponents: Float[Array, "t i"], s: Float[Array, "i p"]
 ) -> tuple[Float[Array, " p"], Float[Array, "i p"], Float[Array, "i i p"]]:
-    """The square at many places, with its gradient and Hessian in the invariants."""
+    """The square at many places, with its gradient and Hessian with respect to the invariants."""
     safe = jnp.where(jnp.abs(s) < TINY, TINY, s)
     negative = (exponents % 2) @ jnp.where(safe < 0, 1.0, 0.0)
     sign = jnp.where(negative % 2 == 1, -coefficients[:, None], coefficients[:, None])

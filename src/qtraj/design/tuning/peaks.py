@@ -27,13 +27,13 @@ REACH = 1 / (NODES - 1)
 """A peak is searched within this distance of its node."""
 
 OFFSETS = 9
-"""Number of places about a peak in one round of refinement: for all peaks together nearly as many as nodes."""
+"""Number of places about a peak in one round of refinement; for all peaks together there are nearly NODES places."""
 
 ROUNDS = (1.0, 1 / 16, 1 / 256)
 """Half-widths of the intervals of the rounds, in units of REACH; each round ends with a parabola at the maximum."""
 
 LIMIT_ROUNDS, HINT_ROUNDS = 2, 3
-"""Rounds for the peaks of a limit, and for hints: a peak of a quantity is as narrow as its divisor is small."""
+"""Rounds for the peaks of a limit, and for hints, which need more: a small divisor makes a narrow peak."""
 
 MIN_DISTANCE = 1e-5
 """Peaks closer than this fraction of the duration are the same peak."""
@@ -55,7 +55,7 @@ class Peaks(NamedTuple):
 
 
 def no_peaks(dtype: Any) -> Peaks:
-    """Peaks of which none is present, in NumPy arrays."""
+    """Peaks that are all absent, as NumPy arrays."""
     no: Any = np.zeros((SLOTS, PEAKS), bool)
     heights: Any = np.full(no.shape, ABSENT, dtype)
     start: Any = np.zeros(no.shape, dtype)
@@ -69,7 +69,7 @@ def find_peaks(setting: Setting, slots: LimitSlots, limits: Float[Array, " slots
 
     def of_slot(slot: Int[Array, ""], carry: tuple[Peaks, Array]) -> tuple[Peaks, Array]:
         peaks, hint_times = carry
-        # Slots below zero come first: the times at which the path is slowest and straightest.
+        # Negative slots come first: they compute the times at which the path is slowest and straightest.
         place, hint = jnp.maximum(slot, 0), -1 - slot
         index = jnp.where(slot < 0, FIRST_HINT + hint, quantity_index[place])
         at = jnp.sum(jnp.where(here == hints[quantity_index[place]], hint_times, 0.0))
@@ -79,7 +79,7 @@ def find_peaks(setting: Setting, slots: LimitSlots, limits: Float[Array, " slots
         highest = min_and_argmin(jnp.where(slot_peaks.present, -slot_peaks.value, jnp.inf))[1]
         return updated, jnp.where(here == hint, slot_peaks.time[highest], hint_times)
 
-    # Few quantities need the straightest point.
+    # The straightest point is computed only if a limit needs it.
     positions = jnp.arange(quantity_index.shape[0], dtype=jnp.int32)
     first = -1 - jnp.max(jnp.where(positions < slots.count, hints[quantity_index], 0))
     start = jax.tree.map(jnp.asarray, no_peaks(limits.dtype)), jnp.full(len(HINTS), 0.5, limits.dtype)
@@ -126,7 +126,8 @@ def _peaks(setting: Setting, index: Int[Array, ""], limit: Scalar, hint: Scalar,
 
         time, present = jax.lax.cond(k == 0, choose, refine)
         half = jnp.where(k < rounds, halves[k], 0.0)
-        # A narrow peak may lie at the time itself; the minimum of a divisor may lie close to an end.
+        # A narrow peak of a limit may be exactly at this time, so its interval is centred there and clipped. A hint may
+        # be close to an end, so its interval is shifted inside instead.
         middle = jnp.where(is_hint, jnp.clip(time, half, 1 - half), time)
         around = jnp.clip(middle[None] + half * offsets, 0.0, 1.0).reshape(-1)
         centre = OFFSETS // 2 * PEAKS
@@ -170,7 +171,7 @@ def _top_of_parabola(
 
     A hint is smooth, so its parabola is used there, too.
     """
-    finite = jnp.where(values_at < TOO_MUCH, values_at, TOO_MUCH)  # NaN too
+    finite = jnp.where(values_at < TOO_MUCH, values_at, TOO_MUCH)  # also replaces NaN
     best = jnp.argmax(finite, axis=0)
     inner = jnp.clip(best, 1, OFFSETS - 2)
     here = jnp.arange(OFFSETS)[:, None]

@@ -26,9 +26,8 @@ Variables = Float[Array, " n"]
 class Problem(eqx.Module):
     """Boundary velocities and the duration as dimensionless variables z, which are zero at the initial states.
 
-    z holds the changes of the velocities that the motion names, in units of `speed`, and then ln(T/T₀). The logarithm
-    keeps the duration positive and the sense of rotation unchanged. It is omitted where the objective fixes the
-    duration.
+    z contains the changes of the velocities named by the motion, in units of `speed`, and then ln(T/T₀). The logarithm
+    keeps the duration positive and the sense of rotation unchanged. It is omitted if the objective fixes the duration.
     """
 
     start: Cylindrical
@@ -67,7 +66,7 @@ class Problem(eqx.Module):
         return jnp.stack(first), jnp.stack(last)
 
     def slopes(self, z: Variables) -> tuple[Float[Array, "2 3"], Scalar]:
-        """The derivatives of ρ, φ and h at both ends in u = t/T, and ln T, with T in seconds."""
+        """The derivatives of ρ, φ and h with respect to u = t/T at both ends, and ln T, with T in seconds."""
         duration = self.time(z)
         angular = jnp.asarray([[False, True, False]])
         radii = jnp.stack([self.start.radius, self.end.radius])[:, None]
@@ -97,7 +96,7 @@ class Problem(eqx.Module):
 
     @staticmethod
     def _with_heading(velocity: Vec3, initial: Cylindrical, heading_fixed: Scalar) -> Vec3:
-        """The velocity, with V_ρ replaced to keep the initial heading where that is fixed."""
+        """The velocity; if the heading is fixed, V_ρ is replaced so that the initial heading is kept."""
         outward, angular = initial.velocity[0], initial.velocity[1]
         radial = outward / jnp.where(angular == 0, 1.0, angular) * velocity[1]
         return jnp.where(jnp.asarray([True, False, False]) & (heading_fixed > 0), radial, velocity)

@@ -1,11 +1,11 @@
 """Small elastic quadratic programs (QPs), solved by the dual active-set method of Goldfarb and Idnani (1983).
 
 The method starts from the minimum with only the lower bound of the violation t active. In each step it makes the most
-violated constraint active, and drops active constraints whose multiplier would turn negative. It ends after a few steps
-at the solution, to rounding, for any penalty and any box, and reports whether it did. Violations are measured in the
-metric of the Hessian: then fewer constraints enter that are dropped again later.
+violated constraint active, and drops active constraints whose multiplier would become negative. After a few steps it
+reaches the solution to within rounding errors, for any penalty and any box, and it reports whether it did. Violations
+are measured in the metric of the Hessian, since then fewer constraints enter that are dropped again later.
 
-The constraints come in slots, of which only the first `n_slots` are used.
+The constraints are in slots; only the first `n_slots` are used.
 """
 
 from typing import NamedTuple
@@ -20,7 +20,7 @@ from qtraj.foundation.types import Flag, Scalar
 MAX_STEPS = 60
 FEASIBILITY = 1e-12  # tolerance on constraints; a QP should be scaled to numbers near one
 MAX_KKT_RESIDUAL = 1e-7  # largest residual of the KKT conditions at a solution, relative to gradient and penalty
-MIN_RATE = 1e-13  # below this relative rate a constraint is linearly dependent on the active ones
+MIN_RATE = 1e-13  # a constraint with a smaller relative rate counts as linearly dependent on the active ones
 
 Index = Int[Array, ""]
 Vector = Float[Array, " n"]
@@ -53,18 +53,18 @@ class QP(NamedTuple):
 
     @property
     def box(self) -> Float[Array, " k"]:
-        """The bounds that follow those of the slots: upper, lower, and the smallest violation."""
+        """The bounds that follow the bounds of the slots: upper, lower, and the smallest violation."""
         return jnp.concatenate([self.high, -self.low, -self.min_violation[None]])
 
 
 class Active(NamedTuple):
-    """The active constraints, each in a place of its own.
+    """The active constraints, one in each place.
 
-    `constraint` counts slot after slot, then the upper and lower bounds, then t ≥ min_violation.
+    `constraint` is an index over the slots, then the upper and lower bounds, then t ≥ min_violation.
     """
 
     constraint: Int[Array, " q"]
-    normal: Float[Array, "q q"]  # gradients in (d, t)
+    normal: Float[Array, "q q"]  # gradients with respect to (d, t)
     bound: Float[Array, " q"]  # right-hand sides
     multiplier: Float[Array, " q"]
     used: Bool[Array, " q"]
@@ -166,7 +166,7 @@ def _start(qp: QP) -> _State:
 
 
 def _inverse_lengths(qp: QP) -> tuple[Array, Array, Scalar]:
-    """One over the lengths of the gradients of all constraints in the Hessian's metric; the largest inverse entry."""
+    """The inverse norms of all constraint gradients in the metric of the Hessian, and the largest inverse entry."""
     diagonal = jnp.diagonal(qp.inverse)
 
     def of_slot(slot: Index, lengths: Array) -> Array:
@@ -183,7 +183,7 @@ def _inverse_root(x: Array) -> Array:
 
 
 def _most_violated(qp: QP, weights: tuple[Array, Array, Scalar], x: Array) -> Index:
-    """The index of the most violated constraint, or −1 where none is violated."""
+    """The index of the most violated constraint, or −1 if none is violated."""
     d, t = x[:-1], x[-1]
 
     def worse(best: tuple[Scalar, Index], slack: Array, bound: Array, weight: Array, first: Array | int) -> tuple:
@@ -204,7 +204,7 @@ def _most_violated(qp: QP, weights: tuple[Array, Array, Scalar], x: Array) -> In
 
 
 def _constraint(qp: QP, index: Index) -> tuple[Float[Array, " q"], Scalar]:
-    """The gradient of a constraint in (d, t), and its bound."""
+    """The gradient of a constraint with respect to (d, t), and its bound."""
     n, count, each = qp.gradient.shape[0], qp.n_constraints, qp.bounds.shape[1]
     inside = jnp.clip(index, 0, count - 1)
     of_box = jnp.arange(2 * n + 1, dtype=jnp.int32) == index - count
@@ -225,11 +225,11 @@ def _entering(qp: QP, max_inverse: Scalar, at: _State, index: Index) -> tuple[_E
 
 
 def _advance(qp: QP, weights: tuple[Array, Array, Scalar], at: _State) -> _State:
-    """Make one constraint active, or drop one that blocks it; `done` where none is violated."""
+    """Make one constraint active, or drop one that blocks it; `done` if none is violated."""
     index = jnp.where(at.entering < 0, _most_violated(qp, weights, at.x), at.entering)
     done = index < 0
     candidate, free = _entering(qp, weights[2], at, index)
-    # Until the constraint is satisfied, or until the multiplier of an active one vanishes.
+    # The step ends when the constraint is satisfied, or when the multiplier of an active one vanishes.
     full_step = jnp.where(free, jnp.maximum(candidate.normal @ at.x - candidate.bound, 0.0) / candidate.rate, jnp.inf)
     decreases = at.active.used & (candidate.dual_direction > 0)
     dual_step, blocking = min_and_argmin(
@@ -278,7 +278,7 @@ def _updated(qp: QP, at: _State, candidate: _Entering, is_full: Flag, here: Bool
 
 
 def _is_optimal(qp: QP, at: _State) -> Flag:
-    """Whether the active constraints are met and the multipliers balance the gradient: rounding may spoil either."""
+    """Whether active constraints are satisfied and multipliers balance the gradient, despite rounding errors."""
     reaction = jnp.where(at.active.used, at.active.multiplier, 0.0) @ at.active.normal
     gradient = jnp.append(qp.hessian @ at.x[:-1] + qp.gradient, qp.stiffness * at.x[-1] + qp.penalty)
     residual = jnp.where(at.active.used, at.active.bound - at.active.normal @ at.x, 0.0)

@@ -17,7 +17,7 @@ FAR = 1e3  # in units of the trust radius: the step cannot reach a constraint th
 
 ACTIVE = 1e-7  # a constraint with a larger multiplier is active
 AT_BOUND = 1e-7  # a variable closer to a bound is at the bound
-PENALISED = 0.9  # multipliers with a larger sum, relative to the penalty, mean that the limits cannot be met yet
+PENALISED = 0.9  # if the sum of the multipliers over the penalty is larger, the limits cannot be met yet
 MAX_STIFFNESS = 1e-4  # curvature in t, which keeps the QP strictly convex
 MIN_PIVOT = 1e-7  # smallest pivot of an accepted Hessian, relative to its largest entry
 REGULARIZATION = ((0.0, 0.0), (1.0, 0.0), (30.0, 0.0), (1e3, 0.0), (1e2, 0.01), (10.0, 0.1), (1.0, 1.0), (0.0, 10.0))
@@ -34,7 +34,7 @@ class Step(NamedTuple):
     multipliers: PerConstraint
     allowed_violation: Scalar
     predicted_decrease: Scalar
-    solved: Flag  # false where rounding spoilt a QP, and the step may not be optimal
+    solved: Flag  # false if rounding errors spoilt a QP: the step may not be optimal
     residual: Scalar  # of the gradient of the Lagrangian, over the penalty
     remaining: Scalar  # estimated distance to the solution after this step, from the size of the correction
     effort: Int[Array, ""]  # steps that the QP solver took
@@ -75,8 +75,8 @@ def compute_step(
 ) -> Step:
     """The step from `z`: the solution of a QP about `z`, corrected by a second QP about the point that it reaches.
 
-    The second QP uses the true constraint values at that point, at peaks that drift along, and slopes extrapolated by
-    the constraints' Hessians.
+    The second QP uses the true constraint values at that point, at predicted times of the peaks, and slopes
+    extrapolated by the Hessians of the constraints.
     """
 
     def correct(at: _Trial, last: Flag) -> tuple[_Trial, _QPResult]:
@@ -99,7 +99,7 @@ def compute_step(
         predicted_decrease=penalty * (largest - last.violation) - cost,
         solved=jnp.all(both.solved),
         residual=jnp.max(jnp.abs(jnp.where(inside, last.imbalance, 0.0))) / jnp.maximum(penalty, 1.0),
-        # Assumes that further corrections shrink by the same factor as from the first QP to the second.
+        # This assumes that further corrections shrink by the same factor as from the first QP to the second.
         remaining=jnp.where(last.correction < size, last.correction**2 / jnp.where(size > 0, size, 1.0), size),
         effort=jnp.sum(both.steps, dtype=jnp.int32),
     )
@@ -114,7 +114,7 @@ def _solve(
     sums, slopes = _sums(slots, model.constraints, at, is_free, largest)
     slope_sum, squares = sums.products[:-2, -1], sums.products[:-2, :-2]
     penalised = jnp.sum(at.multipliers) > PENALISED * penalty
-    # Where all active values move with t, they are measured from their mean.
+    # If all active values move with t, only their differences matter, so they are measured from their mean.
     inv_count = jnp.where(penalised, 1 / jnp.maximum(sums.products[-1, -1], 1.0), 0.0)
     lagrangian = task.weight * model.curvature + sums.hessian
     lagrangian = lagrangian * is_free[:, None] * is_free[None] + jnp.diag(1.0 - is_free)
@@ -146,7 +146,7 @@ def _solve(
     multipliers, reaction, violation = _multipliers(
         slots, at, slopes, correction, solution.active, scale, square_weight, largest + mean
     )
-    # The multipliers never need to exceed the penalty; an inaccurate QP solution must not either.
+    # The multipliers of an exact solution never exceed the penalty, so those of an inaccurate one are reduced.
     part = jnp.minimum(1.0, penalty / jnp.maximum(jnp.sum(multipliers), penalty))
     d = at.d + correction
     return d, _QPResult(
@@ -192,7 +192,7 @@ def _multipliers(
 ) -> tuple[PerConstraint, Variables, Scalar]:
     """The multipliers of all constraints, the sum of multiplier·slope, and the largest linearised value after the QP.
 
-    The squares of active peaks that were added to the Hessian contribute a part of their multipliers.
+    The squares of the active peaks in the Hessian contribute to their multipliers.
     """
     active_multipliers = jnp.where(active.used, active.multiplier, 0.0) * scale
 

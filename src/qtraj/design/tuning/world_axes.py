@@ -47,7 +47,8 @@ def world_derivatives(
 ) -> tuple[Array, Array, Any]:
     """r', r'', … and their derivatives in all directions, in world axes; and a function that maps gradients back.
 
-    It returns the gradient in the moving basis, and the terms that the rotation of the basis adds to the Hessian.
+    The function returns the gradient in the moving basis, and the terms that the rotation of the basis adds to the
+    Hessian.
     """
     angle, in_u, in_u_twice = angle_at(coefficients, u, 2)
     moved_angle, moved_in_u = angle_at(angle_derivatives, u, 1)

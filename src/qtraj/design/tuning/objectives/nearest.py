@@ -15,7 +15,7 @@ class Nearest(AbstractObjective):
     name: ClassVar[str] = "nearest"
 
     def value(self, problem: Any, z: Float[Array, " n"]) -> Scalar:
-        """The weighted sum [m² s⁻²]; a change of the duration counts relative, times the reference speed."""
+        """The weighted sum [m² s⁻²]; the relative change of the duration is multiplied by the reference speed."""
         duration = problem.time(z)
         va, vb = problem.velocities(z, duration)
         changes = jnp.concatenate([va - problem.start.velocity, vb - problem.end.velocity])
