@@ -39,7 +39,7 @@ def spelled(exponents: dict[str, int]) -> str:
 
 
 def per_time(unit: str) -> int:
-    """The power k of 1/s: a path driven in half the time has 2^k times the value."""
+    """The exponent k of 1/s: a path driven in half the time has 2^k times the value."""
     return -powers(unit).get("s", 0)
 
 

@@ -141,7 +141,7 @@ def _findings(paths: list[str], certificates: Mapping[str, Certificate]) -> dict
         variables[f"finding_{variable}"] = (
             ("path",),
             np.array(texts, str),
-            {"long_name": f"finding on the limit {about}"},
+            {"long_name": f"status of the limit {about}"},
         )
     return variables
 

@@ -17,11 +17,11 @@ from qtraj.foundation import units
 from qtraj.path.frenet import natural_acceleration, yaw
 
 Formula = Callable[[Any], Any]
-"""A formula in `Invariants`, for any type of numbers."""
+"""A function of `Invariants`, for any numeric type."""
 
 
 class Division(NamedTuple):
-    """How to divide numbers: the quotient of two, and 1/√x, both for positive divisors."""
+    """A way to divide numbers: the quotient of two, and 1/√x, both for positive divisors."""
 
     quotient: Callable[[Any, Any], Any]
     inverse_root: Callable[[Any], Any]
@@ -65,12 +65,12 @@ class PathQuantity:
 
     @property
     def length(self) -> int:
-        """The power of metres in the unit."""
+        """The exponent of metres in the unit."""
         return units.powers(self.unit).get("m", 0)
 
     @property
     def per_time(self) -> int:
-        """The power of 1/s in the unit."""
+        """The exponent of 1/s in the unit."""
         return units.per_time(self.unit)
 
     def squared(self, i: Any, by: Division = PLAIN) -> Any:
@@ -257,7 +257,7 @@ QUANTITIES: dict[str, PathQuantity] = {entry.name: entry for entry in _ENTRIES}
 class Offset(NamedTuple):
     """The difference of a path from a reference path about the same axis, at equal fractions of their durations.
 
-    `outwards` ρ − ρ₀, `angle` φ − φ₀, `up` h − h₀, and the `radius` ρ₀ of the reference, in any type of numbers.
+    `outwards` ρ − ρ₀, `angle` φ − φ₀, `up` h − h₀, and the `radius` ρ₀ of the reference, in any numeric type.
     """
 
     outwards: Any

@@ -101,7 +101,7 @@ class Residual(AbstractResult):
 def compare(path: AbstractHodograph, track: Track) -> Residual:
     """The residual between `path` and `track`, whose first sample is at path time 0.
 
-    Differentiable in the path.
+    Differentiable with respect to the path.
 
     **Raises:** ValueError if the track is longer than the path.
     """

@@ -40,7 +40,7 @@ def from_states(times: ArrayInput, orders: Sequence[ArrayInput]) -> Pieces:
 
 
 def from_piecewise(spline: Any) -> Pieces:
-    """The segments of a spline of SciPy."""
+    """The segments of a SciPy spline."""
     x, c = _ppoly(spline)
     if c.ndim != 3 or c.shape[2] != 3:
         raise ValueError(

@@ -31,7 +31,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
     """A spiral about an axis, with a height along the axis.
 
     `radius`, `angle` and `height` are ascending coefficients in t [s] of ρ [m], φ [rad] and h [m], of any degree;
-    `duration` [s]; the axis is the world's z axis unless a `placement` says otherwise. Outside [0, duration] the
+    `duration` [s]; the axis is the world's z axis unless a `placement` is given. Outside [0, duration] the
     polynomials extrapolate. `mismatch` is the relative difference of V_φ/ρ between the two states of `from_boundary`
     (infinite if its problem has no solution).
 
@@ -111,7 +111,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
     ) -> "SpiralHelix":
         """The uniformly rotating spiral-helix with cubic ρ and h through two boundary states (paper S).
 
-        The turn has the sense of V_φ at the start and a magnitude in (0, 2π), plus `turns` whole turns; the duration is
+        The turn has the sign of V_φ at the start and a magnitude in (0, 2π), plus `turns` whole turns; the duration is
         turn·ρ/V_φ. There are ten boundary values for nine unknowns, so V_φ/ρ must be the same at both ends.
 
         **Raises:** ValueError if V_φ/ρ differs between the ends by more than a relative 1e-9, a radius or V_φ is zero,

@@ -31,8 +31,9 @@ RECORDED_ATTITUDE = "recorded quaternion, scalar first, Hamilton, body to world,
 class Track(AbstractResult):
     """A recording of the motion of a vehicle.
 
-    `times` (n,) [s] and `positions` (n, 3) [m]; optional are `velocities` (n, 3) [m/s] and `attitudes` (n, 4),
-    quaternions body to world, scalar first, of any nonzero norm. Positions and velocities are in world axes.
+    `times` (n,) [s] and `positions` (n, 3) [m] are required. `velocities` (n, 3) [m/s] and `attitudes` (n, 4),
+    quaternions body to world, scalar first, of any nonzero norm, are optional. Positions and velocities are in world
+    axes.
 
     **Raises:** ValueError for wrong shapes, values that are not finite, or times that do not increase strictly; the
     message names the sample.
@@ -154,7 +155,7 @@ def travel_turn(track: Track, standstill: float = STANDSTILL) -> float:
 
 
 def travel_length(track: Track) -> float:
-    """The horizontal length of the track [m], along chords so that noise hardly increases it."""
+    """The horizontal length of the track [m], along chords, so that noise has little effect."""
     chords, _ = _chords(track)
     return float(np.hypot(*chords.T).sum())
 
