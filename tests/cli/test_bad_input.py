@@ -298,7 +298,7 @@ def test_a_stored_document_that_is_no_path(qtraj, folder):
     (folder / "limits.toml").write_text('format = "qtraj/1"\ntype = "Limits"\nspeed = 3.0\n')
     result = qtraj("evaluate", folder / "limits.toml")
     assert result.exit_code == 2
-    assert "a saved path was expected, but the file holds a Limits" in result.stderr
+    assert "a saved path was expected, but the file contains a Limits" in result.stderr
 
 
 @pytest.mark.parametrize(

@@ -117,7 +117,7 @@ BAD = {
     "a missing program": ("angles = 'deg'\n[program]\nfile = 'gone.toml'\n" + LAW, ["gone.toml", "No such file"]),
     "a program that is none": (
         "angles = 'deg'\n[program]\nfile = 'path.toml'\n" + LAW,
-        ["a saved program was expected, but the file holds a SpiralHelix"],
+        ["a saved program was expected, but the file contains a SpiralHelix"],
     ),
     "a straight path": (
         "angles = 'deg'\n[program]\npath = 'path.toml'\nframe = 'natural'\n" + LAW,

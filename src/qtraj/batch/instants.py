@@ -1,7 +1,7 @@
 """Paths and their frames at many instants at once, in components.
 
-The definitions are those of `trihedral` and `quantity`, in a form that compilers for CPUs turn into few fast loops. The
-derivatives are computed in the path's moving basis, where they are polynomials. One cosine and one sine of half its
+The definitions are those of `trihedral` and `quantity`, in a form that compilers for CPUs turn into a few fast loops.
+The derivatives are computed in the path's moving basis, where they are polynomials. One cosine and one sine of half its
 angle transform the results to world axes. The quaternion is the product of the quaternion of the moving basis and the
 quaternion of the frame in it. The code avoids square roots, divisions and branches, because the compiler would split
 the loop at each of them.

@@ -53,7 +53,7 @@ class Table(AbstractResult):
     def __getattr__(self, name: str) -> Any:
         if name in CHANNELS:
             return self.values.get(name)
-        raise AttributeError(f"a table has no {name!r}")
+        raise AttributeError(f"a table has no attribute {name!r}")
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *CHANNELS]

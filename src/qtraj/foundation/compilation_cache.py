@@ -19,7 +19,7 @@ def enable_compilation_cache(folder: str | os.PathLike[str] | None = None) -> Pa
 
     **Raises:** ValueError if the folder cannot be created or written to, or is a file.
     """
-    import jax  # here, so that importing this module costs nothing
+    import jax  # imported here, so that importing this module is fast
     from jax.experimental.compilation_cache.compilation_cache import reset_cache
 
     path = default_folder() if folder is None else Path(folder).expanduser().absolute()

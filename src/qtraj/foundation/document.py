@@ -1,6 +1,6 @@
 """Save and load Modules as TOML or JSON documents, exact in float64, without pickle.
 
-A document is a table of the Module's fields, with its class name under `type`; fields that are None are left out.
+A document is a table of the Module's fields, with its class name under `type`; fields that are None are omitted.
 `@storable` registers a class, whose fields must be arguments of its `__init__`.
 """
 
@@ -26,7 +26,7 @@ FORMAT = "qtraj/1"
 _NON_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 
 Change = Callable[[dict[str, Any]], dict[str, Any]]
-"""Maps the fields of an older document to the present ones, before they are decoded."""
+"""A function that maps the fields of an older document to the present ones, before they are decoded."""
 
 _classes: dict[str, type] = {}
 _changes: dict[str, Change] = {}

@@ -108,7 +108,7 @@ def _remove_unowned(stage: Path) -> None:
     try:
         lock = os.open(stage / _LOCK, os.O_RDWR | os.O_NOFOLLOW)
     except FileNotFoundError:
-        os.rmdir(stage)  # fails unless empty; a process about to lock it then creates another
+        os.rmdir(stage)  # fails unless it is empty; a process that was about to lock it creates another
         return
     try:
         if _acquire(lock, stage):

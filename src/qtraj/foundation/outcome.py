@@ -73,7 +73,7 @@ class ResultCode(enum.IntEnum):
     wrong_sign = (
         FAILURES + 2,
         "stopped: the error quaternion started with a negative scalar part (μ0 < 0) and reached zero, where the law "
-        "is undefined. λ and −λ represent the same attitude: start from −λ (leave out sign='as given'), or from "
+        "is undefined. λ and −λ represent the same attitude: start from −λ (omit sign='as given'), or from "
         "choose_sign(law, program(t0), quaternion, rate).",
     )
     not_finite = (

@@ -45,7 +45,8 @@ class Record:
     """The contents of a result as labelled quantities.
 
     `summary` is one line of text, `attributes` describe the whole record, and `labels` name the entries along axes of
-    components. A quantity with more dimensions than axes has batch axes in front, the same for all.
+    components. A quantity with more dimensions than axes has batch axes in front, which are the same for all
+    quantities.
     """
 
     summary: str

@@ -55,7 +55,7 @@ class AbstractResult(eqx.Module):
 
 
 def counts_text(texts: Any) -> str:
-    """The number of occurrences of each string: "3 converged, 1 infeasible", "all proved"; one string is unchanged."""
+    """The counts of the strings, such as "3 converged, 1 infeasible" or "all proved"; a single string is unchanged."""
     if np.ndim(texts) == 0:
         return str(texts)
     if np.unique(texts).size == 1:
