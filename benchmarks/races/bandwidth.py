@@ -48,4 +48,5 @@ def measure(quick):
             aim = "for GPUs" if on_cpu else "met" if part >= AIM else "missed"
             rows.append(row | {"fraction of copy bandwidth": part, f"goal {AIM:.0%}": aim})
     settings = {"device": str(jax.devices()[0]), "copy [GB/s]": rate * 1e-9}
-    return Measured("Bytes written and read in a second, against a compiled copy on the same device", rows, settings)
+    title = "Bytes written and read per second, compared with a compiled copy on the same device"
+    return Measured(title, rows, settings)

@@ -130,7 +130,7 @@ def exp(v: Vec3) -> Quat:
 def log(q: Quat) -> Vec3:
     """The vector part of ln q: half a rotation vector.
 
-    exp(log(q)) = q/|q|, and log(cq) = log(q) for c > 0. Its length is in [0, π]. The scalar part of ln q is `log_norm`.
+    exp(log(q)) = q/|q|, and log(cq) = log(q) for c > 0. Its norm is in [0, π]. The scalar part of ln q is `log_norm`.
     A negative real q has no axis; the result is then (π, 0, 0), with zero derivative. For the shortest rotation use
     `rotation.to_rotation_vector`.
     """

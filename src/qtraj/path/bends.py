@@ -27,7 +27,7 @@ def bends(track: Track, min_turn: float, spacing: float, standstill: float = STA
     """The bends that turn by at least `min_turn` [rad], in order; consecutive bends turn in opposite directions.
 
     A track that stays within `standstill` [m] of its mean position has no bends. Without recorded velocities the
-    directions are those of chords of about `spacing` [m].
+    directions are computed from chords of about `spacing` [m].
     """
     if spread_radius(track) <= standstill:
         return []

@@ -75,7 +75,7 @@ def whole_turns(turns: int) -> int:
 def hermite(
     start: BoundaryState, end: BoundaryState, duration: Scalar, turns: int, placement: Placement | None
 ) -> tuple[Coefficients, Coefficients, Coefficients]:
-    """ρ, φ, h that meet all boundary values in the given duration: cubics, or quintics with accelerations."""
+    """ρ, φ, h that satisfy all boundary values in the given duration: cubics, or quintics with accelerations."""
     if (start.acceleration is None) != (end.acceleration is None):
         raise ValueError("only one boundary state has an acceleration: give both accelerations, or none")
     a, b = cylindrical(start, placement), cylindrical(end, placement)

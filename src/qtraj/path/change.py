@@ -23,7 +23,7 @@ COMPONENTS = ("V_rho", "V_phi", "V_h")
 """Cylindrical components of a velocity: away from the axis, about it, along it."""
 PATHS, ENDS = ("before", "after"), ("start", "end")
 SAMPLES = 513
-"""Sampled instants of each path."""
+"""Number of sampled instants of each path."""
 MAX_RATIO = 3.0
 """A warning is given if the length or the duration grows by more than this factor."""
 SLOWER = "takes {:.3g} times as long"
