@@ -77,7 +77,7 @@ def hermite(
 ) -> tuple[Coefficients, Coefficients, Coefficients]:
     """ρ, φ, h that satisfy all boundary values in the given duration: cubics, or quintics with accelerations."""
     if (start.acceleration is None) != (end.acceleration is None):
-        raise ValueError("only one boundary state has an acceleration: give both accelerations, or none")
+        raise ValueError("only one boundary state has an acceleration: give both or neither")
     a, b = cylindrical(start, placement), cylindrical(end, placement)
     _require_off_axis(a, b)
     turn = azimuth_difference(a, b) + 2 * jnp.pi * whole_turns(turns)
