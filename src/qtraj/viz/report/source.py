@@ -85,8 +85,8 @@ def _saved(file: Path, frame: Frame) -> Source:
     path = stored if tuned is None else tuned.path
     if not isinstance(path, AbstractHodograph):
         raise ValueError(
-            f"{file}: a saved path or tuning was expected, but the file contains type {type(stored).__name__}. Pass the "
-            "table.nc in the same folder."
+            f"{file}: a saved path or tuning was expected, but the file contains type {type(stored).__name__}. Pass "
+            "the table.nc in the same folder."
         )
     dataset = drawable(path if tuned is None else tuned, frame)
     return Source(file, dataset.assign_attrs(title=file.name), tuned)
