@@ -94,10 +94,10 @@ BAD = {
         STATES + "[tune]\nfixed = ['end.V_z']\n",
         ["'end.V_z' is not a variable of this problem", "start.V_rho"],
     ),
-    "a bounded name that is none": (STATES + "[tune.bounds]\nspeed = [1, 2]\n", ["'speed' is no variable"]),
+    "a bounded name that is none": (STATES + "[tune.bounds]\nspeed = [1, 2]\n", ["'speed' is not a variable"]),
     "bounds that contradict": (
         STATES + "[tune.bounds]\nduration = [8.0, 4.0]\n",
-        ["the bounds of duration contradict: 8.0 is not below 4.0"],
+        ["the bounds of duration contradict each other: 8.0 is not below 4.0"],
     ),
     "fixed and bounded": (
         STATES + "[tune]\nfixed = ['end.V_h']\nbounds = {'end.V_h' = [0, 1]}\n",
@@ -125,7 +125,7 @@ BAD = {
     ),
     "one-sided bounds that contradict": (
         STATES + "[tune.bounds]\nduration = {max = 4.0, min = 8.0}\n",
-        ["the bounds of duration contradict: 8.0 is not below 4.0"],
+        ["the bounds of duration contradict each other: 8.0 is not below 4.0"],
     ),
     "a bound without quotes": (
         STATES + "[tune.bounds]\nend.V_h = [0, 1]\n",
@@ -148,11 +148,11 @@ BAD = {
     ),
     "a parked car": (
         TRACK.replace("track.csv", "parked.csv"),
-        ["scenario.toml: the vehicle stands still in this window", "Choose a window in which it drives"],
+        ["scenario.toml: the vehicle stands still in this window", "Choose a window in which it moves"],
     ),
     "two bends": (
         TRACK.replace("track.csv", "bends.csv"),
-        ["holds 2 bends that turn against each other", "the largest, from about 69.79 to 77.36 s"],
+        ["contains 2 bends in opposite directions", "the largest, from about 69.79 to 77.36 s"],
     ),
     "a straight window": (TRACK.replace("track.csv", "straight.csv"), ["the window is nearly straight"]),
     "a missing recording": (TRACK.replace("track.csv", "gone.csv"), ["gone.csv: there is no such file"]),
@@ -181,7 +181,7 @@ BAD = {
     "opposite senses": (STATES.replace("[-4.5, 0.0, 0.2]", "[9.0, 0.0, 0.2]"), ["opposite senses"]),
     "accelerations": (
         STATES.replace("velocity", "acceleration = [0, 0, 0]\nvelocity") + "[tune]\nmotion = 'hermite'\nduration = 4\n",
-        ["cannot keep given accelerations", "leave them out"],
+        ["cannot keep boundary accelerations", "omit them"],
     ),
     "one acceleration": (
         STATES.replace("[end]", "acceleration = [0, 0, 0]\n[end]") + "[tune]\nmotion = 'hermite'\nduration = 4\n",

@@ -50,11 +50,11 @@ BAD = {
     ),
     "commands without end": (
         SLEW + LAW + "[sensor]\nsampling = 1e-7\n",
-        ["the key 'sensor.sampling': a sampling period of 1e-07 s means", "but the maximum is 1000000"],
+        ["the key 'sensor.sampling': a sampling period of 1e-07 s requires", "but the maximum is 1000000"],
     ),
     "a held command without end": (
         SLEW + LAW + "[actuator]\nsampling = 1e-7\n",
-        ["the key 'actuator.sampling': a sampling period of 1e-07 s means"],
+        ["the key 'actuator.sampling': a sampling period of 1e-07 s requires"],
     ),
     "two gains": (SLEW + LAW + "damping = 1\nfrequency = 1\n", ["there are several gains (settling_time, damping)"]),
     "one gain of two": (SLEW + "[law]\nk1 = 1\n", ["the key 'k2' is missing: k1 and k2 must be given together"]),

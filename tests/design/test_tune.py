@@ -360,11 +360,11 @@ def test_too_few_steps_are_reported():
         ({"motion": "circular"}, "'uniform' or 'hermite'"),
         ({"objective": "cheapest"}, "'nearest', 'fastest', 'smoothest'"),
         ({"limits": qt.Limits()}, "no limit was given"),
-        ({"objective": "fastest", "limits": qt.Limits(curvature=0.05)}, "nothing bounds the fastest path"),
+        ({"objective": "fastest", "limits": qt.Limits(curvature=0.05)}, "the fastest path is unbounded"),
         ({"duration": 5.0}, "the tuned rate of uniform motion determines the duration"),
         ({"duration": -5.0, "motion": "hermite"}, "must be positive"),
         ({"turns": -1}, "turns must be 0 or more"),
-        ({"turn": 1.0}, "does not lead from the start's azimuth"),
+        ({"turn": 1.0}, "does not lead from the azimuth of the start"),
         ({"end": START}, "same azimuth"),
         ({"start": qt.BoundaryState([20.0, 0, 0], [1.0, 0.0, 0.3])}, "sense of rotation is unknown"),
         ({"start": qt.BoundaryState([0.0, 0, 0], [1.0, 7.0, 0.3])}, "axis"),
@@ -457,7 +457,7 @@ def test_a_batch_equals_its_elements(many):
     starts, ends, limits = stacked(5)
     assert len(many) == 5
     assert list(many.status) == ["converged"] * 5, many.result
-    assert "proved on the whole path" in many.result[3]
+    assert "proved to be satisfied on the whole path" in many.result[3]
     for k in (0, 4):
         one = qt.tune(*(jax.tree.map(lambda x, k=k: x[k], part) for part in (starts, ends, limits)), starts=2)
         np.testing.assert_allclose(many[k].path.radius, one.path.radius, atol=1e-9)

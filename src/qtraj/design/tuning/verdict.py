@@ -36,8 +36,11 @@ def verdict(
 def converged(findings: Sequence[Finding], steps: int) -> str:
     """The message for a converged tuning."""
     all_proved = all(finding.status == "proved" for finding in findings)
-    proof = "proved on the whole path" if all_proved else "met, but some were checked only by sampling, not proved"
-    lines = [f"converged in {_counted(steps)}: every limit is {proof}."]
+    proved, sampled = (
+        "proved to be satisfied on the whole path",
+        "met, but some were checked only by sampling, not proved",
+    )
+    lines = [f"converged in {_counted(steps)}: every limit is {proved if all_proved else sampled}."]
     active = [f"{finding.name} is active: {finding.text}." for finding in findings if finding.active]
     return " ".join([*lines, *(active or ["No limit is active: the path is also an optimum without limits."])])
 
