@@ -82,7 +82,7 @@ class AbstractProgram(eqx.Module):
         return self(t).in_axes(axes)
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the program to a TOML or JSON file, exactly; `qtraj.load` reads it.
+        """Write the program exactly to a TOML or JSON file; `qtraj.load` reads it.
 
         **Raises:** ValueError for another suffix, or for a program that contains a user's function.
         """

@@ -20,7 +20,7 @@ def output_times(times: ArrayInput) -> Float[Array, " n"]:
     """
     times = as_float(times)
     if times.ndim != 1 or times.shape[0] == 0:
-        raise ValueError(f"times must be a vector of at least one instant [s], but have shape {times.shape}")
+        raise ValueError(f"times must be a non-empty vector of instants [s], but the shape is {times.shape}")
     require_finite(times, "times")
     values = concrete(times)
     if values is not None and np.any(late := np.diff(values) <= 0):
@@ -32,7 +32,7 @@ def output_times(times: ArrayInput) -> Float[Array, " n"]:
 
 
 def initial_quaternion(quaternion: ArrayInput) -> Quat:
-    """The initial λ (4,), not normalised; ValueError for zero, another shape, or values that are not finite."""
+    """The initial λ (4,), not necessarily of norm 1; ValueError for zero, another shape, or values that are not finite."""
     quaternion = real_vector(quaternion, "the initial quaternion", 4)
     values = concrete(quaternion)
     if values is not None and not values.any():

@@ -49,7 +49,7 @@ class ClosedMotion(AbstractResult):
         return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": "body"})
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the motion to a TOML or JSON file, exactly; `qtraj.load` reads it.
+        """Write the motion exactly to a TOML or JSON file; `qtraj.load` reads it.
 
         **Raises:** ValueError for another suffix.
         """

@@ -44,7 +44,7 @@ class AbstractLaw(eqx.Module):
         """The error quaternion (4,) that the law acts on."""
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the law to a TOML or JSON file, exactly; `qtraj.load` reads it.
+        """Write the law exactly to a TOML or JSON file; `qtraj.load` reads it.
 
         **Raises:** ValueError for another suffix.
         """

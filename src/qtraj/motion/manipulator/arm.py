@@ -32,8 +32,8 @@ Jacobian = Float[Array, "6 n"]
 class Joint(eqx.Module):
     """A joint of an arm, described in the axes of the base when all joints are at zero.
 
-    `axis` (3,): its direction, not normalised. `point` (3,) [m]: a point on the axis, not used for a prismatic joint.
-    `kind`: "revolute", which rotates by an angle [rad], or "prismatic", which moves by a length [m].
+    `axis` (3,): its direction, which need not be normalised. `point` (3,) [m]: a point on the axis, not used for a
+    prismatic joint. `kind`: "revolute", which rotates by an angle [rad], or "prismatic", which moves by a length [m].
 
     **Raises:** ValueError for an axis that is zero, an array of another shape, or another kind.
     """

@@ -83,7 +83,7 @@ class ArmMotion(AbstractOutcome):
         return f"{text} The gripper's acceleration deviated from the command by up to {deviation}."
 
     def record(self) -> Record:
-        """The motion over `time`, or over `sample` where each batch element has its own times."""
+        """The motion over `time`, or over `sample` if each batch element has its own times."""
         along = "time" if self.times.ndim == 1 else "sample"
         per_joint, component = (along, "joint"), (along, "component")
         columns = {

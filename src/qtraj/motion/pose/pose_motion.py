@@ -71,7 +71,7 @@ class PoseMotion(AbstractOutcome):
         document.save(self, file)
 
     def record(self) -> Record:
-        """The motion over `time`, or over `sample` where each batch element has its own times."""
+        """The motion over `time`, or over `sample` if each batch element has its own times."""
         along = "time" if self.times.ndim == 1 else "sample"
         world, component = (along, "world"), (along, "component")
         variables = {

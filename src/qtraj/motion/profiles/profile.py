@@ -184,7 +184,9 @@ def _scalar_angle(angle: ArrayInput) -> Scalar:
     """The angle of a slew as a finite scalar [rad] (ValueError otherwise)."""
     total = as_float(angle)
     if total.shape != ():
-        raise ValueError(f"one angle [rad] was expected, but shape {total.shape} was given. Use jax.vmap for a batch.")
+        raise ValueError(
+            f"the angle of a slew must be a scalar [rad], but has shape {total.shape}. Use jax.vmap for a batch."
+        )
     require_finite(total, "the angle of a slew")
     return total
 

@@ -97,7 +97,7 @@ class Cubic(AbstractSmoothStep):
 class Quintic(AbstractSmoothStep):
     """Φ(t) = Φ(10u³ − 15u⁴ + 6u⁵), u = t/T: at rest and without acceleration at both ends.
 
-    Arguments and errors as for `Cubic`; the jerk is bounded everywhere.
+    The arguments and errors are the same as for `Cubic`. The jerk is bounded.
     """
 
     duration: Scalar | None = eqx.field(converter=limit, default=None)
@@ -113,7 +113,7 @@ class Quintic(AbstractSmoothStep):
 class Septic(AbstractSmoothStep):
     """Φ(t) = Φ(35u⁴ − 84u⁵ + 70u⁶ − 20u⁷), u = t/T: at rest, without acceleration and without jerk at both ends.
 
-    Arguments and errors as for `Cubic`; the jerk is continuous.
+    The arguments and errors are the same as for `Cubic`. The jerk is continuous.
     """
 
     duration: Scalar | None = eqx.field(converter=limit, default=None)

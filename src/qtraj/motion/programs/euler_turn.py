@@ -107,7 +107,7 @@ class SlewSequence(AbstractProgram):
     attitude, the values of the slew that starts there are returned.
 
     **Raises:** ValueError for fewer than two attitudes, for quaternions that are zero or not finite, for a profile with
-    nonzero end rates, or for a fixed duration that is too short for the largest angle.
+    end rates, or for a fixed duration that is too short for the largest angle.
     """
 
     attitudes: Float[Array, "n 4"]
@@ -183,7 +183,7 @@ def _require_attitudes(quaternions: Float[Array, "n 4"], name: str) -> None:
 
 @jax.jit
 def _shorter_rotation(start: Quat, end: Quat) -> Vec3:
-    """The rotation vector in body axes: smooth for equal attitudes, and along a_v where a0 = 0."""
+    """The rotation vector in body axes, smooth for equal attitudes, and along a_v for a0 = 0."""
     a = quaternion.product(quaternion.conjugate(quaternion.unit(start)), quaternion.unit(end))
     vector = 2 * quaternion.log(jnp.where(a[0] < 0, -a, a))
     # Round-off between equal attitudes must not become a slew of finite duration. The derivative is not changed.

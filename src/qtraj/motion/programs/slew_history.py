@@ -67,7 +67,7 @@ class SlewHistory(AbstractResult):
         return Record(summary, variables, {"time": time}, {"frame": "body"})
 
     def __getitem__(self, instants: slice) -> SlewHistory:
-        """The history at some of the instants."""
+        """The history at a slice of the instants."""
         return jax.tree.map(lambda values: values[instants], self)
 
 

@@ -1,7 +1,7 @@
 """Torques of eigenaxis slews, and slews within torque limits.
 
-To slew a body of inertia J about the axis e, the torque M = Φ̈p + Φ̇²q with p = Je and q = e×Je, body axes, is needed
-(Euler's equations). On a piece of a profile the torque is a polynomial in time, so its maximum is exact. Since q ⊥ p,
+A slew of a body of inertia J about the axis e needs the torque M = Φ̈p + Φ̇²q, p = Je, q = e×Je, in body axes (Euler's
+equations). On a piece of a profile the torque is a polynomial in time, so its maximum is exact. Since q ⊥ p,
 |M|² = Φ̈²|p|² + Φ̇⁴|q|². A slew that is s times slower needs the torque M/s².
 """
 
@@ -23,7 +23,7 @@ from qtraj.motion.profiles.time_optimal import TimeOptimal
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 
 MAX_STEPS = 200
-"""Number of steps of the search for the best coasting rate; a golden-section step reduces the interval to 62 %."""
+"""Number of steps of the search for the best coasting rate; each step reduces the interval to at most 62 %."""
 
 MARGIN = 1e-10
 """Relative margin below the torque limit; computed maxima of polynomials up to degree 24 have errors of about 1e-11."""
@@ -73,7 +73,7 @@ def peak_torque(program: EulerTurn | SlewSequence, inertia: ArrayInput) -> Torqu
 def within_torque(
     program: EulerTurn | SlewSequence, inertia: ArrayInput, max_torque: ArrayInput
 ) -> EulerTurn | SlewSequence:
-    """The program, slowed down where it violates a torque limit.
+    """The program, slowed down if it violates a torque limit.
 
     `inertia`: as in `peak_torque`. `max_torque` [N m]: a number limits the magnitude of the torque, (3,) limits each
     component in body axes. A program that satisfies the limit is returned unchanged. For a single slew with a
@@ -152,7 +152,7 @@ def _pieces(profile: Profile) -> list[tuple[float, float, Polynomial, Polynomial
 
 
 def _largest(curve: Polynomial) -> tuple[float, float]:
-    """The maximum of |curve| on [0, 1], and the first u where it occurs."""
+    """The maximum of |curve| on [0, 1], and the first u at which it occurs."""
     points = np.array(stationary_points(curve))
     values = np.abs(curve(points))
     first = int(np.argmax(values >= values.max() * (1 - MARGIN)))

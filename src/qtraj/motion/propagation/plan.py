@@ -24,7 +24,7 @@ MAX_ROUNDS = 64
 def fixed(problem: Problem, steps: int) -> Mesh:
     """`steps` equal steps in every interval; ValueError for `steps` < 1."""
     if steps < 1:
-        raise ValueError(f"steps must be at least one per interval, but steps={steps!r} was given")
+        raise ValueError(f"steps must be at least 1 in each interval, but {steps!r} was given")
     return meshes.uniform(problem.intervals, steps, problem.intervals * steps, problem.times.dtype)
 
 
@@ -53,7 +53,7 @@ def traced_slots(problem: Problem) -> int:
 def _refine_growing(problem: Problem, mesh: Mesh, errors: Errors, max_steps: int) -> tuple[Mesh, Errors]:
     tolerance, order = stop_gradient(problem.tolerance), problem.method.order
     for _ in range(MAX_ROUNDS):
-        if not errors.truncation > tolerance:  # also where it is NaN
+        if not errors.truncation > tolerance:  # true also for NaN
             break
         finer, needed = _refine(mesh, errors, tolerance, order)
         if needed > max_steps:

@@ -37,10 +37,10 @@ Momenta = Float[Array, " n"]
 class ReactionWheels(eqx.Module):
     """Three or more reaction wheels; their motors exert torques on the body.
 
-    `axes` (n, 3): the spin axes in body axes, not normalised. `max_torque` [N m] and `max_momentum` [N m s]: limits of
-    each wheel, scalars or (n,); None for no limit. If a torque exceeds its limit, all motor torques are scaled by the
-    same factor, so the torque on the body keeps its direction. A wheel at its maximum momentum can only be slowed down.
-    `momentum` (n,) [N m s]: the initial momenta; None for zero.
+    `axes` (n, 3): the spin axes in body axes, which need not be normalised. `max_torque` [N m] and `max_momentum` [N m
+    s]: limits of each wheel, scalars or (n,); None for no limit. If a torque exceeds its limit, all motor torques are
+    scaled by the same factor, so the torque on the body keeps its direction. A wheel at its maximum momentum can only
+    be slowed down. `momentum` (n,) [N m s]: the initial momenta; None for zero.
 
     **Raises:** ValueError for axes of another shape or that do not span the three-dimensional space, limits that are
     not positive, or momenta of another shape.

@@ -53,12 +53,12 @@ class BodyMotion(AbstractResult):
         self.deviation = None if deviation is None else as_float(deviation)
 
     def variables(self) -> dict[str, Quantity]:
-        """The fields with units, over `time`, or over `sample` where each batch element has its own times."""
+        """The fields with units, over `time`, or over `sample` if each batch element has its own times."""
         along = "time" if self.times.ndim == 1 else "sample"
         error = (along, "component")
         columns = {
             "torque": Quantity(self.torque, "N m", "control torque on the body, body axes", (along, "body")),
-            "momentum": Quantity(self.momentum, "N m s", "momentum of each wheel, about its axis", (along, "wheel")),
+            "momentum": Quantity(self.momentum, "N m s", "momentum of each wheel about its axis", (along, "wheel")),
             "mismatch": Quantity(
                 self.mismatch, "rad s-2", "acceleration minus the command of the law, body axes", (along, "body")
             ),
@@ -68,7 +68,7 @@ class BodyMotion(AbstractResult):
         return {name: q for name, q in columns.items() if q.values is not None}
 
     def record(self) -> Record:
-        """The motion over `time`, or over `sample` where each batch element has its own times."""
+        """The motion over `time`, or over `sample` if each batch element has its own times."""
         along = "time" if self.times.ndim == 1 else "sample"
         prefix = batch_prefix(self.torque.shape[:-2])
         summary = f"{prefix}{times_text(self.times)}: {self.exactness()}, torque {extent(_length(self.torque), 'N m')}"

@@ -71,7 +71,7 @@ class LoopHistory(AbstractResult):
         return Record(summary, variables, {"time": times}, about)
 
     def __getitem__(self, rows: ArrayInput | slice) -> LoopHistory:
-        """The history at some of the instants."""
+        """The history at the selected instants."""
         code = self.solution.code
         return jax.tree.map(lambda values: values if values is code else jnp.asarray(values)[rows], self)
 

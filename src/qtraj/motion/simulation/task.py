@@ -101,7 +101,7 @@ def checked(
 def _jumps(jumps: ArrayInput) -> Float[Array, " k"]:
     jumps = as_float(jumps)
     if jumps.ndim != 1:
-        raise ValueError(f"jumps must be a vector of instants [s], but have shape {jumps.shape}")
+        raise ValueError(f"jumps must be a vector of instants [s], but the shape is {jumps.shape}")
     require_finite(jumps, "jumps")
     return jumps
 
