@@ -32,7 +32,7 @@ def output_times(times: ArrayInput) -> Float[Array, " n"]:
 
 
 def initial_quaternion(quaternion: ArrayInput) -> Quat:
-    """The initial λ (4,), not necessarily of norm 1; ValueError for zero, another shape, or values that are not finite."""
+    """The initial λ (4,), not necessarily of norm 1; ValueError for zero, non-finite values or another shape."""
     quaternion = real_vector(quaternion, "the initial quaternion", 4)
     values = concrete(quaternion)
     if values is not None and not values.any():

@@ -24,7 +24,8 @@ def drawable(source: Any, frame: Frame | None = None) -> xarray.Dataset:
     """The dataset of samples of a path or of a tuned or fitted path, or the dataset of any other result.
 
     A dataset of samples is returned unchanged. A dataset of path coefficients (`tuned.to_xarray()`,
-    `helix.to_xarray()`) is evaluated. `frame` is the frame of paths that are evaluated here.
+    `helix.to_xarray()`) is evaluated. `frame` is the frame of paths that are evaluated here; None for the natural
+    frame.
 
     **Raises:** ValueError for more than one path, or an object of another type.
     """
