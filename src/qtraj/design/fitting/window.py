@@ -34,7 +34,7 @@ SPACING = 2 * MIN_LENGTH
 
 
 class Turn(NamedTuple):
-    """The radii of a window [m]: `radius` is its length over the net turn, `total_radius` that length over all turning."""
+    """The radii of a window [m]: its length over the net turn (`radius`), or over all turning (`total_radius`)."""
 
     radius: float
     total_radius: float
