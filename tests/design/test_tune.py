@@ -463,7 +463,7 @@ def test_a_batch_equals_its_elements(many):
         np.testing.assert_allclose(many[k].path.radius, one.path.radius, atol=1e-9)
         assert float(many.objective[k]) == pytest.approx(float(one.objective), rel=1e-9)
         assert many[k].certificate.status == one.certificate.status
-    with pytest.raises(ValueError, match=r"one document holds one outcome, but this result contains 5"):
+    with pytest.raises(ValueError, match=r"one document contains one outcome, but this result has 5"):
         many.save("many.toml")
     with pytest.raises(ValueError, match="give all of them the same batch shape"):
         qt.tune(starts, ends, jax.vmap(lambda k: qt.Limits(curvature=k, lateral_acceleration=k))(jnp.ones(3)))

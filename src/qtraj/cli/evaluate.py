@@ -46,7 +46,7 @@ def evaluate(
 ) -> None:
     """Tabulate a path: time, position, speed, curvature, torsion, attitude and rate.
 
-    The path of a scenario is not tuned. Attitude and rate are those of the upright frame, unless --frame names another;
+    The path of a scenario is not tuned. Attitude and rate belong to the upright frame, unless --frame selects another;
     the quaternion is scalar first, body to world. Outputs requested by --also are added to the files and to the JSON
     output. Exit code 1 if the path does not follow its recording.
     """

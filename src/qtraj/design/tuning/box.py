@@ -40,7 +40,7 @@ def require_names(motion: AbstractMotion, objective: AbstractObjective, fixed: S
         if name in fixed or name in bounds:
             raise ValueError(f"a fixed heading determines {name}: do not fix or bound both")
     if set(names) <= {dependent_velocity(x) if x in HEADINGS else x for x in fixed}:
-        raise ValueError("every variable is fixed, so there is nothing to tune: remove one from fixed")
+        raise ValueError("every variable is fixed: remove at least one name from fixed")
     for name, (low, high) in bounds.items():
         _require_order(name, low, high)
 

@@ -48,7 +48,7 @@ class Tuned(AbstractOutcome):
     """The outcome of `tune`, of one problem or a batch (batch dimensions in front of every array).
 
     `path` is the tuned path, `start` and `end` are its boundary states in world axes, and `objective` is the attained
-    value in its own units. `certificate` holds the findings on the limits. `code` is a `ResultCode`, `status` the same
+    value in its own units. `certificate` contains the findings on the limits. `code` is a `ResultCode`, `status` the same
     in a word, and `result` a text that also says what to do. `iterations` counts the steps of the best search.
 
     `advice` says what would help if the limits cannot be met. For a batch, `advisor` computes it when the `result` of
@@ -166,7 +166,7 @@ class Tuned(AbstractOutcome):
         """
         if self.code.ndim > 0:
             raise ValueError(
-                f"one document holds one outcome, but this result contains {len(self)}: save one by "
+                f"one document contains one outcome, but this result has {len(self)}: save one by "
                 "outcome[k].save(...), or the paths as a dataset"
             )
         document.save(dataclasses.replace(self, advice=self._advice(()), advisor=None, place=None), file)

@@ -146,7 +146,7 @@ def _solve(
     multipliers, reaction, violation = _multipliers(
         slots, at, slopes, correction, solution.active, scale, square_weight, largest + mean
     )
-    # The multipliers of an exact solution never exceed the penalty, so those of an inaccurate one are reduced.
+    # The multipliers of an exact solution never exceed the penalty; multipliers of an inaccurate one are reduced.
     part = jnp.minimum(1.0, penalty / jnp.maximum(jnp.sum(multipliers), penalty))
     d = at.d + correction
     return d, _QPResult(
