@@ -244,4 +244,5 @@ def __dir__() -> list[str]:
     return sorted({"__version__", *_HOME_OF, *_MODULES.keys() - {*_PACKAGES}})
 
 
-_drawing.set_plot_module("qtraj.viz.plots")  # results in lower layers, which must not import it, have `plot()`
+# Registered here because `plot()` of results in lower layers needs this module, and those layers must not import it.
+_drawing.set_plot_module("qtraj.viz.plots")

@@ -79,7 +79,7 @@ def test_a_recording_alone_is_fitted_without_limits(qtraj, tmp_path):
     file.write_bytes(gzip.compress(recording(tmp_path / "plain.csv").read_bytes()))
     result = qtraj("route", file, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.stderr
-    assert "No limits were given" in result.stdout
+    assert "No limits were checked" in result.stdout
     assert "0.200 km" in result.stdout
     assert not (tmp_path / "out" / "certificate.json").exists()
 
@@ -88,8 +88,8 @@ def test_a_recording_alone_is_fitted_without_limits(qtraj, tmp_path):
     ("text", "message"),
     [
         ("[fit]\nsmoothing = 1.0\ntolerance = 0.1\n", "smoothing and tolerance were both given: give one of them"),
-        ("[fit]\nspacing = 0\n", "the key 'fit.spacing' holds 0, but expected a positive finite number"),
-        ('[purpose]\nspeed = "slow"\n', "[limits] has no 'speed' that could have a purpose"),
+        ("[fit]\nspacing = 0\n", "the key 'fit.spacing' has the value 0, but expected a positive finite number"),
+        ('[purpose]\nspeed = "slow"\n', "there is no limit 'speed' in [limits]"),
         ("[limits]\ncurvatur = 1.0\n", "unknown key 'limits.curvatur'; did you mean 'curvature'?"),
     ],
 )

@@ -33,7 +33,7 @@ AXIS = -3
 
 
 def _cosine(m: np.ndarray) -> np.ndarray:
-    """cos(mπ/2n) to one unit of round-off: the angle is reduced in integers, then its sine is taken."""
+    """cos(mπ/2n) to one unit of round-off: the angle is reduced in integers before its sine is computed."""
     n = NODES
     k = (3 * n - m) % (4 * n) - 2 * n
     k = np.where(k > n, 2 * n - k, np.where(k < -n, -2 * n - k, k))
@@ -57,7 +57,7 @@ LEBESGUE = 3.0
 """Bound on max|p|/max|values| for the polynomial p through the values."""
 
 SEMI_AXES, MIN_LAST_SEMI_AXIS = (3.0, 6.0), 16.0
-"""Long semi-axes of the ellipses; the last ellipse is larger than `MIN_LAST_SEMI_AXIS` where the interval is small."""
+"""Semi-major axes of the ellipses; the last ellipse is larger than `MIN_LAST_SEMI_AXIS` where the interval is small."""
 
 INTERPOLATION_FACTOR = 4 / 1.6 / 1.94 ** (NODES - 1)
 """With the semi-axis a, the theorem's 4/(ρ − 1)/ρ^(NODES−1) is below this factor over a^NODES: ρ > 1.94 a and
@@ -132,7 +132,7 @@ def multiple(p: ChebyshevModel, factor: Float[Array, "1 paths"], error: Float[Ar
 def interpolated(p: ChebyshevModel, semi_axes: Float[Array, "ellipses cells paths"]) -> tuple[Array, Array]:
     """Coefficients (k, cells, paths) of the interpolating polynomial, and a bound on its error on [−1, 1].
 
-    `semi_axes` are the long semi-axes of the ellipses to which `p.bound` refers.
+    `semi_axes` are the semi-major axes of the ellipses to which `p.bound` refers.
     """
     eps = float(np.finfo(p.values.dtype).eps)
     a = _apply(TO_CHEBYSHEV, p.values)

@@ -49,7 +49,7 @@ def evaluate(
     The labels of `to_xarray()` depend on it: tangent, normal, binormal, or forward, left, up. The sign of a quaternion
     is arbitrary at each instant; with `continuous=True` it is continuous in time.
 
-    `axes` are those of `rate` and `angular_acceleration`: "body", the frame's own, or "inertial", the world's.
+    `axes` are the axes of `rate` and `angular_acceleration`: "body", the frame's own, or "inertial", the world's.
 
     `reduce` "max", "min", "integral" (trapezoidal rule) or "mean" returns a `Reduced` over the instants instead, and
     stores no samples. `devices` are the devices to use, by default all local ones for large inputs. `reuse` is the
@@ -130,11 +130,11 @@ def _minimizing(
 def _names(outputs: Sequence[str]) -> tuple[str, ...]:
     if isinstance(outputs, str):
         raise ValueError(
-            f"outputs must be a sequence of names, such as ({outputs!r},), but the text {outputs!r} was given"
+            f"outputs must be a sequence of names, such as ({outputs!r},), but the string {outputs!r} was given"
         )
     names = tuple(dict.fromkeys(outputs))
     if unknown := [name for name in names if name not in CHANNELS]:
-        raise ValueError(f"unknown output {unknown[0]!r}; known are {', '.join(CHANNELS)}")
+        raise ValueError(f"unknown output {unknown[0]!r}; the known outputs are {', '.join(CHANNELS)}")
     return names
 
 

@@ -1,9 +1,10 @@
 """Paths and their frames at many instants at once, in components.
 
-The definitions are those of `trihedral` and `quantity`, in a form that compilers for CPUs turn into few fast loops. The
-derivatives are computed in the path's moving basis, where they are polynomials. One cosine and one sine of half its
-angle transform the results to world axes. The quaternion is that of the moving basis times that of the frame in it. The
-code avoids square roots, divisions and branches, because the compiler would split the loop at each of them.
+The definitions are those of `trihedral` and `quantity`, in a form that compilers for CPUs turn into a few fast loops.
+The derivatives are computed in the path's moving basis, where they are polynomials. One cosine and one sine of half its
+angle transform the results to world axes. The quaternion is the product of the quaternion of the moving basis and the
+quaternion of the frame in it. The code avoids square roots, divisions and branches, because the compiler would split
+the loop at each of them.
 
 Arrays are (paths, instants). Where a frame does not exist, the numbers are the fallback values of `trihedral`.
 """
@@ -251,7 +252,7 @@ def _axes(basis: Basis, r1: Triple, across: Triple, exists: Array) -> tuple[Trip
 
 
 def _gibbs(q: Quaternion) -> tuple[Array, ...]:
-    """The Gibbs vector λ_k/λ0, without division; at half turns the same as `rotation.to_gibbs`."""
+    """The Gibbs vector λ_k/λ0, by a Newton reciprocal; the same values as `rotation.to_gibbs` at half turns."""
     s = q[0]
     square = s * s
     regular = square >= jnp.finfo(s.dtype).tiny

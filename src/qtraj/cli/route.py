@@ -1,4 +1,4 @@
-"""`qtraj route`: a whole recording as a route, and where it breaks its limits."""
+"""`qtraj route`: fits a route to a whole recording, and finds where it violates its limits."""
 
 from functools import partial
 from pathlib import Path
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from qtraj.design.proof.route_certificate import RouteCertificate
 
 SAMPLES_PER_SEGMENT, MIN_SAMPLES, MAX_SAMPLES = 8, 513, 20_001
-"""Instants of the dataset."""
+"""Number of instants of the dataset: per segment, and its bounds."""
 LISTED = 12
-"""More intervals are counted, not listed, on the terminal."""
+"""Maximum number of intervals that the terminal lists; it counts the others."""
 
 
 def route(
     recording: Path | None = typer.Argument(
         None,
         metavar="RECORDING",
-        help="A recording (CSV or TUM), or a scenario (TOML) with one. Without it: the embedded scenario.",
+        help="A recording (CSV or TUM), or a scenario (TOML) that names one (default: the built-in scenario).",
     ),
     out: Path = terminal.out_option(),
     as_json: bool = terminal.json_option(),
@@ -37,7 +37,8 @@ def route(
 
     Stops, straight parts and gaps are allowed. Every limit of the scenario is proved or disproved on every segment.
     Writes a dataset (paths.nc), the route (route.json), the fit and the findings (fit.json, certificate.json), a map
-    and plots (route.png, route.svg), and a page for the browser (report.html). Exit code 1 if a limit is not proved.
+    and plots (route.png, route.svg), and an HTML report (report.html). Exit code 1 if the fit fails or a limit is not
+    proved.
     """
     with terminal.guarded():
         outcome = run(recording, out)
@@ -45,7 +46,7 @@ def route(
 
 
 def run(file: Path | None, out: Path) -> Outcome:
-    """Fit, check and write.
+    """Fit the route, check its limits and write the results.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
@@ -61,9 +62,9 @@ def run(file: Path | None, out: Path) -> Outcome:
         from qtraj.scenario.route import fit_recording, read_route
 
         check_folder(out)
-        given = read_route(file)
+        loaded = read_route(file)
         watch.say("fitting the route")
-        task = fit_recording(given)
+        task = fit_recording(loaded)
         path = task.fitted.path
         watch.say("checking the limits")
         certificate = None if task.limits is None else certify(path, task.limits)
@@ -73,19 +74,19 @@ def run(file: Path | None, out: Path) -> Outcome:
             task.limits,
             task.track,
             samples=int(np.clip(SAMPLES_PER_SEGMENT * path.segments + 1, MIN_SAMPLES, MAX_SAMPLES)),
-            attributes=provenance(given) | {"route_result": task.fitted.result},
+            attributes=provenance(loaded) | {"route_result": task.fitted.result},
             frame=default_frame(path),
             findings=None if certificate is None else {"route": certificate.whole},
         )
-        content = header("route", given) | {
+        content = header("route", loaded) | {
             "fit": plain(task.fitted.record()) | summary(task.fitted),
             "frame": dataset.attrs["frame"],
-            "purpose": given.scenario.purpose,
+            "purpose": loaded.scenario.purpose,
             "certificate": None if certificate is None else plain(certificate.record()),
         }
 
         def draw(target: Path) -> None:
-            from qtraj.viz.figures import route_figure, save  # here, so that matplotlib is loaded last
+            from qtraj.viz.figures import route_figure, save  # imported last, because matplotlib loads slowly
 
             save(route_figure(dataset), target)
 
@@ -110,24 +111,24 @@ def run(file: Path | None, out: Path) -> Outcome:
 
 
 def summary(fitted: "FittedRoute") -> dict[str, Any]:
-    """Numbers of a fit that follow from the route."""
-    standing = np.diff(np.asarray(fitted.stops), axis=1).sum() if len(fitted.stops) else 0.0
+    """Length, number of segments and time at standstill of a fitted route."""
+    standstill = np.diff(np.asarray(fitted.stops), axis=1).sum() if len(fitted.stops) else 0.0
     return {
         "length": float(fitted.path.length()),
         "segments": fitted.path.segments,
-        "time_standing": float(standing),
+        "time_standing": float(standstill),
     }
 
 
 def _show(
     console: Console, content: dict[str, Any], fitted: "FittedRoute", certificate: "RouteCertificate | None"
 ) -> None:
-    """The outcome, readable at 80 columns."""
+    """Print the result, readable at 80 columns."""
     layout.print_scenario(console, content["scenario"])
     layout.heading(console, "Route against the recording")
     console.print(layout.facts_table(_facts(fitted, content["fit"])))
     if certificate is None:
-        console.print(Text("No limits were given: a scenario with a table [limits] has them checked."))
+        console.print(Text("No limits were checked: to check limits, write a scenario with a table [limits]."))
     else:
         _show_limits(console, certificate, content["purpose"])
     layout.print_files(console, content["files"])
@@ -140,15 +141,15 @@ def _facts(fitted: "FittedRoute", fit: dict[str, Any]) -> list[tuple[str, str]]:
         ("length", f"{fit['length'] / 1000:.3f} km in {float(fitted.path.duration):.2f} s"),
         ("segments", f"{fit['segments']}, {spacing:.3g} s each on average"),
         ("stops", f"{len(fitted.stops)}, {fit['time_standing']:.1f} s in total"),
-        ("distance", f"{_millimetres(residual.distance_rms)} RMS, {_millimetres(residual.maximum)} at most"),
-        ("prediction error", f"{_millimetres(fitted.prediction_error)} RMS at samples that are left out"),
+        ("distance", f"{_millimetres(residual.distance_rms)} RMS, {_millimetres(residual.maximum)} maximum"),
+        ("prediction error", f"{_millimetres(fitted.prediction_error)} RMS at held-out samples"),
     ]
     if residual.velocity_rms is not None:
         rows.append(("velocity", f"differs by {float(residual.velocity_rms):.3g} m/s RMS"))
     if len(fitted.outliers):
-        rows.append(("outliers", f"{len(fitted.outliers)} samples are left out"))
+        rows.append(("outliers", f"{len(fitted.outliers)} samples, excluded from the fit"))
     if len(fitted.gaps):
-        rows.append(("gaps", f"{len(fitted.gaps)}, bridged with the least jerk: a guess"))
+        rows.append(("gaps", f"{len(fitted.gaps)}, interpolated without data by minimum jerk"))
     if fitted.attitude is not None:
         rows.append(("recorded attitude", f"differs by {np.degrees(float(fitted.attitude.rms)):.2f}° RMS"))
     return rows
@@ -163,14 +164,14 @@ def _show_limits(console: Console, certificate: "RouteCertificate", purpose: dic
     from qtraj.path.quantity import quantity
 
     layout.heading(console, "Limits on the whole route")
-    table = layout.plain_table("limit", right=("largest", "limit", "at [s]", "segments broken"), last=("",))
+    table = layout.plain_table("limit", right=("largest", "limit", "at [s]", "segments violated"), last=("",))
     status = certificate.segments.status
-    for found in certificate.findings():
-        unit = symbol(quantity(found.name).unit) or "-"
-        known = found.value if np.isfinite(found.value) else None
-        broken = int(np.sum(np.asarray(status[found.name]) == "broken"))
-        name, cells = Text(f"{found.name} [{unit}]"), (layout.number(known), layout.number(found.limit))
-        table.add_row(name, *cells, layout.number(found.time, 6), str(broken), layout.verdict(found.status))
+    for finding in certificate.findings():
+        unit = symbol(quantity(finding.name).unit) or "-"
+        value = finding.value if np.isfinite(finding.value) else None
+        violated = int(np.sum(np.asarray(status[finding.name]) == "broken"))
+        name, cells = Text(f"{finding.name} [{unit}]"), (layout.number(value), layout.number(finding.limit))
+        table.add_row(name, *cells, layout.number(finding.time, 6), str(violated), layout.verdict(finding.status))
     console.print(table)
     for name, text in purpose.items():
         console.print(Text(f"{name}: {text}"))
@@ -179,4 +180,4 @@ def _show_limits(console: Console, certificate: "RouteCertificate", purpose: dic
         if spans:
             listed = ", ".join(f"{a:.2f}-{b:.2f}" for a, b in spans[:LISTED])
             more = f" and {len(spans) - LISTED} more" if len(spans) > LISTED else ""
-            console.print(Text(f"{name} is broken at t [s] = {listed}{more}"))
+            console.print(Text(f"{name} is violated at t [s] = {listed}{more}"))

@@ -8,9 +8,9 @@ from jaxtyping import Array, Float, Int
 def min_and_argmin(values: Float[Array, "..."], axis: int = 0) -> tuple[Float[Array, "..."], Int[Array, "..."]]:
     """The minimum of one or more values along an axis, and its index.
 
-    Of equal values any index may be returned; if all are infinite it is 0. NaN counts as infinite. The result has no
-    derivatives. Several times faster than `jnp.argmin`, which treats NaN and ties exactly and so keeps XLA from
-    compiling plain comparisons.
+    If several values are equal, any of their indices may be returned; if all are infinite, the index is 0. NaN counts
+    as infinite. The result has no derivatives. It is several times faster than `jnp.argmin`, whose exact rules for NaN
+    and ties prevent XLA from compiling plain comparisons.
     """
     finite = jax.lax.stop_gradient(jnp.where(values == values, values, jnp.inf))
     indices = jax.lax.broadcasted_iota(jnp.int32, values.shape, axis)

@@ -2,7 +2,7 @@
 
 Paths of different durations share the dimension `path`. Their samples share the dimension `sample`, whose coordinate
 `progress` is time over duration, from 0 to 1; the time of each sample is the two-dimensional coordinate
-`time(path, sample)`. So `dataset.sel(path="after")` is one path, and differences between paths are taken at equal
+`time(path, sample)`. So `dataset.sel(path="after")` is one path, and differences between paths are computed at equal
 progress.
 """
 
@@ -45,7 +45,7 @@ def conventions(frame: str) -> dict[str, str]:
     return about | {
         "quaternion_convention": f"{about['quaternion_convention']}, sign continuous in time",
         "frame_convention": f"{frame} frame, {about['frame_convention']}",
-        "rate_convention": "rate and angular_acceleration are those of the frame, in body axes",
+        "rate_convention": "rate and angular_acceleration of the frame, in body axes",
     }
 
 
@@ -61,8 +61,8 @@ def path_dataset(
 ) -> xarray.Dataset:
     """The paths, by name, as one dataset with units, meanings and conventions in its attributes (extra `io`).
 
-    The dataset has all outputs of `qtraj.evaluate`, at `samples` instants of each path. Attitudes and rates are those
-    of `frame`, by default `Upright()` with a recorded `track`, because vehicles stay upright, otherwise `Natural()`. A
+    The dataset has all outputs of `qtraj.evaluate`, at `samples` instants of each path. Attitudes and rates belong
+    to `frame`, by default `Upright()` with a recorded `track`, because vehicles stay upright, otherwise `Natural()`. A
     limited variable has its limit as attribute `limit`. A recorded track is added as `recorded_position` over
     `recorded_time`, from its first sample, and the facts of a `fitted` path as variables and attributes whose names
     begin with `fit_`. `findings`, the certificates of some of the paths, become `largest_curvature` (path),
@@ -141,7 +141,7 @@ def _findings(paths: list[str], certificates: Mapping[str, Certificate]) -> dict
         variables[f"finding_{variable}"] = (
             ("path",),
             np.array(texts, str),
-            {"long_name": f"finding on the limit {about}"},
+            {"long_name": f"status of the limit {about}"},
         )
     return variables
 

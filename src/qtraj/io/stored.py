@@ -1,4 +1,4 @@
-"""Loads stored documents of any class of the library.
+"""Load stored documents of any class of the library.
 
 `foundation.document` reads only classes that have been imported; this module imports all that can be stored.
 """

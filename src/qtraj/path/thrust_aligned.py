@@ -39,9 +39,9 @@ Heading = TypeAliasType("Heading", ArrayInput | Callable[..., Any])
 class ThrustAligned(AbstractFrame):
     """The frame of a multirotor: z along its thrust, a − g; x forward, y to the left.
 
-    `heading`: None for yaw along the velocity, so that the vehicle never slips sideways (the velocity has no component
-    along y); a number [rad], from world x towards world y, for a constant heading; or a function of the time [s],
-    written with `jax.numpy`, that returns the heading [rad] and is twice differentiable. `gravity`: its magnitude
+    `heading`: None for yaw along the velocity, so that the vehicle does not slip sideways (the velocity has no
+    component along y); a number [rad], from world x towards world y, for a constant heading; or a function of the time
+    [s], written with `jax.numpy`, that returns the heading [rad] and is twice differentiable. `gravity`: its magnitude
     [m/s²], along −z of the world, or a vector (3,), world axes.
 
     The x axis is not the tangent: it is the direction of the velocity, or the heading, projected along the thrust. The
@@ -50,7 +50,7 @@ class ThrustAligned(AbstractFrame):
     third and the fourth derivative of the path. A frame with a function as heading cannot be saved.
 
     **Raises:** ValueError for a heading that is neither a number nor such a function, or a gravity that is not finite
-    or has another shape.
+    or has the wrong shape.
     """
 
     heading: Any

@@ -1,6 +1,6 @@
 """Trihedra along a path: the natural one (τ, n, b) of paper S and the upright one of vehicles.
 
-Let c = r' × r'', v = |r'|, D = c·r'''. Then κ = |c|/v³, χ = D/|c|², and the natural trihedral turns at
+Let c = r' × r'', v = |r'|, D = c·r'''. Then κ = |c|/v³, χ = D/|c|², and the natural trihedral rotates at
 ω⁰ = (vχ, 0, |c|/v²) in its own axes, and ε⁰ = dω⁰/dt. Where |r'| or |c| is zero there is no natural trihedral:
 `defined` is false there, and all values and gradients are finite.
 """
@@ -38,7 +38,7 @@ class Trihedral(AbstractResult):
     """A right-handed trihedral on a path at one instant.
 
     `tangent`, `normal`, `binormal`: unit vectors (3,), world axes; they are the body axes x, y and z. The x axis is the
-    tangent of the path in all frames except `ThrustAligned`. `speed` [m/s], `curvature` and `torsion` [1/m] belong to
+    tangent of the path in all frames except `ThrustAligned`. `speed` [m/s], `curvature` and `torsion` [1/m] describe
     the path. `rate` [rad/s] and `acceleration` [rad/s²] are angular, (3,), in `axes`: "body", the trihedral's own, or
     "inertial", the world's. `defined` is false where the trihedral does not exist; the values there are finite fallback
     values. The type of frame is not stored, so trihedra of all frames have the same tree structure, as the branches of
@@ -120,9 +120,9 @@ class AbstractFrame(eqx.Module):
 def trihedral(
     path: "AbstractHodograph", t: ScalarLike, frame: "AbstractFrame | None" = None, axes: str = BODY
 ) -> "Trihedral":
-    """The trihedral of `path` at one instant `t` [s]: of `frame`, by default upright for a route, else natural.
+    """The trihedral of `path` at one instant `t` [s], in `frame`: by default upright for a route, else natural.
 
-    `axes` are those of its rate and acceleration: "body", the trihedral's own, or "inertial", the world's.
+    `axes` are the axes of its rate and acceleration: "body", the trihedral's own, or "inertial", the world's.
 
     **Raises:** ValueError for an array of instants, other axes, or an invalid `frame`.
     """
@@ -161,7 +161,7 @@ class Natural(AbstractFrame):
 class Upright(AbstractFrame):
     """The frame of a vehicle that stays upright: x along the path, y to the left, z up.
 
-    `up` (3,), world axes, may have any length. The frame does not exist where the path is parallel to `up`.
+    `up` (3,), world axes, need not be normalised. The frame does not exist where the path is parallel to `up`.
 
     **Raises:** ValueError for an `up` that is zero, not finite or has another shape.
     """
@@ -204,7 +204,7 @@ def _trihedral(
 def with_axes(
     i: Invariants, duration: Scalar, x: Vec3, y: Vec3, rate: Vec3, acceleration: Vec3, defined: Flag
 ) -> Trihedral:
-    """The trihedral with the unit axes x and y, on the path with the invariants `of`."""
+    """The trihedral with unit axes `x` and `y`, for a path with the invariants `i`."""
     moving, curved = has_tangent(i, duration.astype(x.dtype)), has_natural_frame(i, duration.astype(x.dtype))
     return Trihedral(
         tangent=x,

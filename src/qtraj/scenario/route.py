@@ -1,4 +1,4 @@
-"""Scenarios of `qtraj route`: a whole recording, how a route is fitted to it, and its limits."""
+"""Scenario keys of `qtraj route`: a recording, the settings of the fit, and limits; construction of the route."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,16 +20,16 @@ from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
 
 
 class RouteFitPart(Part):
-    """How the route is fitted; by default, spacing and smoothing are chosen by cross-validation."""
+    """Settings of the fit; by default, spacing and smoothing are chosen by cross-validation."""
 
-    spacing: Positive | None = key("time between the joints of the route", SECONDS, None)
+    spacing: Positive | None = key("time between the knots of the route", SECONDS, None)
     smoothing: Positive | None = key(
         "weight of the integral of the squared jerk, relative to the sum of squared distances",
         "a positive finite number [s⁵]",
         None,
     )
     tolerance: Positive | None = key(
-        "select the largest smoothing with at most this root mean square of the distances",
+        "use the largest smoothing whose RMS distance does not exceed this",
         "a positive finite number [m]",
         None,
     )
@@ -50,7 +50,7 @@ class RouteScenario(NamedPart):
         "limits to check on the whole route", "a table [limits]", LimitsPart()
     )
     purpose: dict[str, Text] = key(
-        "why there is a limit, for the tables", "a table [purpose] of texts, one for each limit", {}
+        "the reason for each limit, shown in the tables", "a table [purpose] of strings, one for each limit", {}
     )
 
     @model_validator(mode="after")
@@ -61,7 +61,7 @@ class RouteScenario(NamedPart):
 
 @dataclass(frozen=True)
 class RouteTask:
-    """The recording, the route fitted to it, and the limits; None without limits."""
+    """The recording, the route fitted to it, and the limits, which are None if there are none."""
 
     track: Track
     fitted: FittedRoute
@@ -69,9 +69,9 @@ class RouteTask:
 
 
 def read_route(file: Path | None) -> ScenarioFile[Any]:
-    """The scenario in a file; a recording is a scenario without limits.
+    """The scenario in a file; a recording is treated as a scenario without limits.
 
-    **Raises:** OSError if the file cannot be read; ValueError, naming it, if it is neither.
+    **Raises:** OSError if the file cannot be read; ValueError, naming it, if it is not a valid scenario or recording.
     """
     if file is None or not is_recording(file):
         return read_scenario(file, "route")
@@ -79,14 +79,14 @@ def read_route(file: Path | None) -> ScenarioFile[Any]:
     return ScenarioFile(file, scenario, content_hash(read_bytes(file)))
 
 
-def fit_recording(given: ScenarioFile[RouteScenario]) -> RouteTask:
-    """The route of a scenario's recording.
+def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
+    """Fit a route to the recording of a scenario.
 
-    **Raises:** OSError for a file that cannot be read; ValueError, naming the scenario, for data without a route.
+    **Raises:** OSError if a file cannot be read; ValueError, naming the scenario, if no route can be fitted.
     """
-    scenario = given.scenario
-    with naming(f"{given.file}: "):
-        track = scenario.track.read(given.beside)
+    scenario = loaded.scenario
+    with naming(f"{loaded.file}: "):
+        track = scenario.track.read(loaded.beside)
         fitted = fit_route(track, scenario.fit.spacing, scenario.fit.tolerance, scenario.fit.smoothing)
         limits = scenario.limits.limits()
         return RouteTask(track, fitted, Limits(**limits) if limits else None)

@@ -1,7 +1,7 @@
-"""Functions that let compilers for CPUs combine much arithmetic into few fast loops; other devices are not slower.
+"""Functions that let compilers for CPUs combine many operations into a few fast loops; other devices are not slower.
 
 `in_one_loop` and `derivatives_in_one_loop` are identities that merge loops. `inverse_root`, `root` and `cos_sin` use
-only products and sums; `DIVISION` is division by means of them.
+only products and sums; `DIVISION` divides with them.
 """
 
 from qtraj.batch.cpu.inverse_root import DIVISION, inverse_root, root

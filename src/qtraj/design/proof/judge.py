@@ -1,7 +1,7 @@
-"""Findings on a batch of paths: one executable for any set of limits.
+"""Computes the findings on a batch of paths, with one executable for any set of limits.
 
-The set of limits is data: a loop over their indices, in which one switch builds the inequality and another evaluates
-the quantity. The index is never batched, so a switch compiles to a branch and absent limits cost nothing.
+The set of limits is data: the loop runs over their indices, and in it one switch builds the inequality and another
+evaluates the quantity. The index is never batched, so a switch compiles to a branch, and absent limits cost nothing.
 """
 
 from collections.abc import Callable
@@ -29,7 +29,7 @@ MIN_RELATIVE_DIVISOR = 1e-9
 """A relative divisor below this that is not proved positive cannot be distinguished from zero."""
 
 CHUNKS = (8, 35)
-"""The maximum is searched in this many chunks of 30 intervals: with a proof, and without one."""
+"""Number of chunks of 30 intervals in the search for the maximum: with a proof, and without one."""
 
 DIVISORS = ("S", "N", "H")
 DIVISOR_SIZES = ("speed", "cross_norm", "level")
@@ -38,10 +38,10 @@ DIVISOR_SIZES = ("speed", "cross_norm", "level")
 LIMITS = tuple(QUANTITIES.values())
 LIMIT_COUNT = len(LIMITS)
 ENTRY_COUNT = LIMIT_COUNT + len(DIVISORS)
-"""Number of entries: the limits in the registry's order, then the divisors."""
+"""Number of entries: the limits in the order of the registry, then the divisors."""
 
 NO_DIVISOR = ENTRY_COUNT
-"""The index that stands for the divisor of a quantity without one."""
+"""The index of the divisor for a quantity that has none."""
 
 TIME_POWERS = 1 + max(entry.per_time for entry in LIMITS)
 ORDERS = [*(entry.order for entry in LIMITS), 1, 2, 1]
@@ -50,7 +50,7 @@ PLACES = [ORDERS[:k].count(order) for k, order in enumerate(ORDERS)]
 
 
 class Entry(NamedTuple):
-    """The constants of one entry, all integers, in one table."""
+    """The constants of one entry, which are all integers."""
 
     unit: Any
     upright: Any
@@ -87,7 +87,7 @@ class Scale(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """Status codes, times [s] and values of all entries: the limits, the divisors, and one for no divisor."""
+    """Status codes, times [s] and values of all entries: the limits, the divisors, and `NO_DIVISOR`."""
 
     codes: Int[Array, "entries paths"]
     times: Float[Array, "entries paths"]
@@ -112,9 +112,9 @@ def judge(
     index: Int[Array, " entries"],
     count: Int[Array, ""],
 ) -> Findings:
-    """The findings on the first `count` entries of `index`, for paths that `evaluate` evaluates.
+    """The findings on the first `count` entries of `index`, for the paths behind `evaluate`.
 
-    Without polynomial `derivatives` nothing is proved.
+    Without polynomial `derivatives` no limit is proved.
     """
     paths, dtype = scale.time.shape, scale.time.dtype
     shape = (ENTRY_COUNT + 1, *paths)
@@ -140,7 +140,7 @@ def judge(
         code = jnp.where((divisor.codes == UNDECIDED) & (code != BROKEN), UNDECIDED, code)
         undefined = divisor.codes == UNDEFINED
         code = jnp.where(undefined, UNDEFINED, code)
-        # A divisor is proved positive, or cannot be distinguished from zero, or is positive at all samples.
+        # A divisor is proved positive, cannot be distinguished from zero, or is positive at all samples.
         evidence = jnp.where(-square < MIN_RELATIVE_DIVISOR**2, UNDEFINED, jnp.where(provable, UNDECIDED, SAMPLED))
         code = jnp.where(entry_index < LIMIT_COUNT, code, jnp.where(provable & proved, PROVED, evidence))
         time = jnp.where(undefined, divisor.times, (at + 1) * scale.time)

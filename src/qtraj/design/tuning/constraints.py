@@ -47,7 +47,7 @@ class Setting(NamedTuple):
 class Group:
     """Quantities that share the same invariants.
 
-    `products` maps each invariant to the names of the two blocks, or of the block and the vertical, that it multiplies.
+    `products` maps each invariant to the names of the two blocks that it multiplies, or of a block and the vertical.
     """
 
     order: int
@@ -68,7 +68,7 @@ HORIZONTAL = ("H", "G")
 
 
 HINTS = ("S", "N")
-"""Quantities that divide by these invariants may have a narrow peak, between the nodes, at the invariant's minimum."""
+"""Quantities that divide by these invariants may have narrow peaks between the nodes, where the invariant is small."""
 
 
 def _group(order: int, products: dict[str, tuple[str, str]], entries: Sequence[PathQuantity], *more: str) -> Group:
@@ -104,7 +104,7 @@ GROUPS = (
 """The quantities of low order, which most problems limit, and all others."""
 
 FIRST_HINT = len(QUANTITIES)
-"""The first index after the limits. Here follow the negative invariants of `HINTS`, whose peaks are minima."""
+"""The first index after the limits; it belongs to the negative invariants of `HINTS`, whose peaks are minima."""
 
 HINT_OF = np.asarray(
     [*(int(entry.divisor == "cross_norm") for entry in QUANTITIES.values()), *[0] * (len(HINTS) + 1)], np.uint32
@@ -112,7 +112,7 @@ HINT_OF = np.asarray(
 """The hint that each quantity uses."""
 
 CORRIDOR_INDEX = FIRST_HINT + len(HINTS)
-"""The index of the corridor, which is a group of its own."""
+"""The index of the corridor, which is a separate group."""
 
 _GROUP_INDICES = [_group_index(entry) for entry in QUANTITIES.values()]
 _HINT_MEMBERS = range(len(_ENTRIES[0]), len(_ENTRIES[0]) + len(HINTS))

@@ -1,8 +1,9 @@
-"""Paths in unit time: the polynomials of their derivatives, and the derivatives of those in the variables.
+"""Paths in unit time: the polynomials of their derivatives, differentiated with respect to the variables.
 
-In the moving basis the derivatives of R_z(φ)·(ρ, 0, h) in u = t/T are polynomials in u: (a, b, h)' = (a' − bφ',
-b' + aφ', h'). Between fixed ends the path in unit time depends only on its slopes there, the boundary velocities times
-T. The coefficients are differentiated in these slopes, once for all limits and places.
+In the moving basis the derivatives of R_z(φ)·(ρ, 0, h) with respect to u = t/T are polynomials in u:
+(a, b, h)' = (a' − bφ', b' + aφ', h'). Between fixed ends the path in unit time depends only on its slopes there, which
+are the boundary velocities times T. The coefficients are differentiated with respect to these slopes, once for all
+limits and places.
 """
 
 from functools import partial
@@ -51,10 +52,10 @@ def up_to(derivatives: Float[Array, "*more orders terms 3"], order: int) -> Floa
 
 
 class CurveDerivatives(NamedTuple):
-    """Derivatives of curves in the slopes at the ends, and of the slopes and ln T in the variables.
+    """Derivatives of curves with respect to the end slopes, and of the slopes and ln T with respect to the variables.
 
-    The path is linear in the slopes of ρ and h. So `second` contains only the pairs of slopes (`pairs`) with φ' among
-    them, and is None where φ' is constant.
+    The path is linear in the slopes of ρ and h. So `second` contains only the pairs of slopes that include φ' (see
+    `pairs`), and is None if φ' is constant.
     """
 
     first: Curves
@@ -76,7 +77,7 @@ def reference_cubics(problem: Problem) -> Float[Array, "4 3"]:
 
 
 def curve(problem: Problem, slopes: Float[Array, "2 3"]) -> Curves:
-    """The path with these slopes of ρ, φ and h in u at its ends."""
+    """The path with these slopes dρ/du, dφ/du and dh/du at its ends."""
     cubic = cubics(problem, slopes)
     return Curves(_orders(cubic[None], _angle_rate(problem, cubic), None)[0], cubic)
 
@@ -140,7 +141,7 @@ def _orders(
 
 
 def pairs() -> np.ndarray:
-    """The pairs of slopes i ≤ j with a slope of φ among them, (pairs, 2)."""
+    """Index pairs i ≤ j of slopes, at least one of which is a slope of φ, (pairs, 2)."""
     return np.asarray([(i, j) for i in range(6) for j in range(i, 6) if ANGLE in (i % 3, j % 3)])
 
 

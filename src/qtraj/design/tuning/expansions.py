@@ -1,4 +1,4 @@
-"""Derivatives of the constraints in the variables and in the place u on the path."""
+"""Derivatives of the constraints with respect to the variables and to the place u on the path."""
 
 from functools import partial
 from typing import Any, NamedTuple
@@ -18,7 +18,7 @@ from qtraj.path.components import Triple, add_vectors, cross, dot
 
 
 class Expansion(NamedTuple):
-    """The constraint g at many places: its value and its derivatives in the variables and in u."""
+    """The constraint g at many places: its value and its derivatives with respect to the variables and u."""
 
     value: Float[Array, "*batch places"]
     slope: Float[Array, "*batch n places"]
@@ -98,7 +98,7 @@ def _second_order(
     """G of one path, with first and second derivatives in the slopes at the ends, mixed ones, and those in u.
 
     In the directions w of the slopes and of u, with invariants s and blocks Y,
-    G_ww = Σ G_ss s_w s_w + Σ W Y_w Y_w + Σ Ȳ·Y_ww, where W are the weights of the blocks' products and Ȳ = G_Y.
+    G_ww = Σ G_ss s_w s_w + Σ W Y_w Y_w + Σ Ȳ·Y_ww, where W are the weights of the products of blocks and Ȳ = G_Y.
     """
     at = _local(group, index, setting, derivatives, u)
     Y, in_invariants, directions = at.blocks, at.in_invariants, _vectors(at.w)

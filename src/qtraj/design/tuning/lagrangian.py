@@ -1,11 +1,12 @@
 """The augmented Lagrangian of a tuning problem (Powell–Hestenes–Rockafellar), over intervals of time.
 
-At the beginning of a round each limit divides the time into intervals, one about each of its peaks. Its largest value
-in each interval is a constraint with a multiplier of its own. That value is a continuous function of the variables,
-even while peaks move between intervals, appear or vanish. Its gradient is taken at the maximum (envelope theorem).
+At the beginning of an outer iteration (a round), each limit divides the time into intervals, one about each of its
+peaks. Its largest value in each interval is a constraint with its own multiplier. That value is a continuous function
+of the variables, even while peaks move between intervals, appear or vanish. Its gradient is evaluated at the maximum
+(envelope theorem).
 
 The substitution z = m + r sin((y − m)/r) satisfies the bounds of the variables for any y. A variable reaches its bound
-at a finite y, where the curvature in y is the multiplier of the bound, so a minimum there is regular as well.
+at a finite y. The curvature with respect to y is the multiplier of the bound there, so such a minimum is regular, too.
 """
 
 from typing import Any, NamedTuple
@@ -27,7 +28,7 @@ from qtraj.foundation.indexing import element, with_element
 from qtraj.foundation.types import Scalar
 
 MAX_FRACTION = 1 - 1e-4
-"""A start on a bound is moved inside, to this fraction of the half-width: on the bound the gradient in y vanishes."""
+"""A start on a bound is moved inside, to this fraction of the half-width, since ∂z/∂y vanishes on the bound."""
 
 PerInterval = Float[Array, "slots k"]
 
@@ -43,7 +44,7 @@ class Round(NamedTuple):
 
 
 class Expanded(NamedTuple):
-    """The augmented Lagrangian at one point: its value, its gradient in y, and the constraints there."""
+    """The augmented Lagrangian at one point: its value, its gradient with respect to y, and the constraints."""
 
     value: Scalar
     gradient: Variables
@@ -65,7 +66,7 @@ def from_box(task: Task, z: Variables) -> Variables:
 
 
 def make_round(round_: Round, times: PerInterval, peaks: Peaks) -> Round:
-    """A round with intervals about these peaks, and the multipliers that the previous intervals had at `times`."""
+    """A round with intervals about these peaks, and the multipliers of the previous intervals at `times`."""
     peak_times, other = peaks.time[:, :, None], peaks.time[:, None]
     valid = peaks.present[:, None]
     middle = (peak_times + other) / 2
@@ -124,7 +125,7 @@ def expand(task: Task, slots: LimitSlots, round_: Round, times: PerInterval, y: 
 
 @eqx.filter_custom_jvp
 def lagrangian(y: Variables, task: Task, slots: LimitSlots, round_: Round, times: PerInterval) -> Scalar:
-    """The value of `expand`. It can be differentiated in y only, in forward and reverse mode."""
+    """The value of `expand`. It can be differentiated only with respect to y, in forward and reverse mode."""
     return expand(task, slots, round_, times, y).value
 
 

@@ -1,8 +1,8 @@
 """The local model at one point: the cost and the constraints with their derivatives.
 
-A peak moves with the variables so that ∂g/∂u = 0: its gradient is ∂g/∂z (envelope theorem), its Hessian
-g_zz − g_zu g_uz/g_uu. A peak at an end of the path does not move. Constraints at fixed times between the peaks, with
-gradients alone, predict new peaks that a step would raise.
+A peak moves with the variables so that ∂g/∂u = 0. The gradient of its value is ∂g/∂z (envelope theorem), the Hessian
+is g_zz − g_zu g_uz/g_uu. A peak at an end of the path does not move. Constraints at fixed times between the peaks, with
+first derivatives only, predict new peaks that a step would raise.
 """
 
 from typing import NamedTuple
@@ -22,14 +22,14 @@ from qtraj.foundation.derivatives import with_derivatives
 from qtraj.foundation.indexing import element, with_element
 
 NODE_STRIDE = 8
-"""Every eighth node is a fixed time, with a constraint of its own."""
+"""Every eighth node is a fixed time with its own constraint."""
 
 FIXED_TIMES = len(range(NODE_STRIDE, NODES - 1, NODE_STRIDE))
 PER_LIMIT = PEAKS + FIXED_TIMES
 """Number of constraints for each limit: peaks and ends first, then fixed times."""
 
 MAX_DRIFT = 0.1
-"""How far a peak is followed during one step, at most; a fraction of the duration."""
+"""Maximum shift of a peak during one step, as a fraction of the duration."""
 
 
 class Constraints(NamedTuple):
@@ -129,7 +129,7 @@ def _linearised(
     is_maximum = peak.moving & (g.second_rate < 0)
     inv_second_rate = jnp.where(is_maximum, 1 / jnp.where(is_maximum, g.second_rate, 1.0), 0.0)
     drift = -inv_second_rate[None] * g.mixed
-    # At the peak itself: the search in time found it only approximately.
+    # Corrects the slope to the exact peak: the search located it only approximately.
     slope = g.slope + drift * g.rate[None]
     curvature = g.curvature + drift[:, None] * g.mixed[None]
     valid = peak.present & jnp.all(jnp.isfinite(slope), 0) & jnp.all(jnp.isfinite(curvature), (0, 1))

@@ -1,7 +1,7 @@
 """Squares of path quantities as sums of monomials in the invariants: tables of coefficients and exponents.
 
-The tables are computed from the formulas of the registry by evaluating them with symbols. The derivatives of a sum
-Σ c·Π sᵢ^eᵢ are again sums of monomials, since ∂/∂sᵢ multiplies by eᵢ/sᵢ. So one function serves every quantity.
+The tables are computed by evaluating the formulas of the registry with symbols. The derivatives of a sum Σ c·Π sᵢ^eᵢ
+are again sums of monomials, since ∂/∂sᵢ multiplies by eᵢ/sᵢ. So one function serves every quantity.
 """
 
 from collections.abc import Sequence
@@ -61,7 +61,7 @@ class _Polynomial:
 def table(entry: PathQuantity, invariants: Sequence[str]) -> Table:
     """The square of one quantity as a table of monomials in these invariants.
 
-    **Raises:** ValueError for a denominator that is not a single product of invariants.
+    **Raises:** ValueError if the denominator is not a single product of invariants.
     """
     identity = np.eye(len(invariants), dtype=int)
     symbols = SimpleNamespace(

@@ -28,13 +28,13 @@ REACH = 1 / (NODES - 1)
 """A peak is searched within this distance of its node."""
 
 OFFSETS = 9
-"""Number of places about a peak in one round of refinement: for all peaks together nearly as many as nodes."""
+"""Number of places about a peak in one round of refinement; for all peaks together there are nearly NODES places."""
 
 ROUNDS = (1.0, 1 / 16, 1 / 256)
 """Half-widths of the intervals of the rounds, in units of REACH; each round ends with a parabola at the maximum."""
 
 LIMIT_ROUNDS, HINT_ROUNDS = 2, 3
-"""Rounds for the peaks of a limit, and for hints: a peak of a quantity is as narrow as its divisor is small."""
+"""Rounds for the peaks of a limit, and for hints, which need more: a small divisor makes a narrow peak."""
 
 MIN_DISTANCE = 1e-5
 """Peaks closer than this fraction of the duration are the same peak."""
@@ -56,7 +56,7 @@ class Peaks(NamedTuple):
 
 
 def no_peaks(dtype: Any) -> Peaks:
-    """Peaks of which none is present, in NumPy arrays."""
+    """Peaks that are all absent, as NumPy arrays."""
     no: Any = np.zeros((SLOTS, PEAKS), bool)
     heights: Any = np.full(no.shape, ABSENT, dtype)
     start: Any = np.zeros(no.shape, dtype)
@@ -187,7 +187,7 @@ def _top_of_parabola(
 
     A hint is smooth, so its parabola is used there, too.
     """
-    finite = jnp.where(values_at < TOO_MUCH, values_at, TOO_MUCH)  # NaN too
+    finite = jnp.where(values_at < TOO_MUCH, values_at, TOO_MUCH)  # also replaces NaN
     best = jnp.argmax(finite, axis=0)
     inner = jnp.clip(best, 1, OFFSETS - 2)
     here = jnp.arange(OFFSETS)[:, None]

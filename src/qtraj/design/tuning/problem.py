@@ -28,9 +28,8 @@ Variables = Float[Array, " n"]
 class Problem(eqx.Module):
     """Boundary velocities and the duration as dimensionless variables z, which are zero at the initial states.
 
-    z holds the changes of the velocities that the motion names, in units of `speed`, and then ln(T/T₀). The logarithm
-    keeps the duration positive and the sense of rotation unchanged. It is omitted where the objective fixes the
-    duration.
+    z contains the changes of the velocities named by the motion, in units of `speed`, and then ln(T/T₀). The logarithm
+    keeps the duration positive and the sense of rotation unchanged. It is omitted if the objective fixes the duration.
     """
 
     start: Cylindrical

@@ -1,9 +1,9 @@
 """Small elastic quadratic programs (QPs), solved by the dual active-set method of Goldfarb and Idnani (1983).
 
 The method starts from the minimum with only the lower bound of the violation t active. In each step it makes the most
-violated constraint active, and drops active constraints whose multiplier would turn negative. It ends after a few steps
-at the solution, to rounding, for any penalty and any box, and reports whether it did. Violations are measured in the
-metric of the Hessian: then fewer constraints enter that are dropped again later.
+violated constraint active, and drops active constraints whose multiplier would become negative. After a few steps it
+reaches the solution to within rounding errors, for any penalty and any box, and it reports whether it did. Violations
+are measured in the metric of the Hessian, since then fewer constraints enter that are dropped again later.
 
 The constraints come in slots, of which only the first ones are used, as many in all QPs of a batch.
 """
@@ -22,7 +22,7 @@ from qtraj.foundation.types import Flag, Scalar
 MAX_STEPS = 60
 FEASIBILITY = 1e-12  # tolerance on constraints; a QP should be scaled to numbers near one
 MAX_KKT_RESIDUAL = 1e-7  # largest residual of the KKT conditions at a solution, relative to gradient and penalty
-MIN_RATE = 1e-13  # below this relative rate a constraint is linearly dependent on the active ones
+MIN_RATE = 1e-13  # a constraint with a smaller relative rate counts as linearly dependent on the active ones
 
 Index = Int[Array, ""]
 Vector = Float[Array, " n"]
@@ -54,18 +54,18 @@ class QP(NamedTuple):
 
     @property
     def box(self) -> Float[Array, " k"]:
-        """The bounds that follow those of the slots: upper, lower, and the smallest violation."""
+        """The bounds that follow the bounds of the slots: upper, lower, and the smallest violation."""
         return jnp.concatenate([self.high, -self.low, -self.min_violation[None]])
 
 
 class Active(NamedTuple):
-    """The active constraints, each in a place of its own.
+    """The active constraints, one in each place.
 
-    `constraint` counts slot after slot, then the upper and lower bounds, then t ≥ min_violation.
+    `constraint` is an index over the slots, then the upper and lower bounds, then t ≥ min_violation.
     """
 
     constraint: Int[Array, " q"]
-    normal: Float[Array, "q q"]  # gradients in (d, t)
+    normal: Float[Array, "q q"]  # gradients with respect to (d, t)
     bound: Float[Array, " q"]  # right-hand sides
     multiplier: Float[Array, " q"]
     used: Bool[Array, " q"]
@@ -290,7 +290,7 @@ def _updated(qp: QP, at: _State, candidate: _Entering, is_full: Flag, here: Bool
 
 
 def _is_optimal(qp: QP, at: _State) -> Flag:
-    """Whether the active constraints are met and the multipliers balance the gradient: rounding may spoil either."""
+    """Whether active constraints are satisfied and multipliers balance the gradient, despite rounding errors."""
     reaction = jnp.where(at.active.used, at.active.multiplier, 0.0) @ at.active.normal
     gradient = jnp.append(qp.hessian @ at.x[:-1] + qp.gradient, qp.stiffness * at.x[-1] + qp.penalty)
     residual = jnp.where(at.active.used, at.active.bound - at.active.normal @ at.x, 0.0)

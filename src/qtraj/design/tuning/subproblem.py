@@ -19,7 +19,7 @@ FAR = 1e3  # in units of the trust radius: the step cannot reach a constraint th
 
 ACTIVE = 1e-7  # a constraint with a larger multiplier is active
 AT_BOUND = 1e-7  # a variable closer to a bound is at the bound
-PENALISED = 0.9  # multipliers with a larger sum, relative to the penalty, mean that the limits cannot be met yet
+PENALISED = 0.9  # if the sum of the multipliers over the penalty is larger, the limits cannot be met yet
 MAX_STIFFNESS = 1e-4  # curvature in t, which keeps the QP strictly convex
 MIN_PIVOT = 1e-7  # smallest pivot of an accepted Hessian, relative to its largest entry
 REGULARIZATION = ((0.0, 0.0), (1.0, 0.0), (30.0, 0.0), (1e3, 0.0), (1e2, 0.01), (10.0, 0.1), (1.0, 1.0), (0.0, 10.0))
@@ -36,7 +36,7 @@ class Step(NamedTuple):
     multipliers: PerConstraint
     allowed_violation: Scalar
     predicted_decrease: Scalar
-    solved: Flag  # false where rounding spoilt a QP, and the step may not be optimal
+    solved: Flag  # false if rounding errors spoilt a QP: the step may not be optimal
     residual: Scalar  # of the gradient of the Lagrangian, over the penalty
     remaining: Scalar  # estimated distance to the solution after this step, from the size of the correction
     effort: Int[Array, ""]  # steps that the QP solver took
@@ -105,7 +105,7 @@ def _step(task: Task, z: Variables, model: Model, penalty: Scalar, d: Variables,
         predicted_decrease=penalty * (largest - last.violation) - cost,
         solved=jnp.all(both.solved),
         residual=jnp.max(jnp.abs(jnp.where(inside, last.imbalance, 0.0))) / jnp.maximum(penalty, 1.0),
-        # Assumes that further corrections shrink by the same factor as from the first QP to the second.
+        # This assumes that further corrections shrink by the same factor as from the first QP to the second.
         remaining=jnp.where(last.correction < size, last.correction**2 / jnp.where(size > 0, size, 1.0), size),
         effort=jnp.sum(both.steps, dtype=jnp.int32),
     )
@@ -236,7 +236,7 @@ def _multipliers(
 ) -> tuple[PerConstraint, Array, Array]:
     """The multipliers of all constraints, the sum of multiplier·slope, and the largest linearised value after the QP.
 
-    The squares of active peaks that were added to the Hessian contribute a part of their multipliers.
+    The squares of the active peaks in the Hessian contribute to their multipliers.
     """
     active_multipliers = jnp.where(active.used, active.multiplier, 0.0) * scale[:, None]
     places = jnp.arange(PER_LIMIT, dtype=jnp.int32)[None, :, None]

@@ -19,7 +19,7 @@ SLOTS = len(QUANTITIES) + 1
 """One slot for every possible limit and one for a corridor: one compiled search serves every set of limits."""
 
 TARGET_RATIO = 1 - 4e-9
-"""Tuning aims at this fraction of each limit, so that round-off at a peak does not violate the user's limit."""
+"""The search uses this fraction of each limit, so that round-off at a peak does not violate the user's limit."""
 
 MIN_LIMIT = 1e-100
 """A smaller limit is replaced by this one: its square would underflow, and the gradient would vanish."""
@@ -36,13 +36,13 @@ class LimitSlots(eqx.Module):
 
 
 class Task(eqx.Module):
-    """A problem, limits by slots, the box of its variables, and the weight of its cost: one, or a batch of them.
+    """One problem or a batch: limits by slots, the box of the variables, and the weight of the cost.
 
-    With weight 0 the search minimises the largest violation alone.
+    With weight 0 the search minimises only the largest violation. All arrays are NumPy or JAX arrays.
     """
 
     problem: Problem
-    limits: Any  # Float["*batch slots"], of NumPy or JAX like all of these
+    limits: Any  # Float["*batch slots"]
     low: Any  # Float["*batch n"]
     high: Any  # Float["*batch n"]
     weight: Any  # Float["*batch"]
@@ -74,9 +74,9 @@ def limit_slots(names: Sequence[str]) -> LimitSlots:
 
 
 def slot_limits(limits: Limits, corridor: Array | None, count: int) -> Array | np.ndarray:
-    """The values of the limits that the search aims at, for each of `count` problems: (count, slots).
+    """The values of the limits that the search uses, for each of `count` problems: (count, slots).
 
-    NumPy arrays where the limits are concrete. An unused slot holds one.
+    A NumPy array if the limits are concrete. The value of an unused slot is one.
     """
     user_limits = named_limits(limits, corridor)
     is_concrete = all(concrete(x) is not None for x in user_limits.values())

@@ -15,7 +15,7 @@ class Nearest(AbstractObjective):
     name: ClassVar[str] = "nearest"
 
     def value(self, problem: Any, z: Float[Array, " n"]) -> Scalar:
-        """The weighted sum [m² s⁻²]; a change of the duration counts relative, times the reference speed."""
+        """The weighted sum [m² s⁻²]; the relative change of the duration is multiplied by the reference speed."""
         duration = problem.time(z)
         changes = problem.velocities(z, duration) - problem.initial_velocities
         total = jnp.sum(problem.weights[:6].reshape(2, 3) * changes**2)
