@@ -167,11 +167,12 @@ def _from_components(frame: AbstractFrame, i: Invariants, basis: Basis, duration
             root(i.S),
             curvature(i, duration),
             torsion(i, duration),
+            jnp.where(found.defined, jnp.ones_like(i.S), 0.0),  # a flag by itself would repeat most of the loop
             *(jnp.asarray(x, i.S.dtype) for v in (*axes, found.rate, found.acceleration) for x in v),
         ]
     )
-    tangent, normal, binormal, rate, acceleration = (jnp.stack(numbers[k : k + 3]) for k in range(3, 18, 3))
-    return Trihedral(tangent, normal, binormal, *numbers[:3], rate, acceleration, found.defined)
+    tangent, normal, binormal, rate, acceleration = (jnp.stack(numbers[k : k + 3]) for k in range(4, 19, 3))
+    return Trihedral(tangent, normal, binormal, *numbers[:3], rate, acceleration, numbers[3] > 0)
 
 
 def _from_rows(frame: AbstractFrame, r: Float[Array, "5 3"], duration: Scalar) -> Any:
