@@ -24,6 +24,7 @@ HEADERS = {
     "time": ["t"],
     "angle": ["error"],
     "closed_form_angle": ["closed form"],
+    "open_loop_angle": ["open loop"],
     "rate": ["ω1", "ω2", "ω3"],
     "command": ["command"],
     "norm": ["|λ|"],
@@ -60,6 +61,9 @@ def simulate(
         None, min=2, max=100_000, metavar="N", help="Number of instants, both ends included; before the scenario's."
     ),
     frame: FrameName | None = terminal.frame_option("the scenario's; upright"),
+    open_loop: bool = typer.Option(
+        False, "--open-loop", help="Also simulate the body without feedback, under the program's acceleration alone."
+    ),
     as_json: bool = terminal.json_option(),
 ) -> None:
     """Simulate a body that a feedback law makes follow a program of attitude.
@@ -69,12 +73,14 @@ def simulate(
     figure (simulation.png, simulation.svg). Exit code 1 where the integration did not finish.
     """
     with terminal.guarded():
-        outcome = run(scenario, out, samples, frame and frame.value)
+        outcome = run(scenario, out, samples, frame and frame.value, open_loop)
     terminal.finish(outcome, as_json)
 
 
-def run(file: Path | None, out: Path, samples: int | None, frame: str | None = None) -> Outcome:
-    """Simulate a closed loop and write it.
+def run(
+    file: Path | None, out: Path, samples: int | None, frame: str | None = None, open_loop: bool = False
+) -> Outcome:
+    """Simulate a closed loop, with `open_loop` also the body without feedback, and write it.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
@@ -89,7 +95,7 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
 
         check_folder(out)
         given = read_scenario(file, "loop")
-        task, history, found = _simulated(given, samples, frame, watch)
+        task, history, found = _simulated(given, samples, frame, watch, open_loop)
         table = history[np.searchsorted(history.times, task.times)]
         actuator = task.actuator
         limit = None if actuator is None or actuator.limit is None else np.asarray(actuator.limit).tolist()
@@ -106,6 +112,7 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
             "command_limit": limit,
             "saturation": None if limit is None or actuator is None else actuator.saturation,
             "verdict": plain(found.record()),
+            **_without_feedback(history),
             "finished": bool(history.solution.successful),
             "result": _result(history, found, given.scenario.error.sign),
             **tabular(table.record()),
@@ -126,12 +133,13 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
 
 
 def _simulated(
-    given: "ScenarioFile[Any]", samples: int | None, frame: str | None, watch: Watch
+    given: "ScenarioFile[Any]", samples: int | None, frame: str | None, watch: Watch, with_open_loop: bool = False
 ) -> tuple["LoopTask", "LoopHistory", "LoopVerdict"]:
     """The closed loop of a scenario, its motion, and the verdict on it; a ValueError names the file."""
     import qtraj.motion.simulation.simulate as simulation
     from qtraj.motion.simulation.loop_history import judging_times, loop_history, references_at
     from qtraj.motion.simulation.loop_verdict import SETTLED, judge_loop
+    from qtraj.motion.simulation.open_loop import open_loop
     from qtraj.scenario.loop import prepare
     from qtraj.scenario.part import radians
 
@@ -145,10 +153,24 @@ def _simulated(
         around = (task.disturbance, task.sensor, task.actuator)
         tolerances: Any = {"rtol": task.rtol, "atol": task.atol}
         solution = simulation.simulate(*loop, times, *around, jumps=task.jumps, sign="as given", **tolerances)
-        history = loop_history(*loop, solution)
+        alone = None
+        if with_open_loop:
+            watch.say("simulating without feedback")
+            start: Any = {"disturbance": task.disturbance, "jumps": task.jumps, "sign": "as given"}
+            alone = open_loop(task.program, times, task.quaternion, task.rate, **start, **tolerances)
+        history = loop_history(*loop, solution, alone)
     settled = given.scenario.simulation.settled
     angle = SETTLED if settled is None else radians(given.scenario.angles) * settled
     return task, history, judge_loop(history, task.law, *around, angle, **tolerances)
+
+
+def _without_feedback(history: "LoopHistory") -> dict[str, Any]:
+    """The angles of the open loop, if it was simulated; None where its integration did not arrive."""
+    if history.open_loop_angle is None:
+        return {}
+    angles = np.asarray(history.open_loop_angle)
+    values = {"final_angle": angles[-1], "largest_angle": angles.max()}
+    return {"open_loop": {name: float(x) if np.isfinite(x) else None for name, x in values.items()}}
 
 
 def _gains(task: "LoopTask") -> dict[str, Any]:
@@ -194,7 +216,7 @@ def _show(console: Console, content: dict[str, Any], found: "LoopVerdict") -> No
         settling = "This law brings no error to rest: with these gains errors neither grow nor decay."
         console.print(Text(text if found.growth > 0 else settling, style="bold red"))
     layout.heading(console, "Motion")
-    console.print(layout.facts_table(_motion(content, content["verdict"], unit)))
+    console.print(layout.facts_table(_motion(content, content["verdict"], unit) + _alone(content)))
     if found.agrees is False:
         text = (
             f"The motion is not that of the closed form: the tolerances explain no more than {float(found.bound):.3g}. "
@@ -224,15 +246,24 @@ def _motion(content: dict[str, Any], found: dict[str, Any], unit: str) -> list[t
     ]
 
 
+def _alone(content: dict[str, Any]) -> list[tuple[str, str]]:
+    if "open_loop" not in content:
+        return []
+    final = content["open_loop"]["final_angle"]
+    return [("without feedback", "-" if final is None else f"{layout.degrees(final)}° from the program at the end")]
+
+
 def _show_columns(console: Console, columns: dict[str, Any], applies: bool, unit: str) -> None:
     left_out = () if applies else ("closed_form_angle",)
     headers = {name: names for name, names in HEADERS.items() if name in columns and name not in left_out}
     values = {name: np.array(columns[name], dtype=float) for name in headers}
-    for name in {"angle", "closed_form_angle", "rate", "command"} & headers.keys():
+    for name in {"angle", "closed_form_angle", "open_loop_angle", "rate", "command"} & headers.keys():
         values[name] = np.degrees(values[name])
     values["command"] = np.linalg.norm(values["command"], axis=1)
     layout.heading(console, f"t [s], error angle [°], body rate ω [°/s], length of the command [{unit}], |λ|")
-    layout.print_instants(console, values, headers, significant=("angle", "closed_form_angle", "command"))
+    layout.print_instants(
+        console, values, headers, significant=("angle", "closed_form_angle", "open_loop_angle", "command")
+    )
 
 
 def _closed(found: dict[str, Any]) -> str:

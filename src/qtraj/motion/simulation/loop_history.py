@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.record import Quantity, Record
@@ -26,12 +27,14 @@ class LoopHistory(AbstractResult):
     """The motion of a closed loop, `solution`, at n instants, with what it is compared with at the same instants.
 
     `reference`: the program, fields (n, …). `closed_form`: the motion that nothing disturbs, None for a law whose
-    error is not linear. `history[rows]` is the same at some of the instants.
+    error is not linear. `open_loop_angle` (n,) [rad]: the angle to the program of the same body without feedback, if
+    it was simulated. `history[rows]` is the same at some of the instants.
     """
 
     solution: Solution
     reference: Attitude
     closed_form: ClosedMotion | None
+    open_loop_angle: Float[Array, " n"] | None = None
 
     @property
     def times(self) -> np.ndarray:
@@ -65,6 +68,9 @@ class LoopHistory(AbstractResult):
                     closed.error, "1", "error quaternion in closed form, undisturbed", component
                 ),
             }
+        if self.open_loop_angle is not None:
+            meaning = "angle between program and body under the acceleration of the program alone, without feedback"
+            variables["open_loop_angle"] = Quantity(self.open_loop_angle, "rad", meaning, time)
         summary = f"{times_text(self.times)}: angle to the program {extent(solution.angle, 'rad')}"
         times = Quantity(solution.times, "s", "time from the start of the program", time)
         about = {"frame": "body", "rate_convention": "body axes; a virtual rate is d/dt ln|quaternion|²"}
@@ -77,9 +83,16 @@ class LoopHistory(AbstractResult):
 
 
 def loop_history(
-    program: AbstractProgram, law: AbstractLaw, quaternion: ArrayInput, rate: ArrayInput, solution: Solution
+    program: AbstractProgram,
+    law: AbstractLaw,
+    quaternion: ArrayInput,
+    rate: ArrayInput,
+    solution: Solution,
+    open_loop: Solution | None = None,
 ) -> LoopHistory:
     """A solution of `simulate` beside its program and its closed form; the first four arguments are those of the call.
+
+    `open_loop`: a solution of `open_loop` at the same instants, None for none.
 
     **Raises:** ValueError for a solution without commands, or a program without an attitude at one of its instants.
     """
@@ -89,7 +102,7 @@ def loop_history(
     closed = None
     if isinstance(law, AccelerationLaw | RateLaw):
         closed = closed_motion(law, references, as_float(quaternion), as_float(rate), solution.times)
-    return LoopHistory(solution, references, closed)
+    return LoopHistory(solution, references, closed, None if open_loop is None else open_loop.angle)
 
 
 def references_at(program: AbstractProgram, times: ArrayInput) -> Attitude:
