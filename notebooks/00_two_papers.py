@@ -531,7 +531,7 @@ holds(short.end, -far)
 #
 # $\varepsilon^0(t)$ is itself a control: fed to the equations of motion (1.2), it makes a body that starts on the
 # program follow it, in body axes (3.15) as in inertial axes (3.14). Nothing corrects an error. Under a constant
-# disturbance of 0.003 °/s² the slew of 110 s misses its attitude by 18°; the same body under feedback, with the error
+# disturbance of 0.003 °/s² the slew of 110 s misses its attitude by 17°; the same body under feedback, with the error
 # equation below, by a small angle that does not grow.
 
 # %%
@@ -647,10 +647,10 @@ print(f"remark 1: strapdown attitude within {float(jnp.abs(drift(strapdown, flig
 assert float(jnp.abs(drift(strapdown, flight.quaternion)).max()) < 1e-5
 
 holds(qt.dynamics.torque(now, 35.0), 35.0 * np.asarray(now.acceleration))
-for name, inertia in {"spherical": 35.0, "of three axes": (20.0, 35.0, 50.0)}.items():
+for name, inertia in {"spherical body": 35.0, "body with three moments": (20.0, 35.0, 50.0)}.items():
     moved = qt.simulate(swift, law, off, tumbling, loop.times, body=qt.RigidBody(inertia))
     gap = float(jnp.abs(moved.quaternion - loop.quaternion).max())
-    print(f"remark 2: a {name} body under torques deviates by {gap:.0e} from the kinematic solution")
+    print(f"remark 2: a {name} under torques deviates by {gap:.0e} from the kinematic solution")
     assert gap < 1e-7
 
 # %% [markdown]
