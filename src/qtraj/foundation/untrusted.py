@@ -17,6 +17,8 @@ _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
 _DOTTED = re.compile(rf"^[ \t]*+\[{{0,2}}[ \t]*+(?:{_PART}\.[ \t]*+){{{MAX_DEPTH},}}", re.MULTILINE)
 """A dotted key at the beginning of a line: the parser takes minutes for very long ones."""
 
+TOO_LONG = "it has a whole number of several thousand digits"
+
 TOO_DEEP = f"its tables or arrays are nested deeper than {MAX_DEPTH} levels"
 
 
@@ -75,6 +77,10 @@ def _parsed(parse: Callable[[Any], Any], text: str | bytes) -> Any:
         data = parse(text)
     except RecursionError:
         raise ValueError(TOO_DEEP) from None
+    except ValueError as error:
+        if type(error) is ValueError:  # the parsers raise their own kind for wrong syntax; `int` raises this one
+            raise ValueError(TOO_LONG) from None
+        raise
     if _is_deep(data):
         raise ValueError(TOO_DEEP)
     return data

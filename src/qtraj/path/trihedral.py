@@ -127,7 +127,7 @@ class AbstractFrame(eqx.Module):
 def trihedral(
     path: "AbstractHodograph", t: ScalarLike, frame: "AbstractFrame | None" = None, axes: str = BODY
 ) -> "Trihedral":
-    """The trihedral of `path` at one instant `t` [s]: natural, for a route upright, or of another `frame`.
+    """The trihedral of `path` at one instant `t` [s]: of `frame`, by default upright for a route, else natural.
 
     `axes` are those of its rate and acceleration: "body", the trihedral's own, or "inertial", the world's.
 
@@ -172,7 +172,9 @@ def _from_components(frame: AbstractFrame, i: Invariants, basis: Basis, duration
         ]
     )
     tangent, normal, binormal, rate, acceleration = (jnp.stack(numbers[k : k + 3]) for k in range(4, 19, 3))
-    return Trihedral(tangent, normal, binormal, *numbers[:3], rate, acceleration, numbers[3] > 0)
+    return Trihedral(
+        tangent, normal, binormal, numbers[0], numbers[1], numbers[2], rate, acceleration, defined=numbers[3] > 0
+    )
 
 
 def _from_rows(frame: AbstractFrame, r: Float[Array, "5 3"], duration: Scalar) -> Any:
