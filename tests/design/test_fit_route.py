@@ -116,6 +116,15 @@ def test_the_errors_agree_with_the_covariance():
     np.testing.assert_allclose(spread, 1.0, atol=0.15)
 
 
+def test_a_swerve_is_no_outlier():
+    """A smooth motion faster than the first knots is followed, not left out."""
+    t = np.linspace(0.0, 20.0, 401)
+    swerve = 0.6 * np.exp(-(((t - 11.0) / 0.5) ** 2))
+    fitted = qt.fit_route(qt.Track(t, np.stack([10.0 * t, swerve, 0 * t], axis=1)))
+    assert len(fitted.outliers) == 0
+    assert float(fitted.residual.maximum) < 0.02
+
+
 def test_outliers_are_found_and_have_no_effect():
     track = recorded(velocities=True)
     positions = np.array(track.positions)

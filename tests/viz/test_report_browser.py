@@ -436,6 +436,28 @@ def test_a_plan_view_is_beside_the_scene_and_follows_the_slider(page):
     assert tip - origin == pytest.approx(data["space"]["length"] * axes[0][:2], abs=MILLIMETRE)
 
 
+def test_a_single_path_has_the_colours_of_its_curvature_and_a_click_moves_the_time(browser, tmp_path):
+    dataset = two_paths().isel(path=[0])
+    time, curvature = dataset["time"].values[0], np.linspace(0.0, 1.0, dataset.sizes["sample"])
+    dataset["curvature"] = (("path", "sample"), curvature[None], {"units": "m-1"})
+    shown(browser, tmp_path, dataset)
+    traces, *_ = plan(browser)
+    times = browser.execute_script(
+        "return document.getElementById('plan').data.filter((t) => t.name.startsWith('curvature'))"
+        ".map((t) => Array.from(t.customdata).filter((x) => x !== null))"
+    )
+    assert len(times) == 8
+    assert [drawn[0] for drawn in times] == sorted(drawn[0] for drawn in times)  # dark to bright, as it increases
+    assert times[0][0] == time[0]
+    assert times[-1][-1] == time[-1]
+    drawn = np.array([x for x in traces["curvature 3"][0] if x is not None])
+    assert np.isin(drawn.round(6), np.array(traces["slow"][0]).round(6)).all()
+    browser.execute_script(
+        "document.getElementById('plan').emit('plotly_click', { points: [{ customdata: arguments[0] }] })", time[40]
+    )
+    WebDriverWait(browser, PATIENCE).until(lambda _: now(browser) == pytest.approx(time[40], abs=1e-3))
+
+
 def test_a_closed_loop_has_no_plan(browser, tmp_path):
     shown(browser, tmp_path, closed_loop())
     assert not browser.find_element(By.ID, "planview").is_displayed()

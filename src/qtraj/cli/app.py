@@ -8,6 +8,7 @@ import typer
 from qtraj._version import __version__
 from qtraj.cli.evaluate import evaluate
 from qtraj.cli.report import report
+from qtraj.cli.route import route
 from qtraj.cli.simulate import simulate
 from qtraj.cli.slew import slew
 from qtraj.cli.terminal import UNTIL, warn
@@ -55,6 +56,12 @@ _add(
     evaluate,
     "qtraj evaluate turn.toml --samples 11",
     "qtraj evaluate results/path.toml --step 0.1 --out table",
+)
+_add(
+    route,
+    "qtraj route  (the embedded scenario)",
+    "qtraj route drive.csv --out drive",
+    "qtraj route bus.toml --out results",
 )
 _add(
     slew,

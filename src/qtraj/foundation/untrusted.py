@@ -1,8 +1,10 @@
 """Read untrusted files safely: content that is too large or too deeply nested is an error, never a crash."""
 
+import gzip
 import json
 import re
 import tomllib
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,12 +25,15 @@ TOO_DEEP = f"its tables or arrays are nested deeper than {MAX_DEPTH} levels"
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a file.
+    """The content of a file, decompressed if its name ends with .gz.
 
-    **Raises:** OSError if it cannot be read; ValueError, naming it, if it is larger than `MAX_SIZE`.
+    **Raises:** OSError if it cannot be read; ValueError, naming it, if it is larger than `MAX_SIZE`, or no gzip file.
     """
-    with path.open("rb") as stream:
-        content = stream.read(MAX_SIZE + 1)
+    try:
+        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as stream:
+            content = stream.read(MAX_SIZE + 1)
+    except (gzip.BadGzipFile, EOFError, zlib.error):
+        raise ValueError(f"{path}: not a complete gzip file, although its name ends with .gz") from None
     if len(content) > MAX_SIZE:
         raise ValueError(f"{path}: the file is larger than the maximum of {MAX_SIZE / 2**30:.3g} GiB")
     return content

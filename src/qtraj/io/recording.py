@@ -14,7 +14,8 @@ def is_recording(file: Path, text: str = "") -> bool:
     """Whether a file is a recording by its suffix, or by its text: rows of numbers, with or without a header."""
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     rows = bool(lines) and "=" not in lines[0] and any(map(_is_row, lines[:2]))
-    return file.suffix.lower() in RECORDINGS or rows
+    plain = file.with_suffix("") if file.suffix == ".gz" else file
+    return plain.suffix.lower() in RECORDINGS or rows
 
 
 def _is_row(line: str) -> bool:

@@ -55,6 +55,7 @@ class Kind(NamedTuple):
 
 KINDS = {
     "path": Kind(("tune", "evaluate"), "a path and its limits", "default.toml", "path", "PathScenario", "lay"),
+    "route": Kind(("route",), "a recorded drive", "route.toml", "route", "RouteScenario", "fit_recording"),
     "slew": Kind(("slew",), "a slew", "slew.toml", "slew", "SlewScenario", "slew_program"),
     "loop": Kind(
         ("simulate",),

@@ -59,6 +59,12 @@ LimitsPart = create_model("LimitsPart", __base__=LimitedPart, __doc__=LimitedPar
 """One key for each entry of the registry of path quantities."""
 
 
+def require_limits(purpose: dict[str, str], limits: LimitedPart) -> None:
+    """Raise a ValueError for a purpose without its limit."""
+    if extra := sorted(set(purpose) - set(limits.limits())):
+        raise ValueError(f"purpose.{extra[0]}: [limits] has no {extra[0]!r} that could have a purpose")
+
+
 class PathScenario(NamedPart):
     """A scenario: one path (a track, two boundary states, or a saved path), limits, and settings of the tuning."""
 
@@ -112,8 +118,7 @@ class PathScenario(NamedPart):
 
     @model_validator(mode="after")
     def _purposes(self) -> "PathScenario":
-        if extra := sorted(set(self.purpose) - set(self.limits.limits())):
-            raise ValueError(f"purpose.{extra[0]}: [limits] has no {extra[0]!r} that could have a purpose")
+        require_limits(self.purpose, self.limits)
         return self
 
 

@@ -118,7 +118,7 @@ def _recorded(file: Path, kind: Kind) -> str:
     """The message for a recording that was given instead of a scenario of this kind."""
     what, table = "this is a recording, not a scenario", f'file = "{file.name}" under [track]'
     if kind is KINDS["path"]:
-        return f"{what}: write a .toml file with {table}, and with [limits]"
+        return f"{what}: write a .toml file with {table}, and with [limits]; `qtraj route` reads a whole recording"
     return f"{what}: {KINDS['path'].title} read one, from a .toml file with {table}"
 
 

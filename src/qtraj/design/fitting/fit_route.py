@@ -16,7 +16,7 @@ from qtraj.design.fitting import route_choice as choice
 from qtraj.design.fitting.fitted_route import FittedRoute
 from qtraj.design.fitting.route_choice import Problem, Recording
 from qtraj.design.fitting.route_knots import equal_knots, find_stops, with_stops
-from qtraj.design.fitting.route_outliers import SMOOTHING, SPACING, STEPS, outlier_bound, without_outliers
+from qtraj.design.fitting.route_outliers import SMOOTHING, SPACING, STEPS, outlier_bound, outliers, without_outliers
 from qtraj.design.fitting.route_system import design, jerk_system, predict, sample_system, solve
 from qtraj.foundation.arrays import as_array
 from qtraj.foundation.outcome import ResultCode
@@ -51,11 +51,12 @@ def fit_route(
     which the root mean square of the distances is at most the tolerance.
 
     A stop is detected if the speed is below 0.5 % of the largest one, within 0.1 m, for a second or more. There the
-    velocity and acceleration of the route are exactly zero. Samples whose distance exceeds ten times the
-    upper quartile are left out as `outliers`. Gaps are bridged with minimum jerk. `covariance()` of the result is the
-    covariance of the joint states. Recorded attitudes are not used in the fit; `attitude` of the result compares them
-    with the route's upright frame, by `compare_attitude`. For geographical coordinates use
-    `read_track(..., projection=...)`. Use float64. The fit is not differentiable; the route is, like any other path.
+    velocity and acceleration of the route are exactly zero. Samples that jump away from their neighbours by more than
+    ten times the upper quartile of the distances are left out as `outliers`. Gaps are bridged with minimum jerk.
+    `covariance()` of the result is the covariance of the joint states. Recorded attitudes are not used in the fit;
+    `attitude` of the result compares them with the route's upright frame, by `compare_attitude`. For geographical
+    coordinates use `read_track(..., projection=...)`. Use float64. The fit is not differentiable; the route is, like
+    any other path.
 
     **Raises:** ValueError for invalid knots, a tolerance or smoothing that is not positive, a tolerance that is too
     small, both at once, or fewer than eight samples. RuntimeError with `throw` if the result is not finite.
@@ -195,8 +196,9 @@ def _with_inliers(
     """The fit with all samples that are no outliers at the final smoothing; outliers were found with another one."""
     if (recording.weights > 0).all():
         return recording, solution
-    distances = np.linalg.norm(predict(problem.positions, solution.states) - recording.positions, axis=1)
-    weights = (distances <= outlier_bound(distances[recording.weights > 0])).astype(float)
+    residuals = predict(problem.positions, solution.states) - recording.positions
+    bound = outlier_bound(np.linalg.norm(residuals[recording.weights > 0], axis=1))
+    weights = (~outliers(residuals, bound)).astype(float)
     if np.array_equal(weights, recording.weights):
         return recording, solution
     recording = recording._replace(weights=weights)

@@ -18,6 +18,9 @@ SMOOTHING = 1e-4
 OUTLIER_RATIO = 10.0
 """A sample is an outlier if its distance from the route exceeds this multiple of the upper quartile."""
 
+MIN_JUMP = 0.5
+"""Outliers jump by at least this part of their largest distance from one sample to the next."""
+
 MAX_ROUNDS, REDUCTION = 12, 0.3
 """Maximum number of fits, and the factor by which the bound decreases from one to the next."""
 
@@ -50,11 +53,11 @@ def without_outliers(recording: Recording, knots: Any) -> tuple[Recording, float
     for _ in range(MAX_ROUNDS):
         samples = sample_system(len(grid), at, recording.positions, recording.weights)
         states = solve(samples.plus(jerk, SMOOTHING / recording.step))
-        distances = np.linalg.norm(predict(at, states) - recording.positions, axis=1)
-        inliers = distances[recording.weights > 0]
+        residuals = predict(at, states) - recording.positions
+        inliers = np.linalg.norm(residuals[recording.weights > 0], axis=1)
         final_bound = outlier_bound(inliers)
         bound = max(final_bound, REDUCTION * min(bound, inliers.max()))
-        weights = (distances <= bound).astype(float)
+        weights = (~outliers(residuals, bound)).astype(float)
         if bound == final_bound and np.array_equal(weights, recording.weights):
             break
         recording = recording._replace(weights=weights)
@@ -64,6 +67,24 @@ def without_outliers(recording: Recording, knots: Any) -> tuple[Recording, float
 def outlier_bound(distances: np.ndarray) -> float:
     """The distance above which a sample is an outlier [m], from the distances of all samples that count."""
     return OUTLIER_RATIO * max(float(np.quantile(distances, 0.75)), MIN_QUARTILE)
+
+
+def outliers(residuals: np.ndarray, bound: float) -> np.ndarray:
+    """Whether each sample is an outlier (n,), from the differences between route and samples (n, 3) [m].
+
+    Consecutive samples above the bound are outliers only if they jump away from their neighbours. Otherwise they are a
+    motion that the route does not follow yet, such as a swerve between two knots.
+    """
+    distances = np.linalg.norm(residuals, axis=1)
+    steps = np.linalg.norm(np.diff(residuals, axis=0), axis=1)
+    above = np.concatenate([[False], distances > bound, [False]])
+    marked = np.zeros(len(distances), bool)
+    for start, end in zip(
+        np.flatnonzero(~above[:-1] & above[1:]), np.flatnonzero(above[:-1] & ~above[1:]), strict=True
+    ):
+        jump = steps[max(start - 1, 0) : end].max()
+        marked[start:end] = jump >= MIN_JUMP * distances[start:end].max()
+    return marked
 
 
 def _checked_knots(times: np.ndarray, duration: float) -> np.ndarray:
