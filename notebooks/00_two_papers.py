@@ -166,8 +166,8 @@ for end, state in ((0.0, A), (tk, B)):
 #
 # With $V_{1A}=V_{3A}=V_{2B}=V_{3B}=0$ the printed hodograph keeps two terms in each bracket,
 #
-# $$\rho = r_{1A} + \frac{12}{\pi^2}\Bigl(\frac{V_{2A}}{r_{1A}}\Bigr)^2(r_{2B}-r_{1A})\,t^2
-#        - \frac{16}{\pi^3}\Bigl(\frac{V_{2A}}{r_{1A}}\Bigr)^3(r_{2B}-r_{1A})\,t^3,$$
+# $$\rho = r_{1A} + \frac{12}{\pi^2}\left(\frac{V_{2A}}{r_{1A}}\right)^2(r_{2B}-r_{1A})\,t^2
+#        - \frac{16}{\pi^3}\left(\frac{V_{2A}}{r_{1A}}\right)^3(r_{2B}-r_{1A})\,t^3,$$
 #
 # and the same for $h$; with $r_{3A}=r_{3B}=0$ the turn is horizontal. The vehicle does not stop at its ends: its
 # velocities there are circumferential.
