@@ -324,3 +324,19 @@ def test_a_closed_form_that_does_not_apply_is_in_no_picture(qtraj, tmp_path):
     assert not any("closed form" in axes.get_legend_handles_labels()[1] for axes in figure.axes)
     panels = {panel.title: panel for panel in report_of(dataset).panels}
     assert [line.name for line in panels["error angle"].series] == ["angle"]
+
+
+def test_the_open_loop_beside_the_feedback(qtraj, tmp_path):
+    """A disturbance about the axis of the slew is integrated twice, exactly; the feedback leaves d/k2."""
+    scenario = tmp_path / "loop.toml"
+    disturbance = "[disturbance]\nacceleration = [0, 0, 0.3]\n"
+    scenario.write_text(SLEW + LAW + disturbance + "[simulation]\nduration = 8\nsamples = 9\n")
+    result = qtraj("simulate", scenario, "--open-loop", "--json", "--out", tmp_path / "out")
+    content = json.loads(result.stdout)
+    expected = 0.5 * np.radians(0.3) * np.arange(9.0) ** 2
+    np.testing.assert_allclose(columns_of(content)["open_loop_angle"], expected, atol=1e-8)
+    assert content["open_loop"]["final_angle"] == pytest.approx(expected[-1])
+    assert content["open_loop"]["largest_angle"] == pytest.approx(expected[-1])
+    assert content["verdict"]["final_angle"] < 0.02 * expected[-1]
+    with xarray.open_dataset(tmp_path / "out" / "table.nc") as table:
+        np.testing.assert_allclose(table["open_loop_angle"], expected, atol=1e-8)

@@ -12,9 +12,9 @@ from jax.sharding import PartitionSpec, SingleDeviceSharding
 from jaxtyping import Array
 
 from qtraj.algebra import hamilton
+from qtraj.algebra.cpu import in_one_loop
 from qtraj.batch.blocks import SAMPLES, filled, mapped, reduced
 from qtraj.batch.channels import channels
-from qtraj.batch.cpu import in_one_loop
 from qtraj.batch.devices import AXIS, Spread, spread
 from qtraj.batch.long_rows import LONG, by_path, long_row
 from qtraj.batch.reduction import LINEAR, block_peak, joiner

@@ -25,6 +25,7 @@ HEADERS = {
     "time": ["t"],
     "angle": ["error"],
     "closed_form_angle": ["closed form"],
+    "open_loop_angle": ["open loop"],
     "rate": ["ω1", "ω2", "ω3"],
     "command": ["command"],
     "norm": ["|λ|"],
@@ -64,7 +65,10 @@ def simulate(
     samples: int | None = typer.Option(
         None, min=2, max=100_000, metavar="N", help="Number of instants, including both ends; overrides the scenario."
     ),
-    frame: FrameName | None = terminal.frame_option("the frame of the scenario, or upright"),
+    frame: FrameName | None = terminal.frame_option("the scenario's; upright"),
+    open_loop: bool = typer.Option(
+        False, "--open-loop", help="Also simulate the body without feedback, under the program's acceleration alone."
+    ),
     as_json: bool = terminal.json_option(),
 ) -> None:
     """Simulate a body that follows an attitude program under a feedback law.
@@ -74,12 +78,14 @@ def simulate(
     table.csv) and a figure (simulation.png, simulation.svg). Exit code 1 if the integration did not finish.
     """
     with terminal.guarded():
-        outcome = run(scenario, out, samples, frame and frame.value)
+        outcome = run(scenario, out, samples, frame and frame.value, open_loop)
     terminal.finish(outcome, as_json)
 
 
-def run(file: Path | None, out: Path, samples: int | None, frame: str | None = None) -> Outcome:
-    """Simulate a closed loop and write the results.
+def run(
+    file: Path | None, out: Path, samples: int | None, frame: str | None = None, open_loop: bool = False
+) -> Outcome:
+    """Simulate a closed loop, with `open_loop` also the body without feedback, and write it.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
@@ -95,7 +101,7 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
 
         check_folder(out)
         loaded = read_scenario(file, "loop")
-        task, history, verdict = _simulated(loaded, samples, frame, watch)
+        task, history, verdict = _simulated(loaded, samples, frame, watch, open_loop)
         table = history[np.searchsorted(history.times, task.times)]
         actuator = task.actuator or Actuator()
         limit = None if actuator.limit is None else np.asarray(actuator.limit).tolist()
@@ -115,6 +121,7 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
             "command_limit": limit,
             "saturation": saturation,
             "verdict": plain(verdict.record()),
+            **_without_feedback(history),
             "finished": bool(history.solution.successful),
             "result": _result(history, verdict, loaded.scenario.error.sign),
             **tabular(table.record()),
@@ -135,12 +142,13 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
 
 
 def _simulated(
-    loaded: "ScenarioFile[Any]", samples: int | None, frame: str | None, watch: Watch
+    loaded: "ScenarioFile[Any]", samples: int | None, frame: str | None, watch: Watch, with_open_loop: bool = False
 ) -> tuple["LoopTask", "LoopHistory", "LoopVerdict"]:
     """The closed loop of a scenario, its motion, and its assessment; a ValueError names the file."""
     import qtraj.motion.simulation.simulate as simulation
     from qtraj.motion.simulation.loop_history import judging_times, loop_history, references_at
     from qtraj.motion.simulation.loop_verdict import SETTLED, judge_loop
+    from qtraj.motion.simulation.open_loop import open_loop
     from qtraj.scenario.part import radians
 
     with naming(f"{loaded.file}: "):
@@ -153,10 +161,24 @@ def _simulated(
         around = (task.disturbance, task.sensor, task.actuator)
         tolerances: Any = {"rtol": task.rtol, "atol": task.atol}
         solution = simulation.simulate(*loop, times, *around, jumps=task.jumps, sign="as given", **tolerances)
-        history = loop_history(*loop, solution)
+        alone = None
+        if with_open_loop:
+            watch.say("simulating without feedback")
+            start: Any = {"disturbance": task.disturbance, "jumps": task.jumps, "sign": "as given"}
+            alone = open_loop(task.program, times, task.quaternion, task.rate, **start, **tolerances)
+        history = loop_history(*loop, solution, alone)
     settled = loaded.scenario.simulation.settled
     angle = SETTLED if settled is None else radians(loaded.scenario.angles) * settled
     return task, history, judge_loop(history, task.law, *around, angle, **tolerances)
+
+
+def _without_feedback(history: "LoopHistory") -> dict[str, Any]:
+    """The angles of the open loop, if it was simulated; None where its integration did not arrive."""
+    if history.open_loop_angle is None:
+        return {}
+    angles = np.asarray(history.open_loop_angle)
+    values = {"final_angle": angles[-1], "largest_angle": angles.max()}
+    return {"open_loop": {name: float(x) if np.isfinite(x) else None for name, x in values.items()}}
 
 
 def _gains(task: "LoopTask") -> dict[str, Any]:
@@ -197,7 +219,7 @@ def _show(console: Console, content: dict[str, Any], verdict: "LoopVerdict") -> 
         neutral = "The closed loop is not asymptotically stable: with these gains the error does not decay."
         console.print(Text(unstable if verdict.growth > 0 else neutral, style="bold red"))
     layout.heading(console, "Motion")
-    console.print(layout.facts_table(_motion(content, content["verdict"], unit)))
+    console.print(layout.facts_table(_motion(content, content["verdict"], unit) + _alone(content)))
     if verdict.agrees is False:
         text = (
             f"The deviation from the closed form exceeds {float(verdict.bound):.3g}, the largest that the tolerances "
@@ -227,15 +249,24 @@ def _motion(content: dict[str, Any], verdict: dict[str, Any], unit: str) -> list
     ]
 
 
+def _alone(content: dict[str, Any]) -> list[tuple[str, str]]:
+    if "open_loop" not in content:
+        return []
+    final = content["open_loop"]["final_angle"]
+    return [("without feedback", "-" if final is None else f"{layout.degrees(final)}° from the program at the end")]
+
+
 def _show_columns(console: Console, columns: dict[str, Any], applies: bool, unit: str) -> None:
     omitted = () if applies else ("closed_form_angle",)
     headers = {name: names for name, names in HEADERS.items() if name in columns and name not in omitted}
     values = {name: np.array(columns[name], dtype=float) for name in headers}
-    for name in {"angle", "closed_form_angle", "rate", "command"} & headers.keys():
+    for name in {"angle", "closed_form_angle", "open_loop_angle", "rate", "command"} & headers.keys():
         values[name] = np.degrees(values[name])
     values["command"] = np.linalg.norm(values["command"], axis=1)
-    layout.heading(console, f"t [s], error angle [°], body rate ω [°/s], magnitude of the command [{unit}], |λ|")
-    layout.print_instants(console, values, headers, significant=("angle", "closed_form_angle", "command"))
+    layout.heading(console, f"t [s], error angle [°], body rate ω [°/s], length of the command [{unit}], |λ|")
+    layout.print_instants(
+        console, values, headers, significant=("angle", "closed_form_angle", "open_loop_angle", "command")
+    )
 
 
 def _closed(verdict: dict[str, Any]) -> str:

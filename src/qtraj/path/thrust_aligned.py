@@ -15,15 +15,17 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 from typing_extensions import TypeAliasType
 
+from qtraj.algebra.cpu import inverse_root
 from qtraj.algebra.vector import unit
 from qtraj.foundation.arrays import as_float, concrete, real_scalar, real_vector, require_finite
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Scalar, Vec3
 from qtraj.path.frame_axes import THRUST_ALIGNED
+from qtraj.path.frame_components import STEEP
 from qtraj.path.frenet import Invariants
 from qtraj.path.regularity import has_tangent, is_significant
-from qtraj.path.trihedral import STEEP, AbstractFrame, Trihedral, axis, inverse_root, with_axes
+from qtraj.path.trihedral import AbstractFrame, Trihedral, axis, with_axes
 
 STANDARD_GRAVITY = 9.80665
 """[m/s²]."""

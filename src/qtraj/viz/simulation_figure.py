@@ -71,8 +71,9 @@ def _draw_angle(axes: Any, dataset: xarray.Dataset, settled: float) -> None:
     for name, label, line in (
         ("angle", "simulated", {"color": "#0072B2", "lw": 1.8}),
         ("closed_form_angle", "closed form", CLOSED),
+        ("open_loop_angle", "without feedback", {"color": "0.45", "lw": 1.4, "ls": (0, (1, 1))}),
     ):
-        if name in dataset and (name == "angle" or _applies(dataset)):
+        if name in dataset and (name != "closed_form_angle" or _applies(dataset)):
             values = np.degrees(dataset[name].values)
             axes.plot(time, np.where(values > MIN_ANGLE, values, np.nan), label=label, **line)
     axes.axhline(np.degrees(settled), color=LIMIT, lw=0.8, ls=(0, (4, 3)), label=f"{np.degrees(settled):.4g}°")

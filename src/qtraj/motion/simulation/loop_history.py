@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.record import Quantity, Record
@@ -25,13 +26,15 @@ BEFORE_JUMP = 1e-9
 class LoopHistory(AbstractResult):
     """The motion of a closed loop at n instants, with its program and its closed form at the same instants.
 
-    `solution`: the `Solution`. `reference`: the program, with fields (n, …). `closed_form`: the undisturbed motion;
-    None for a law without a linear error equation. `history[rows]` selects instants.
+    `solution`: the `Solution`. `reference`: the program, fields (n, …). `closed_form`: the undisturbed motion, None for
+    a law without a linear error equation. `open_loop_angle` (n,) [rad]: the angle to the program without feedback, if
+    simulated. `history[rows]` selects instants.
     """
 
     solution: Solution
     reference: Attitude
     closed_form: ClosedMotion | None
+    open_loop_angle: Float[Array, " n"] | None = None
 
     @property
     def times(self) -> np.ndarray:
@@ -65,6 +68,9 @@ class LoopHistory(AbstractResult):
                     closed.error, "1", "error quaternion in closed form, undisturbed", component
                 ),
             }
+        if self.open_loop_angle is not None:
+            meaning = "angle between program and body under the acceleration of the program alone, without feedback"
+            variables["open_loop_angle"] = Quantity(self.open_loop_angle, "rad", meaning, time)
         summary = f"{times_text(self.times)}: angle to the program {extent(solution.angle, 'rad')}"
         times = Quantity(solution.times, "s", "time since the start of the program", time)
         about = {"frame": "body", "rate_convention": "body axes; a virtual rate is d/dt ln|quaternion|²"}
@@ -77,11 +83,18 @@ class LoopHistory(AbstractResult):
 
 
 def loop_history(
-    program: AbstractProgram, law: AbstractLaw, quaternion: ArrayInput, rate: ArrayInput, solution: Solution
+    program: AbstractProgram,
+    law: AbstractLaw,
+    quaternion: ArrayInput,
+    rate: ArrayInput,
+    solution: Solution,
+    open_loop: Solution | None = None,
 ) -> LoopHistory:
     """A solution of `simulate` with its program and its closed form; the other arguments are as in `simulate`.
 
-    **Raises:** ValueError for a solution without commands, or if the program has no attitude at one of the instants.
+    `open_loop`: a solution of `open_loop` at the same instants, None for none.
+
+    **Raises:** ValueError for a solution without commands, or a program without an attitude at one of its instants.
     """
     if solution.command is None or solution.angle is None:
         raise ValueError("a solution of integrate has neither a command nor an error. Use simulate instead.")
@@ -89,7 +102,7 @@ def loop_history(
     closed = None
     if isinstance(law, AccelerationLaw | RateLaw):
         closed = closed_motion(law, references, as_float(quaternion), as_float(rate), solution.times)
-    return LoopHistory(solution, references, closed)
+    return LoopHistory(solution, references, closed, None if open_loop is None else open_loop.angle)
 
 
 def references_at(program: AbstractProgram, times: ArrayInput) -> Attitude:

@@ -13,8 +13,6 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from qtraj.path.quantity import Division
-
 Numbers = Float[Array, "..."]
 Choice = Bool[Array, "..."] | bool
 
@@ -66,7 +64,3 @@ def _root(x: Numbers) -> Numbers:
 def _root_jvp(primals: tuple[Numbers], tangents: tuple[Numbers]) -> tuple[Numbers, Numbers]:
     (x,) = primals
     return root(x), 0.5 * (inverse_root(x, x > 0) * tangents[0])
-
-
-DIVISION = Division(lambda numerator, denominator: numerator * inverse_root(denominator) ** 2, inverse_root)
-"""Quotients and inverse roots with positive divisors, for the formulas of path quantities."""
