@@ -60,14 +60,19 @@ def _table(order: int) -> tuple[np.ndarray, np.ndarray]:
     return rows[0], rows[1:]
 
 
-def constraints_first(problem: RouteProblem, at: Expansion, weights: Float[Array, "constraints nodes n"]) -> Local:
-    """First derivatives of the weighted sum of the constraints."""
-    order, n = (at.slopes.shape[0] - 1) // 3, at.away.shape[-1]
+def constraints_first(
+    problem: RouteProblem,
+    slopes: Float[Array, "q limits nodes n"],
+    away: Float[Array, "3 nodes n"],
+    weights: Float[Array, "constraints nodes n"],
+) -> Local:
+    """First derivatives of the weighted sum of the constraints, from those at the nodes (see `Expansion`)."""
+    order, n = (slopes.shape[0] - 1) // 3, away.shape[-1]
     place, table = _table(order)
-    slopes = jnp.sum(at.slopes * weights[None, :-2], axis=1)
+    slopes = jnp.sum(slopes * weights[None, :-2], axis=1)
     rows = jnp.moveaxis(slopes[:-1].reshape(order, 3, -1, n), 1, 2).reshape(-1, 3 * n)
     near = weights[-2:] / problem.tube
-    pulls = 2 * at.away * jnp.stack([near[0], near[0], near[1]])
+    pulls = 2 * away * jnp.stack([near[0], near[0], near[1]])
     ends = table.reshape(-1, 6).T @ rows + place.T @ jnp.moveaxis(pulls, 0, 1).reshape(-1, 3 * n)
     return Local(ends.reshape(6, 3, n), jnp.sum(slopes[-1], axis=0))
 
@@ -104,30 +109,18 @@ def constraints_second(
     return LocalSecond(ends.reshape(6, 6, 3, 3, n), mixed, jnp.sum(whole[-1, -1], axis=0))
 
 
-def gradient(problem: RouteProblem, s: Segments, first: Local) -> Float[Array, "10 joints"]:
-    """First derivatives in the variables of the joints; zero for fixed ones."""
-    rows = _segment_gradient(problem, s, first)
-    total = jnp.pad(rows[:BLOCK], ((0, 0), (0, 1))) + jnp.pad(rows[BLOCK:], ((0, 0), (1, 0)))
-    return total * problem.free
-
-
-def _segment_gradient(problem: RouteProblem, s: Segments, first: Local) -> Float[Array, "20 n"]:
-    """In the variables of both joints of each segment."""
+def segment_gradient(problem: RouteProblem, s: Segments, first: Local) -> Float[Array, "20 n"]:
+    """First derivatives in the variables of both joints of each segment."""
     grown = (_POWERS[:, None, None] / s.h) * s.ends
     states = (first.ends * s.h ** _POWERS[:, None, None]).reshape(2, 3, 1, 3, -1)
-    states = jnp.sum(states * _sides(problem)[:, None], axis=3)
+    states = jnp.sum(states * problem.axes[:, None], axis=3)
     h = (first.h + jnp.sum(grown * first.ends, axis=(0, 1))) * problem.moving
     parts = [states[0].reshape(9, -1), -h[None], states[1].reshape(9, -1), h[None]]
     return jnp.concatenate(parts) * jnp.concatenate([problem.scale] * 2)[:, None]
 
 
-def _sides(problem: RouteProblem) -> Float[Array, "2 3 3 n"]:
-    """The axes at both ends of the segments."""
-    return jnp.stack([problem.axes[:, :, :-1], problem.axes[:, :, 1:]])
-
-
-def hessian(problem: RouteProblem, s: Segments, first: Local, second: LocalSecond) -> Chain:
-    """Second derivatives in the variables of the joints; those of fixed variables are those of the identity."""
+def segment_hessian(problem: RouteProblem, s: Segments, first: Local, second: LocalSecond) -> Float[Array, "20 20 n"]:
+    """Second derivatives in the variables of both joints of each segment."""
     n = s.h.shape[0]
     power = _POWERS[:, None, None]
     factor = s.h ** _POWERS[:, None]
@@ -137,7 +130,7 @@ def hessian(problem: RouteProblem, s: Segments, first: Local, second: LocalSecon
     states = second.ends * (factor[:, None] * factor[None])[:, :, None, None]
     mixed = factor[:, None] * (second.mixed + turned) + (power * s.h ** np.maximum(power - 1, 0)) * first.ends
     h = second.h + jnp.sum(grown * (2 * second.mixed + turned) + curved * first.ends, axis=(0, 1))
-    axes = _sides(problem)
+    axes = problem.axes
     states = states.reshape(2, 3, 2, 3, 1, 3, 3, n)  # side, order, side, order, component, component
     states = jnp.sum(states * axes[:, None, None, None, :, :, None], axis=5)
     states = jnp.sum(states[:, :, :, :, :, None] * axes[None, None, :, None, None], axis=6)
@@ -145,15 +138,27 @@ def hessian(problem: RouteProblem, s: Segments, first: Local, second: LocalSecon
     mixed = jnp.sum(mixed.reshape(2, 3, 1, 3, n) * axes[:, None], axis=3).reshape(2, 9, n) * problem.moving
     h = h * problem.moving
     sign = (-1.0, 1.0)
-    scale = problem.scale[:, None] * problem.scale[None]
 
     def block(a: int, b: int) -> Array:
         top = jnp.concatenate([states[a, :, b], sign[b] * mixed[a][:, None]], axis=1)
         last = jnp.concatenate([sign[a] * mixed[b], sign[a] * sign[b] * h[None]])
-        return jnp.moveaxis(jnp.concatenate([top, last[None]]) * scale[:, :, None], -1, 0)
+        return jnp.concatenate([top, last[None]])
 
-    free = problem.free.T
-    diagonal = jnp.pad(block(0, 0), ((0, 1), (0, 0), (0, 0))) + jnp.pad(block(1, 1), ((1, 0), (0, 0), (0, 0)))
-    diagonal = diagonal * free[:, :, None] * free[:, None]
-    diagonal += (1 - free)[:, :, None] * np.eye(BLOCK)
-    return Chain(diagonal, block(1, 0) * free[1:, :, None] * free[:-1, None])
+    whole = jnp.concatenate([jnp.concatenate([block(a, b) for b in range(2)], axis=1) for a in range(2)])
+    scale = jnp.concatenate([problem.scale] * 2)
+    return whole * (scale[:, None] * scale[None])[:, :, None]
+
+
+def gradient(problem: RouteProblem, rows: Float[Array, "20 n"]) -> Float[Array, "10 joints"]:
+    """The sum over segments in the variables of the joints; zero for fixed ones."""
+    total = jnp.pad(rows[:BLOCK], ((0, 0), (0, 1))) + jnp.pad(rows[BLOCK:], ((0, 0), (1, 0)))
+    return total * problem.free
+
+
+def hessian(problem: RouteProblem, rows: Float[Array, "20 20 n"]) -> Chain:
+    """The sum over segments in the variables of the joints; fixed variables have the rows of the identity."""
+    blocks, free = jnp.moveaxis(rows, -1, 0), problem.free.T
+    first, last = blocks[:, :BLOCK, :BLOCK], blocks[:, BLOCK:, BLOCK:]
+    diagonal = jnp.pad(first, ((0, 1), (0, 0), (0, 0))) + jnp.pad(last, ((1, 0), (0, 0), (0, 0)))
+    diagonal = diagonal * free[:, :, None] * free[:, None] + (1 - free)[:, :, None] * np.eye(BLOCK)
+    return Chain(diagonal, blocks[:, BLOCK:, :BLOCK] * free[1:, :, None] * free[:-1, None])

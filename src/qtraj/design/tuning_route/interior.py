@@ -18,7 +18,7 @@ from qtraj.design.tuning_route.newton import Iterate, Linear, Rows, Step, excess
 from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
 from qtraj.foundation.types import Scalar
 
-LEAST_BARRIER = 1e-10
+LEAST_BARRIER = 1e-9
 """The last barrier parameter; the objective is then at most this times the number of constraints above its minimum."""
 
 TOLERANCE = 1e-7
@@ -109,24 +109,27 @@ def _merit(problem: RouteProblem, z: Any, excess: Rows, slacks: Rows, mu: Any, p
 def _shifted_step(names: Names, problem: RouteProblem, search: Search, linear: Linear) -> tuple[Step, Scalar]:
     """The Newton step with the first shift, of an increasing sequence, for which the matrix is positive definite."""
 
-    def attempt(shift: Scalar) -> Step:
-        return newton(names, problem, search.at, linear, search.mu, shift)
-
-    def again(carry: tuple[Step, Scalar]) -> Any:
-        step, shift = carry
+    def again(carry: tuple[Step, Scalar, Scalar]) -> Any:
+        step, shift, _ = carry
         return ~step.positive & (shift < MOST_SHIFT)
 
-    def more(carry: tuple[Step, Scalar]) -> Any:
-        shift = jnp.where(carry[1] > 0, carry[1] * 8.0, jnp.maximum(SHIFT, search.shift / 3))
-        return attempt(shift), shift
+    def attempt(carry: tuple[Step, Scalar, Scalar]) -> Any:
+        _, _, shift = carry
+        following = jnp.where(shift > 0, shift * 8.0, jnp.maximum(SHIFT, search.shift / 3))
+        return newton(names, problem, search.at, linear, search.mu, shift), shift, following
 
     zero = jnp.zeros_like(search.mu)
-    return jax.lax.while_loop(again, more, (attempt(zero), zero))
+    none = Step(search.at.z, search.at.slacks, search.at.multipliers, zero, zero, zero > 0)
+    step, shift, _ = jax.lax.while_loop(again, attempt, (none, zero, zero))
+    return step, shift
 
 
 def _longest(values: Rows, changes: Rows, keep: Any) -> Scalar:
     """The largest part of a step, at most 1, that keeps positive numbers above a small part of themselves."""
-    parts = [jnp.min(jnp.where(d < 0, -keep * v / jnp.where(d < 0, d, -1.0), 1.0)) for v, d in zip(values, changes, strict=True)]
+    parts = [
+        jnp.min(jnp.where(d < 0, -keep * v / jnp.where(d < 0, d, -1.0), 1.0))
+        for v, d in zip(values, changes, strict=True)
+    ]
     return jnp.minimum(1.0, jnp.minimum(*parts))
 
 
@@ -143,7 +146,9 @@ def _iteration(names: Names, problem: RouteProblem, search: Search) -> Search:
     smaller = jnp.maximum(LEAST_BARRIER, jnp.minimum(0.2 * search.mu, search.mu**1.5))
     mu = jnp.where(close, smaller, search.mu)
     margins = jax.lax.cond(
-        close & (search.mu < 1e-2) & (search.mu > 1e-5), lambda: refreshed(names, problem, at.z, at.margins), lambda: at.margins
+        close & (search.mu < 1e-2) & (search.mu > 1e-5),
+        lambda: refreshed(names, problem, at.z, at.margins),
+        lambda: at.margins,
     )
     nodes = linear.excess.nodes + (at.margins - margins) * problem.used
     linear = linear._replace(excess=linear.excess._replace(nodes=nodes))
@@ -173,14 +178,16 @@ def _iteration(names: Names, problem: RouteProblem, search: Search) -> Search:
     def fails(carry: Any) -> Any:
         part, (_, _, merit), k = carry
         bound = initial + SUFFICIENT * part * slope + 1e-13 * jnp.abs(initial)
-        return ~(merit <= bound) & (k < HALVINGS)
+        return ~(merit <= bound) & (k <= HALVINGS)
 
     def shorter(carry: Any) -> Any:
         part, _, k = carry
-        return 0.5 * part, trial(0.5 * part), k + 1
+        part = jnp.where(k > 0, 0.5 * part, part)
+        return part, trial(part), k + 1
 
-    part, (z, slacks, merit), halvings = jax.lax.while_loop(fails, shorter, (longest, trial(longest), 0))
-    failed = (halvings >= HALVINGS) | ~jnp.isfinite(merit) | ~step.positive
+    unknown = (at.z, at.slacks, jnp.full_like(mu, jnp.inf))
+    part, (z, slacks, merit), tried = jax.lax.while_loop(fails, shorter, (longest, unknown, 0))
+    failed = (tried > HALVINGS) | ~jnp.isfinite(merit) | ~step.positive
     dual = _longest(at.multipliers, step.multipliers, keep)
     multipliers = _moved(at.multipliers, step.multipliers, dual)
     multipliers = jax.tree.map(

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float
 from qtraj.design.tuning_route import assembly, basis, chain
 from qtraj.design.tuning_route.assembly import Local
 from qtraj.design.tuning_route.constraints import Expansion, Names, distances, expand, orders, values
-from qtraj.design.tuning_route.problem import RouteProblem, Segments, moved, objective, segments
+from qtraj.design.tuning_route.problem import RouteProblem, Segments, by_blocks, moved, segments
 from qtraj.foundation.types import Scalar
 
 
@@ -44,13 +44,12 @@ class Linear(NamedTuple):
     """Everything at an iterate that its Newton steps need."""
 
     segments: Segments
-    expansion: Expansion
+    slopes: Float[Array, "q limits nodes n"]
+    away: Float[Array, "3 nodes n"]
     excess: Rows
-    objective: Scalar
     gradient: Float[Array, "10 joints"]
     residual: Float[Array, "10 joints"]
     hessian: chain.Chain
-    first: Local
 
 
 def used(problem: RouteProblem) -> Rows:
@@ -68,38 +67,66 @@ def _bounds(problem: RouteProblem, s: Segments) -> Array:
     return jnp.stack([1 - s.h / problem.shortest, s.h / problem.longest - 1]) * problem.moving
 
 
+class _Local(NamedTuple):
+    """What `linearise` computes for each segment on its own."""
+
+    values: Float[Array, "constraints nodes n"]
+    slopes: Float[Array, "q limits nodes n"]
+    away: Float[Array, "3 nodes n"]
+    gradient: Float[Array, "20 n"]
+    residual: Float[Array, "20 n"]
+    hessian: Float[Array, "20 20 n"]
+
+
 def linearise(names: Names, problem: RouteProblem, at: Iterate) -> Linear:
     """The derivatives at an iterate. Its multipliers of constraints that do not count are zero."""
     s = segments(problem, at.z)
-    expansion = expand(names, problem, s, at.multipliers.nodes)
-    excess = Rows((expansion.values - at.margins) * problem.used, _bounds(problem, s))
-    own = assembly.objective_first(problem, s)
-    pulls = _first(problem, expansion, at.multipliers)
-    gradient = assembly.gradient(problem, s, own)
-    residual = gradient + assembly.gradient(problem, s, pulls)
-    first = jax.tree.map(jnp.add, own, pulls)
     stiffness = jax.tree.map(lambda a, b: a / b, at.multipliers, at.slacks)
-    second = assembly.constraints_second(problem, expansion, at.multipliers.nodes, stiffness.nodes)
-    low, high = stiffness.bounds
-    second = second._replace(h=second.h + low / problem.shortest**2 + high / problem.longest**2)
-    second = jax.tree.map(jnp.add, second, assembly.objective_second(problem, s))
-    hessian = assembly.hessian(problem, s, first, second)
-    return Linear(s, expansion, excess, objective(problem, at.z), gradient, residual, hessian, first)
+
+    def local(problem: RouteProblem, s: Segments, weights: Rows, stiffness: Rows) -> _Local:
+        expansion = expand(names, problem, s, weights.nodes)
+        own, pulls = assembly.objective_first(problem, s), _first(problem, expansion, weights)
+        first = jax.tree.map(jnp.add, own, pulls)
+        second = assembly.constraints_second(problem, expansion, weights.nodes, stiffness.nodes)
+        low, high = stiffness.bounds
+        second = second._replace(h=second.h + low / problem.shortest**2 + high / problem.longest**2)
+        second = jax.tree.map(jnp.add, second, assembly.objective_second(problem, s))
+        return _Local(
+            expansion.values,
+            expansion.slopes,
+            expansion.away,
+            assembly.segment_gradient(problem, s, own),
+            assembly.segment_gradient(problem, s, first),
+            assembly.segment_hessian(problem, s, first, second),
+        )
+
+    found = by_blocks(local, problem, s, at.multipliers, stiffness)
+    excess = Rows((found.values - at.margins) * problem.used, _bounds(problem, s))
+    return Linear(
+        s,
+        found.slopes,
+        found.away,
+        excess,
+        assembly.gradient(problem, found.gradient),
+        assembly.gradient(problem, found.residual),
+        assembly.hessian(problem, found.hessian),
+    )
 
 
-def _first(problem: RouteProblem, expansion: Expansion, weights: Rows) -> Local:
-    found = assembly.constraints_first(problem, expansion, weights.nodes)
+def _first(problem: RouteProblem, at: Expansion | Linear, weights: Rows) -> Local:
+    found = assembly.constraints_first(problem, at.slopes, at.away, weights.nodes)
     low, high = weights.bounds
     return found._replace(h=found.h - low / problem.shortest + high / problem.longest)
 
 
 def pulled(problem: RouteProblem, linear: Linear, weights: Rows) -> Float[Array, "10 joints"]:
     """The gradient of the weighted sum of the constraints."""
-    return assembly.gradient(problem, linear.segments, _first(problem, linear.expansion, weights))
+    s = linear.segments
+    return assembly.gradient(problem, assembly.segment_gradient(problem, s, _first(problem, linear, weights)))
 
 
 def _pushed(problem: RouteProblem, linear: Linear, dz: Array, order: int) -> Rows:
-    s, at = linear.segments, linear.expansion
+    s, at = linear.segments, linear
     states, dh = moved(problem, dz)
     power = jnp.asarray(basis.POWERS, dz.dtype)[:, None, None]
     ends = s.h**power * states + (power / s.h) * s.ends * dh
@@ -131,9 +158,7 @@ def newton(names: Names, problem: RouteProblem, at: Iterate, linear: Linear, mu:
     dz = dz.T * problem.free
     along = _pushed(problem, linear, dz, orders(names))
     slacks = jax.tree.map(lambda g, a: -g - a, gaps, along)
-    change = jax.tree.map(
-        lambda m, s, ds, u: u * ((mu - m * ds) / s - m), at.multipliers, at.slacks, slacks, count
-    )
+    change = jax.tree.map(lambda m, s, ds, u: u * ((mu - m * ds) / s - m), at.multipliers, at.slacks, slacks, count)
     barrier = sum(jnp.sum(u * ds / s) for u, ds, s in zip(count, slacks, at.slacks, strict=True))
     slope = jnp.sum(linear.gradient * dz) - mu * barrier
     good = positive & jnp.isfinite(slope) & jnp.isfinite(curvature)

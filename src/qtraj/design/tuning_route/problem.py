@@ -7,8 +7,10 @@ matrix. Arrays have the segments or joints on the last axis; segments that stay 
 `moving` = 0 and no constraints.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -17,6 +19,9 @@ from qtraj.design.tuning_route import basis
 
 BLOCK = 10
 """Variables of a joint: position, velocity, acceleration, time."""
+
+CACHED = 32
+"""Segments whose derivatives are computed at once, few enough for the processor's cache."""
 
 JERK = basis.gram(3)
 
@@ -32,8 +37,8 @@ class RouteProblem(NamedTuple):
     (limits + 2, nodes, n): which constraints count. `shortest`, `longest` (n,) [s]: bounds on the durations.
 
     The objective is the sum over segments of δᵀ`near`δ + `pace`(h/h₀ − 1)² + `jerk`∫|r⃛|²dt + `time`·h, where δ is the
-    change of the end data. `free` (10, n + 1) has zeros for fixed variables; `scale` (10,) converts variables to SI.
-    `axes` (3, 3, n + 1): unit vectors along, to the left of and above the given path at the joints, in rows.
+    change of the end data; in the user's units it is `unit` times that. `free` (10, n + 1) has zeros for fixed variables; `scale` (10,) converts variables to SI.
+    `axes` (2, 3, 3, n): unit vectors along, to the left of and above the given path at both ends, in rows.
     """
 
     ends: Float[Array, "6 3 n"]
@@ -51,9 +56,10 @@ class RouteProblem(NamedTuple):
     pace: Float[Array, " n"]
     jerk: Float[Array, " n"]
     time: Float[Array, " n"]
+    unit: Float[Array, ""]
     free: Float[Array, "10 joints"]
     scale: Float[Array, " 10"]
-    axes: Float[Array, "3 3 joints"]
+    axes: Float[Array, "2 3 3 n"]
 
 
 class Segments(NamedTuple):
@@ -63,6 +69,23 @@ class Segments(NamedTuple):
     states: Float[Array, "6 3 n"]
     change: Float[Array, "6 3 n"]
     ends: Float[Array, "6 3 n"]
+
+
+_JOINT_FIELDS = ("free", "unit", "squares", "scale", "fine_offset", "fine_tube")
+
+
+def by_blocks(function: Callable[..., Any], problem: RouteProblem, *trees: Any) -> Any:
+    """A function of a problem and arrays with the segments last, called for blocks of segments that fit into the cache.
+
+    It must be local: each segment's result may depend on this segment only.
+    """
+    n = problem.durations.shape[0]
+    own = {name: x for name, x in problem._asdict().items() if name not in _JOINT_FIELDS}
+    if n <= CACHED or n % CACHED:
+        return function(problem, *trees)
+    split = jax.tree.map(lambda x: jnp.moveaxis(x.reshape(*x.shape[:-1], n // CACHED, CACHED), -2, 0), (own, *trees))
+    found = jax.lax.map(lambda x: function(problem._replace(**x[0]), *x[1:]), split)
+    return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -2).reshape(*x.shape[1:-1], n), found)
 
 
 def segments(problem: RouteProblem, z: Float[Array, "10 joints"]) -> Segments:
@@ -81,9 +104,9 @@ def segments(problem: RouteProblem, z: Float[Array, "10 joints"]) -> Segments:
 def moved(problem: RouteProblem, z: Float[Array, "10 joints"]) -> tuple[Float[Array, "6 3 n"], Float[Array, " n"]]:
     """The changes of the states at both ends of the segments [SI, world axes], and of the durations [s]."""
     move = z * problem.scale[:, None]
-    world = jnp.sum(move[:9].reshape(3, 3, 1, -1) * problem.axes[None], axis=1)
-    longer = problem.moving * (move[9, 1:] - move[9, :-1])
-    return jnp.concatenate([world[:, :, :-1], world[:, :, 1:]]), longer
+    own = jnp.stack([move[:9, :-1], move[:9, 1:]]).reshape(2, 3, 3, 1, -1)
+    world = jnp.sum(own * problem.axes[:, None], axis=2)
+    return world.reshape(6, 3, -1), problem.moving * (move[9, 1:] - move[9, :-1])
 
 
 def objective(problem: RouteProblem, z: Float[Array, "10 joints"]) -> Float[Array, ""]:

@@ -46,7 +46,7 @@ def parts(route: Route) -> Parts:
 def size(count: int) -> int:
     """The number of segments for which a program is compiled: four sizes in each doubling, at least 16."""
     step = max(4, 1 << max(0, (count - 1).bit_length() - 3))
-    return max(16, -(-count // step) * step)
+    return max(16, -(-count // step) * step) if count <= 64 else -(-count // max(step, 32)) * max(step, 32)
 
 
 def standing(given: Parts) -> np.ndarray:
@@ -81,17 +81,19 @@ def problem_of(
     free[0] = 0.0  # not along the path
     into, out = np.append(0.0, moving), np.append(moving, 0.0)
     free[9] = (into > 0) & ((out > 0) | (not timed))
-    length = float(np.sqrt(np.mean(tube**2)))
+    length, unit = float(np.sqrt(np.mean(tube**2))), 1.0
     own = h * moving
     weights = {"near": 0.0 * h, "pace": 0.0 * h, "jerk": 0.0 * h, "time": 0.0 * h}
     near = np.zeros((6, 6, n))
     if objective == "nearest":
         for k in range(3):
             near += TIME_SCALE ** (2 * k) * basis.gram(k)[:, :, None] * own * h ** (-2.0 * k) / length**2
+        unit = length**2 / np.sum(given.h)
         weights["pace"] = own * TIME_SCALE**2 * np.maximum(speed, 1e-3 * np.max(speed)) ** 2 / length**2
     elif objective == "smoothest":
         jerks = np.sum(np.einsum("lm,mcn->lcn", basis.gram(3), ends) * ends, axis=(0, 1)) * h**-5 * moving
-        weights["jerk"] = moving * np.sum(own) / max(float(np.sum(jerks)), 1e-12)
+        unit = max(float(np.sum(jerks)), 1e-12) / max(np.sum(own), 1e-12)
+        weights["jerk"] = moving / unit
     else:
         weights["time"] = moving
     used = np.broadcast_to(moving, (len(names) + 2, len(basis.NODES), n)).copy()
@@ -116,6 +118,7 @@ def problem_of(
         weights["pace"],
         weights["jerk"],
         weights["time"],
+        np.asarray(unit),
         free,
         np.append(scale, 1 / max(pace, 1e-12)),
         _axes(given, n),
@@ -123,7 +126,7 @@ def problem_of(
 
 
 def _axes(given: Parts, n: int) -> np.ndarray:
-    """Unit vectors along, to the left of and above the path at the joints (3, 3, n + 1)."""
+    """Unit vectors along, to the left of and above the path at both ends of the segments (2, 3, 3, n)."""
     v = _filled(given.states[:, 1], n + 1, 0.0)
     size = np.linalg.norm(v, axis=1)
     v[size == 0] = (1.0, 0.0, 0.0)
@@ -131,7 +134,8 @@ def _axes(given: Parts, n: int) -> np.ndarray:
     steep = np.abs(along[:, 2]) > 0.9
     left = np.cross(np.where(steep[:, None], (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)), along)
     left /= np.linalg.norm(left, axis=1)[:, None]
-    return np.moveaxis(np.stack([along, left, np.cross(along, left)]), 1, 2)
+    rows = np.moveaxis(np.stack([along, left, np.cross(along, left)]), 1, 2)
+    return np.stack([rows[:, :, :-1], rows[:, :, 1:]])
 
 
 def _filled(x: np.ndarray, n: int, value: float) -> np.ndarray:
@@ -159,7 +163,7 @@ def _offsets(given: Parts, n: int, moving: np.ndarray, nodes: np.ndarray) -> np.
     own = pieces.hermite(given.h, given.states)
     own = np.pad(own, [(0, 0), (0, max(0, given.c.shape[1] - own.shape[1])), (0, 0)])
     c = np.pad(given.c, [(0, 0), (0, own.shape[1] - given.c.shape[1]), (0, 0)])
-    powers = (nodes[:, None] * given.h) [:, :, None] ** np.arange(own.shape[1])
+    powers = (nodes[:, None] * given.h)[:, :, None] ** np.arange(own.shape[1])
     rows = np.einsum("fnk,nkc->cfn", powers, own - c)
     size = np.abs(given.states[:, 0]).max() + np.abs(given.states[:, 1]).max() * given.h.max()
     found[:, :, : len(given.h)] = np.where(np.abs(rows) > 1e-12 * size, rows, 0.0) * moving[: len(given.h)]
