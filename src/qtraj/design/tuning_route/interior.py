@@ -18,9 +18,6 @@ from qtraj.design.tuning_route.newton import Iterate, Linear, Rows, Step, excess
 from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
 from qtraj.foundation.types import Scalar
 
-LEAST_BARRIER = 1e-9
-"""The last barrier parameter; the objective is then at most this times the number of constraints above its minimum."""
-
 TOLERANCE = 1e-7
 """The largest residual of the optimality conditions at the end."""
 
@@ -39,6 +36,15 @@ CAP = 1e10
 
 LEAST_MARGIN = 0.5
 
+RENEWED, RENEWALS = 1e-2, 15
+"""Margins are renewed whenever the barrier parameter decreases below this, so often at most."""
+
+FREE = 4
+"""From this renewal on margins only decrease, so that they converge."""
+
+SETTLED = 1e-6
+"""Margins that change less are kept from then on."""
+
 
 class Search(NamedTuple):
     """The state of the loop; `done` if the tolerance is reached, `stuck` if no step makes progress."""
@@ -49,6 +55,7 @@ class Search(NamedTuple):
     penalty: Scalar
     error: Scalar
     steps: Int[Array, ""]
+    renewals: Int[Array, ""]
     done: Bool[Array, ""]
     stuck: Bool[Array, ""]
 
@@ -91,12 +98,25 @@ def refreshed(names: Names, problem: RouteProblem, z: Float[Array, "10 joints"],
     half = basis.FINER // 2
     padded = jnp.pad(peak, ((0, 0), (half, half), (0, 0)))
     shifted = [padded[:, k : k + basis.CELLS * basis.FINER + 1 : basis.FINER] for k in range(2 * half + 1)]
-    largest = jnp.max(jnp.stack(shifted), axis=0)
+    largest = _joined(jnp.max(jnp.stack(shifted), axis=0), problem.used)
     own = fine[:, :: basis.FINER]
     safe = largest > 1e-3
     ratio = jnp.where(safe, own / jnp.where(safe, largest, 1.0), 1.0)
     # Only where the limit is nearly attained does the ratio matter; elsewhere it would shut out useful values.
     return jnp.where(largest > 0.8 * margins.max(), jnp.maximum(ratio, LEAST_MARGIN), 1.0)
+
+
+def _joined(largest: Array, used: Array) -> Array:
+    """The largest values near nodes, with those near nodes that do not count given to neighbours that do.
+
+    The end of a segment counts as the start of the next one, unless the limit may jump there; where neither counts,
+    because the joint is fixed, the next node inside the segment stands for it.
+    """
+    before = jnp.pad(largest[:, -1, :-1] * (1 - used[:, -1, :-1]), ((0, 0), (1, 0)))
+    after = jnp.pad(used[:, 0, 1:], ((0, 0), (0, 1)))
+    alone = largest[:, -1] * (1 - used[:, -1]) * (1 - after)
+    largest = largest.at[:, -2].max(alone).at[:, 1].max(largest[:, 0] * (1 - used[:, 0]))
+    return largest.at[:, 0].max(before)
 
 
 def _merit(problem: RouteProblem, z: Any, excess: Rows, slacks: Rows, mu: Any, penalty: Any) -> Scalar:
@@ -137,19 +157,23 @@ def _moved(tree: Any, change: Any, part: Any) -> Any:
     return jax.tree.map(lambda x, d: x + part * d, tree, change)
 
 
-def _iteration(names: Names, problem: RouteProblem, search: Search) -> Search:
+def _iteration(names: Names, problem: RouteProblem, search: Search, factor: Any, least: Any) -> Search:
     at, count = search.at, used(problem)
     linear = linearise(names, problem, at)
     error = _error(problem, at, linear, 0.0)
-    done = (error <= TOLERANCE) & (search.mu <= LEAST_BARRIER)
+    done = (error <= jnp.maximum(TOLERANCE, 10 * least)) & (search.mu <= least)
     close = _error(problem, at, linear, search.mu) <= 10 * search.mu
-    smaller = jnp.maximum(LEAST_BARRIER, jnp.minimum(0.2 * search.mu, search.mu**1.5))
+    renew = close & (search.mu < RENEWED) & (search.renewals < RENEWALS)
+    margins = jax.lax.cond(renew, lambda: refreshed(names, problem, at.z, at.margins) * factor, lambda: at.margins)
+    margins = jnp.where(search.renewals >= FREE, jnp.minimum(margins, at.margins), margins)
+    # With new margins the constraints jump by this; smaller slacks would block the way.
+    jump = jnp.max(jnp.abs(margins - at.margins) * problem.used)
+    settled = jump <= SETTLED
+    margins = jnp.where(settled, at.margins, margins)
+    renewals = jnp.where(renew, jnp.where(settled, RENEWALS, search.renewals + 1), search.renewals)
+    smaller = jnp.maximum(least, jnp.minimum(0.2 * search.mu, search.mu**1.5))
+    smaller = jnp.maximum(smaller, jnp.where(renew & ~settled, jnp.minimum(0.3 * jump, search.mu), 0.0))
     mu = jnp.where(close, smaller, search.mu)
-    margins = jax.lax.cond(
-        close & (search.mu < 1e-2) & (search.mu > 1e-5),
-        lambda: refreshed(names, problem, at.z, at.margins),
-        lambda: at.margins,
-    )
     nodes = linear.excess.nodes + (at.margins - margins) * problem.used
     linear = linear._replace(excess=linear.excess._replace(nodes=nodes))
     at = at._replace(margins=margins)
@@ -195,15 +219,22 @@ def _iteration(names: Names, problem: RouteProblem, search: Search) -> Search:
     )
     stopped = done | failed
     kept = jax.tree.map(lambda a, b: jnp.where(stopped, a, b), search.at, Iterate(z, slacks, multipliers, margins))
-    return Search(kept, mu, shift, penalty, error, search.steps + ~stopped, done, failed & ~done)
+    return Search(kept, mu, shift, penalty, error, search.steps + ~stopped, renewals, done, failed & ~done)
 
 
-def solve(names: Names, problem: RouteProblem, at: Iterate, mu: Any, most: Any) -> Search:
-    """The search from an iterate, with at most `most` steps; `names` are the limits in the order of their squares."""
+def solve(
+    names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu: Any, least: Any, most: Any, renewals: Any
+) -> Search:
+    """The search from an iterate, with the barrier parameter from `mu` to `least`, in at most `most` steps.
+
+    Margins are multiplied by `factor`, below 1, and were renewed `renewals` times before. `names` are the limits in the order of their squares.
+    """
     one = jnp.ones_like(problem.durations[0])
-    first = Search(at, mu * one, 0 * one, one, jnp.inf * one, 0 * jnp.asarray(most), one < 0, one < 0)
+    first = Search(
+        at, mu * one, 0 * one, one, jnp.inf * one, 0 * jnp.asarray(most), jnp.asarray(renewals), one < 0, one < 0
+    )
 
     def running(search: Search) -> Any:
         return ~search.done & ~search.stuck & (search.steps < most)
 
-    return jax.lax.while_loop(running, lambda search: _iteration(names, problem, search), first)
+    return jax.lax.while_loop(running, lambda search: _iteration(names, problem, search, factor, least), first)

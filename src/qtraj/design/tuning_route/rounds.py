@@ -20,7 +20,7 @@ from qtraj.design.proof.route import certify_route
 from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.design.tuning_route import interior
 from qtraj.design.tuning_route.constraints import Names
-from qtraj.design.tuning_route.interior import Search
+from qtraj.design.tuning_route.interior import FREE, Search
 from qtraj.design.tuning_route.newton import Iterate, Rows, excess_of, used
 from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
 from qtraj.design.tuning_route.setup import Parts
@@ -31,11 +31,15 @@ from qtraj.path.route import Route, built
 ROUNDS = 10
 """Searches, at most."""
 
-BARRIER, AGAIN = 0.1, 1e-6
-"""The barrier parameter at the start of the first search, and of the others."""
+BARRIER, LEAST = 0.1, 1e-9
+"""The barrier parameter at the start and at the end of a search; the objective is then at most `LEAST` times the number
+of constraints above its minimum."""
 
-SAFETY = 1e-8
-"""The first relative distance of the squares from their margins; each further round takes three times as much."""
+AGAIN = (1e-7, 1e-3)
+"""At the start of a further search it is the largest relative violation between the nodes, within these bounds."""
+
+SAFETY = 2e-6
+"""The squares stay below their margins by this part, in each further round by twice as much."""
 
 
 class Judged(NamedTuple):
@@ -57,14 +61,14 @@ class Found(NamedTuple):
 
 
 @eqx.filter_jit
-def _search(names: Names, problem: RouteProblem, at: Iterate, mu: Any, most: Any) -> Search:
-    return interior.solve(names, problem, at, mu, most)
+def _search(names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu: Any, most: Any, renewals: Any) -> Search:
+    return interior.solve(names, problem, at, factor, mu, LEAST, most, renewals)
 
 
 @eqx.filter_jit
 def _prepared(names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu: Any) -> Iterate:
     """The iterate for the next search: new margins, and slacks that suit the multipliers."""
-    margins = interior.refreshed(names, problem, at.z, at.margins) * factor
+    margins = jnp.minimum(at.margins, interior.refreshed(names, problem, at.z, at.margins) * factor)
     excess = excess_of(names, problem, segments(problem, at.z), margins)
 
     def slack(g: Any, m: Any, u: Any) -> Any:
@@ -96,30 +100,26 @@ def solved(
     n, count = problem.durations.shape[0], len(given.h)
     moving = np.asarray(problem.moving)[:count] > 0
     bounds = np.sqrt(np.asarray(problem.squares))
-    factor = np.full((len(names) + 2, 1, n), 1 - SAFETY)
-    at = _start(names, problem)
-    search = _search(names, problem, at, jnp.asarray(BARRIER), jnp.asarray(most))
-    steps = int(search.steps)
+    factor = np.ones((len(names) + 2, 1, n))
+    at, mu, steps = _start(names, problem), BARRIER, 0
     for k in itertools.count():
-        judged = judge(route, given, limits, tube, problem, np.asarray(search.at.z))
+        safe = jnp.asarray(factor * (1 - SAFETY * 2.0**k))
+        if k:
+            at = _prepared(names, problem, at, safe, np.asarray(mu, float))
+        search = _search(
+            names, problem, at, safe, np.asarray(mu, float), *map(np.asarray, (most - steps, min(k, 1) * FREE))
+        )
+        at, steps = search.at, steps + int(search.steps)
+        judged = judge(route, given, limits, tube, problem, np.asarray(at.z))
         open_ = unproved(judged, names, moving)
-        best = Found(search.at.z, judged, not open_.any(), steps)
-        last = k == ROUNDS - 1 or steps >= most or not np.isfinite(judged.distances).all()
-        if best.proved or last:
-            return best
-        values = (
-            np.stack([judged.certificate.segments.worst[name][1] for name in names]) if names else np.zeros((0, count))
-        )
-        above = (
-            np.concatenate([values / bounds[:, None], (judged.distances / tube[:-1]).T]) if k else np.ones_like(open_)
-        )
-        tighter = np.clip(np.maximum(np.nan_to_num(above, nan=1.0), 1.0), 1.0, 1.02) ** -2 * (
-            1 - SAFETY * 3.0 ** (k + 1)
-        )
-        factor[:, 0, :count] *= np.where(open_, tighter, 1.0)
-        at = _prepared(names, problem, search.at, factor, jnp.asarray(AGAIN))
-        search = _search(names, problem, at, jnp.asarray(AGAIN), jnp.asarray(most - steps))
-        steps += int(search.steps)
+        found = Found(at.z, judged, not open_.any(), steps)
+        if found.proved or k == ROUNDS or steps >= most or not np.isfinite(judged.distances).all():
+            return found
+        values = [judged.certificate.segments.worst[name][1] for name in names]
+        above = np.stack([*(np.array(values) / bounds[:, None]), *(judged.distances / tube[:-1]).T])
+        above = np.clip(np.nan_to_num(above, nan=1.0), 1.0, 1.02)
+        mu = float(np.clip(np.max(np.where(open_, above - 1, 0.0)), *AGAIN))
+        factor[:, 0, :count] *= np.where(open_, above, 1.0) ** -2
 
 
 @eqx.filter_jit
