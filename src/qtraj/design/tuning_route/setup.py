@@ -1,11 +1,11 @@
 """From a route, its limits and the tube to the arrays of `RouteProblem`; everything here is NumPy."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from qtraj.design.tuning_route import basis
-from qtraj.design.tuning_route.constraints import Names, orders
+from qtraj.design.tuning_route.constraints import Names
 from qtraj.design.tuning_route.problem import BLOCK, RouteProblem
 from qtraj.path import pieces
 from qtraj.path.quantity import quantity
@@ -19,9 +19,6 @@ TIME_SCALE = 1.0
 
 SHORTEST, LONGEST = 0.1, 10.0
 """Durations stay within these factors of the given ones."""
-
-SEPARATE = 1e-9
-"""Values at both sides of a joint count as one if the limit needs no higher derivative than is continuous."""
 
 
 class Parts(NamedTuple):

@@ -1,4 +1,4 @@
-"""`tune_route`: a whole route, changed as little as needed, or as fast or smooth as possible, within limits and a tube."""
+"""`tune_route`: a whole route, changed within limits and a tube."""
 
 from __future__ import annotations
 
@@ -62,9 +62,11 @@ def tune_route(
     larger values between them; `certify` then judges whole segments, and the margins shrink until everything is proved.
     The result has quintic segments and a continuous acceleration, whatever the given route has.
 
-    **Raises:** ValueError for another path, a route inside jit, grad or vmap or in float32, an unknown objective, a limit
-    on the natural trihedral (which does not exist on straights), "fastest" without a limit that bounds the speed, half-
-    widths that are not positive, or a wrong shape. RuntimeError with `throw` if the limits are not proved.
+    The result is not differentiable in the arguments, but its route is a path like any other.
+
+    **Raises:** ValueError for another path, a route inside jit, grad or vmap or in float32, an unknown objective, a
+    limit on the natural trihedral (which does not exist on straights), "fastest" without a limit that bounds the speed,
+    half-widths that are not positive, or a wrong shape. RuntimeError with `throw` if the limits are not proved.
     """
     _require_route(route, limits)
     names = _names(limits, objective)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.design.proof.certificate import PROVED
 from qtraj.design.proof.route_certificate import RouteCertificate
+from qtraj.foundation import document
 from qtraj.foundation.arrays import as_array, as_float
 from qtraj.foundation.document import storable
 from qtraj.foundation.outcome import FAILURES, AbstractOutcome, ResultCode
@@ -122,6 +125,10 @@ class TunedRoute(AbstractOutcome):
         steps = extent(self.iterations)
         summary = f"{name}, objective {extent(self.objective)}, {steps} steps; {findings.summary}"
         return Record(summary, variables, coordinates, findings.attributes)
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Write the result to a TOML or JSON file, without loss of precision; `qtraj.load` reads it."""
+        document.save(self, file)
 
     def __str__(self) -> str:
         return f"{self.result}\n{self.certificate}"
