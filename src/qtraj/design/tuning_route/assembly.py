@@ -11,11 +11,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.design.tuning_route import basis
+from qtraj.design.tuning_route.basis import lifted
 from qtraj.design.tuning_route.chain import Chain
 from qtraj.design.tuning_route.constraints import Expansion
-from qtraj.design.tuning_route.problem import BLOCK, JERK, RouteProblem, Segments
+from qtraj.design.tuning_route.problem import BLOCK, JERK, RouteProblem, Segments, powers
 
-_POWERS = np.array(basis.POWERS)
+_POWERS = np.array(basis.POWERS, float)
 
 
 class Local(NamedTuple):
@@ -39,17 +40,17 @@ def objective_first(problem: RouteProblem, s: Segments) -> Local:
     near = 2 * jnp.sum(problem.near[:, :, None] * s.change[None], axis=1)
     pace = 2 * problem.pace * (s.h / problem.durations - 1.0) / problem.durations
     rough = -5 * problem.jerk * s.h**-6 * jnp.sum(bent * s.ends, axis=(0, 1))
-    return Local(near + 2 * problem.jerk * s.h**-5 * bent, pace + rough + problem.time)
+    return Local(near + lifted(2 * problem.jerk * s.h**-5, 3) * bent, pace + rough + problem.time)
 
 
 def objective_second(problem: RouteProblem, s: Segments) -> LocalSecond:
     """Second derivatives of the objective."""
     bent = jnp.einsum("lm,mcn->lcn", JERK, s.ends)
-    own = 2 * (problem.near + problem.jerk * s.h**-5 * JERK[:, :, None])
+    own = 2 * (problem.near + lifted(problem.jerk * s.h**-5, 3) * JERK[:, :, None])
     rough = 30 * problem.jerk * s.h**-7 * jnp.sum(bent * s.ends, axis=(0, 1))
     return LocalSecond(
         own[:, :, None, None] * np.eye(3)[None, None, :, :, None],
-        -10 * problem.jerk * s.h**-6 * bent,
+        lifted(-10 * problem.jerk * s.h**-6, 3) * bent,
         rough + 2 * problem.pace / problem.durations**2,
     )
 
@@ -111,8 +112,9 @@ def constraints_second(
 
 def segment_gradient(problem: RouteProblem, s: Segments, first: Local) -> Float[Array, "20 n"]:
     """First derivatives in the variables of both joints of each segment."""
-    grown = (_POWERS[:, None, None] / s.h) * s.ends
-    states = (first.ends * s.h ** _POWERS[:, None, None]).reshape(2, 3, 1, 3, -1)
+    power = _POWERS[:, None, None]
+    grown = power * s.ends / lifted(s.h, 3)
+    states = (first.ends * powers(s.h)).reshape(2, 3, 1, 3, -1)
     states = jnp.sum(states * problem.axes[:, None], axis=3)
     h = (first.h + jnp.sum(grown * first.ends, axis=(0, 1))) * problem.moving
     parts = [states[0].reshape(9, -1), -h[None], states[1].reshape(9, -1), h[None]]
@@ -123,19 +125,20 @@ def segment_hessian(problem: RouteProblem, s: Segments, first: Local, second: Lo
     """Second derivatives in the variables of both joints of each segment."""
     n = s.h.shape[0]
     power = _POWERS[:, None, None]
-    factor = s.h ** _POWERS[:, None]
-    grown = (power / s.h) * s.ends
-    curved = power * (power - 1) / s.h**2 * s.ends
+    duration = lifted(s.h, 3)
+    factor = powers(s.h)[:, 0]
+    grown = power * s.ends / duration
+    curved = power * (power - 1) * s.ends / duration**2
     turned = jnp.sum(second.ends * grown[None, :, None], axis=(1, 3))
     states = second.ends * (factor[:, None] * factor[None])[:, :, None, None]
-    mixed = factor[:, None] * (second.mixed + turned) + (power * s.h ** np.maximum(power - 1, 0)) * first.ends
+    mixed = factor[:, None] * (second.mixed + turned) + (power * powers(s.h) / duration) * first.ends
     h = second.h + jnp.sum(grown * (2 * second.mixed + turned) + curved * first.ends, axis=(0, 1))
     axes = problem.axes
     states = states.reshape(2, 3, 2, 3, 1, 3, 3, n)  # side, order, side, order, component, component
     states = jnp.sum(states * axes[:, None, None, None, :, :, None], axis=5)
     states = jnp.sum(states[:, :, :, :, :, None] * axes[None, None, :, None, None], axis=6)
     states = jnp.transpose(states, (0, 1, 4, 2, 3, 5, 6)).reshape(2, 9, 2, 9, n)
-    mixed = jnp.sum(mixed.reshape(2, 3, 1, 3, n) * axes[:, None], axis=3).reshape(2, 9, n) * problem.moving
+    mixed = jnp.sum(mixed.reshape(2, 3, 1, 3, n) * axes[:, None], axis=3).reshape(2, 9, n) * lifted(problem.moving, 3)
     h = h * problem.moving
     sign = (-1.0, 1.0)
 
@@ -160,5 +163,5 @@ def hessian(problem: RouteProblem, rows: Float[Array, "20 20 n"]) -> Chain:
     blocks, free = jnp.moveaxis(rows, -1, 0), problem.free.T
     first, last = blocks[:, :BLOCK, :BLOCK], blocks[:, BLOCK:, BLOCK:]
     diagonal = jnp.pad(first, ((0, 1), (0, 0), (0, 0))) + jnp.pad(last, ((1, 0), (0, 0), (0, 0)))
-    diagonal = diagonal * free[:, :, None] * free[:, None] + (1 - free)[:, :, None] * np.eye(BLOCK)
+    diagonal = diagonal * free[:, :, None] * free[:, None] + (1 - free)[:, :, None] * np.eye(BLOCK)[None]
     return Chain(diagonal, blocks[:, BLOCK:, :BLOCK] * free[1:, :, None] * free[:-1, None])

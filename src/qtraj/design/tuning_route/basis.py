@@ -4,6 +4,8 @@ A segment of duration h is r(u) = Σ H_l(u) y_l for 0 ≤ u ≤ 1, with the end 
 in units of length. Derivatives are with respect to u, so that the matrices are the same for all segments.
 """
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import polynomial as power
@@ -22,6 +24,11 @@ FINER = 8
 NODES = np.linspace(0.0, 1.0, CELLS + 1)
 
 FINE_NODES = np.linspace(0.0, 1.0, CELLS * FINER + 1)
+
+
+def lifted(x: Any, dimensions: int) -> Any:
+    """An array with leading axes of length 1 up to a number of dimensions."""
+    return x.reshape((1,) * (dimensions - x.ndim) + x.shape)
 
 
 def _polynomials() -> list[np.ndarray]:

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from qtraj.design.tuning_route import basis
+from qtraj.design.tuning_route.basis import lifted
 from qtraj.design.tuning_route.problem import RouteProblem, Segments
 from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import quantity
@@ -44,7 +45,7 @@ def stacked(names: Names, s: Segments, nodes: Any) -> Float[Array, "q nodes n"]:
     table = basis.at_nodes(nodes, order)[1:].reshape(-1, 6)
     rows = (table @ s.ends.reshape(6, -1)).reshape(order, len(nodes), 3, -1)
     rows = jnp.moveaxis(rows, 2, 1).reshape(3 * order, len(nodes), -1)
-    return jnp.concatenate([rows, jnp.broadcast_to(s.h, rows[:1].shape)])
+    return jnp.concatenate([rows, jnp.broadcast_to(lifted(s.h, 3), rows[:1].shape)])
 
 
 def distances(s: Segments, nodes: Any, offset: Float[Array, "3 nodes n"]) -> Float[Array, "3 nodes n"]:

@@ -219,7 +219,9 @@ def _iteration(names: Names, problem: RouteProblem, search: Search, factor: Any,
     )
     stopped = done | failed
     kept = jax.tree.map(lambda a, b: jnp.where(stopped, a, b), search.at, Iterate(z, slacks, multipliers, margins))
-    return Search(kept, mu, shift, penalty, error, search.steps + ~stopped, renewals, done, failed & ~done)
+    return Search(
+        kept, mu, shift, penalty, error, search.steps + jnp.where(stopped, 0, 1), renewals, done, failed & ~done
+    )
 
 
 def solve(

@@ -7,9 +7,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from qtraj.design.tuning_route import assembly, basis, chain
+from qtraj.design.tuning_route.basis import lifted
 from qtraj.design.tuning_route.assembly import Local
 from qtraj.design.tuning_route.constraints import Expansion, Names, distances, expand, orders, values
-from qtraj.design.tuning_route.problem import RouteProblem, Segments, by_blocks, moved, segments
+from qtraj.design.tuning_route.problem import RouteProblem, Segments, by_blocks, moved, powers, segments
 from qtraj.foundation.types import Scalar
 
 
@@ -64,7 +65,7 @@ def excess_of(names: Names, problem: RouteProblem, s: Segments, margins: Any) ->
 
 
 def _bounds(problem: RouteProblem, s: Segments) -> Array:
-    return jnp.stack([1 - s.h / problem.shortest, s.h / problem.longest - 1]) * problem.moving
+    return jnp.stack([1 - s.h / problem.shortest, s.h / problem.longest - 1]) * problem.moving[None]
 
 
 class _Local(NamedTuple):
@@ -129,17 +130,17 @@ def _pushed(problem: RouteProblem, linear: Linear, dz: Array, order: int) -> Row
     s, at = linear.segments, linear
     states, dh = moved(problem, dz)
     power = jnp.asarray(basis.POWERS, dz.dtype)[:, None, None]
-    ends = s.h**power * states + (power / s.h) * s.ends * dh
+    ends = powers(s.h) * states + power * s.ends * lifted(dh / s.h, 3)
     change = Segments(dh, states, ends, ends)
     table = basis.at_nodes(basis.NODES, order)[1:].reshape(-1, 6)
     rows = (table @ ends.reshape(6, -1)).reshape(order, len(basis.NODES), 3, -1)
     rows = jnp.moveaxis(rows, 2, 1).reshape(3 * order, len(basis.NODES), -1)
-    q = jnp.concatenate([rows, jnp.broadcast_to(dh, rows[:1].shape)])
+    q = jnp.concatenate([rows, jnp.broadcast_to(lifted(dh, 3), rows[:1].shape)])
     limits = jnp.sum(at.slopes * q[:, None], axis=0)
     away = 2 * at.away * distances(change, basis.NODES, jnp.zeros_like(at.away))
     near = jnp.stack([away[0] + away[1], away[2]]) / problem.tube
     nodes = jnp.concatenate([limits, near]) * problem.used
-    bounds = jnp.stack([-dh / problem.shortest, dh / problem.longest]) * problem.moving
+    bounds = jnp.stack([-dh / problem.shortest, dh / problem.longest]) * problem.moving[None]
     return Rows(nodes, bounds)
 
 
@@ -151,7 +152,7 @@ def newton(names: Names, problem: RouteProblem, at: Iterate, linear: Linear, mu:
     right = -(linear.gradient + pulled(problem, linear, target))
     free = problem.free.T
     whole = chain.Chain(
-        linear.hessian.diagonal + shift * free[:, :, None] * jnp.eye(free.shape[1]), linear.hessian.lower
+        linear.hessian.diagonal + shift * free[:, :, None] * jnp.eye(free.shape[1])[None], linear.hessian.lower
     )
     dz, positive = chain.solve(whole, right.T)
     curvature = jnp.sum(dz * chain.product(whole, dz))

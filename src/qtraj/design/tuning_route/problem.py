@@ -25,8 +25,6 @@ CACHED = 32
 
 JERK = basis.gram(3)
 
-_POWERS = np.array(basis.POWERS)[:, None, None]
-
 
 class RouteProblem(NamedTuple):
     """The data of all segments; n of them with n + 1 joints.
@@ -88,16 +86,21 @@ def by_blocks(function: Callable[..., Any], problem: RouteProblem, *trees: Any) 
     return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -2).reshape(*x.shape[1:-1], n), found)
 
 
+def powers(h: Float[Array, " n"]) -> Float[Array, "6 1 n"]:
+    """The factors 1, h, h² of the states in the end data."""
+    return jnp.stack([jnp.ones_like(h), h, h * h] * 2)[:, None]
+
+
 def segments(problem: RouteProblem, z: Float[Array, "10 joints"]) -> Segments:
     """The segments at the variables `z`."""
     shifts, longer = moved(problem, z)
     h0 = problem.durations
     h = h0 + longer
-    given = problem.ends / h0**_POWERS
+    given = problem.ends / powers(h0)
     # h v − h₀v₀ = h δv + (h − h₀)v₀, and likewise for the acceleration, without cancellation.
     first = longer / h0
     growth = jnp.stack([0.0 * h, first, first * (2 + first)] * 2)[:, None]
-    change = h**_POWERS * shifts + growth * problem.ends
+    change = powers(h) * shifts + growth * problem.ends
     return Segments(h, given + shifts, change, problem.ends + change)
 
 

@@ -80,17 +80,10 @@ def _prepared(names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu:
     return Iterate(at.z, Rows(*slacks), Rows(*multipliers), margins)
 
 
-def attained(problem: RouteProblem, z: Any, kind: str) -> float:
-    """The objective in the units of `tune_route`."""
-    value = float(_objective(problem, z))
-    if kind == "fastest":
-        return value + float(np.sum((1 - np.asarray(problem.moving)) * np.asarray(problem.durations)))
-    return value * float(np.asarray(problem.unit))
-
-
 @eqx.filter_jit
-def _objective(problem: RouteProblem, z: Any) -> Any:
-    return objective(problem, z)
+def attained(problem: RouteProblem, z: Any) -> Any:
+    """The objective in the units of `tune_route`; of "fastest" without the segments that stay as they are."""
+    return objective(problem, z) * problem.unit
 
 
 def solved(

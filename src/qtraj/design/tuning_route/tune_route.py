@@ -108,7 +108,7 @@ def _result(
     return TunedRoute(
         judged.route,
         judged.certificate,
-        rounds.attained(problem, found.z, objective),
+        np.sum(h) if objective == "fastest" else rounds.attained(problem, found.z),
         judged.distances,
         judged.within.all(axis=1),
         states[:, 0] - given.states[:, 0],
