@@ -1,8 +1,8 @@
 """Whole routes tuned: time against the number of segments, and other solvers on the same problem.
 
 `python -m benchmarks.tune_route` tunes drives in bends of 50 to 5 000 segments (curvature, lateral acceleration, speed;
-tube 0.5 m). With `--compare` the problem is also solved by IPOPT (through CasADi, where it is installed), with limits at
-`NODES` instants of each segment and exact derivatives, and by L-BFGS (SciPy) on penalties of increasing weight; the
+tube 0.5 m). With `--compare` the problem is also solved by IPOPT (through CasADi, where it is installed), with limits
+at `NODES` instants of each segment and exact derivatives, and by L-BFGS (SciPy) on penalties of increasing weight. The
 limits of each result are then sampled at a million instants.
 """
 
@@ -51,7 +51,7 @@ def problem_of(route):
     fixed = np.zeros((joints, 3), bool)
     fixed[[0, -1]] = True
     found = setup.problem_of(given, NAMES, np.array(BOUNDS), np.full((joints, 2), TUBE), fixed, "nearest", False)
-    return given, jax.tree.map(jnp.asarray, found)
+    return given, found
 
 
 def sampled(route):
@@ -145,6 +145,13 @@ def with_penalties(problem):
     return z.reshape(problem.free.shape), spent, f"{count} steps"
 
 
+def timed(route, limits):
+    """The tuned route, and the wall and processor time [s]."""
+    wall, processor = time.perf_counter(), time.process_time()
+    best = qt.tune_route(route, limits, tube=TUBE)
+    return best, (time.perf_counter() - wall, time.process_time() - processor)
+
+
 def report(name, route, given, problem, z, spent, text):
     """One line: objective, time, and the violations among the samples."""
     judged = rounds.judge(route, given, qt.Limits(), np.full((len(given.h) + 1, 2), TUBE), problem, z)
@@ -163,12 +170,8 @@ def main():
     limits = qt.Limits(**dict(zip(NAMES, BOUNDS, strict=True)))
     for count in chosen.segments:
         route = drive(count)
-        times = []
-        for _ in range(4):
-            start = time.perf_counter(), time.process_time()
-            best = qt.tune_route(route, limits, tube=TUBE)
-            times.append((time.perf_counter() - start[0], time.process_time() - start[1]))
-        first, warm = times[0], min(times[1:])
+        best, first = timed(route, limits)
+        warm = min(timed(route, limits)[1] for _ in range(3))
         print(
             f"{route.segments} segments: first {first[0]:.1f} s, warm {warm[0]:.2f} s (processor {warm[1]:.2f} s); "
             f"{best.iterations} steps, objective {float(best.objective):.8g}, proved {best.certificate.holds}",

@@ -40,7 +40,7 @@ def objective_first(problem: RouteProblem, s: Segments) -> Local:
     near = 2 * jnp.sum(problem.near[:, :, None] * s.change[None], axis=1)
     pace = 2 * problem.pace * (s.h / problem.durations - 1.0) / problem.durations
     rough = -5 * problem.jerk * s.h**-6 * jnp.sum(bent * s.ends, axis=(0, 1))
-    return Local(near + lifted(2 * problem.jerk * s.h**-5, 3) * bent, pace + rough + problem.time)
+    return Local(near + jnp.asarray(lifted(2 * problem.jerk * s.h**-5, 3)) * bent, pace + rough + problem.time)
 
 
 def objective_second(problem: RouteProblem, s: Segments) -> LocalSecond:
@@ -50,7 +50,7 @@ def objective_second(problem: RouteProblem, s: Segments) -> LocalSecond:
     rough = 30 * problem.jerk * s.h**-7 * jnp.sum(bent * s.ends, axis=(0, 1))
     return LocalSecond(
         own[:, :, None, None] * np.eye(3)[None, None, :, :, None],
-        lifted(-10 * problem.jerk * s.h**-6, 3) * bent,
+        jnp.asarray(lifted(-10 * problem.jerk * s.h**-6, 3)) * bent,
         rough + 2 * problem.pace / problem.durations**2,
     )
 

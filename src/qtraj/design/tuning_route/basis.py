@@ -1,7 +1,7 @@
 """Quintic segments by the states at their ends: values at nodes, and integrals of squared derivatives.
 
-A segment of duration h is r(u) = Σ H_l(u) y_l for 0 ≤ u ≤ 1, with the end data y = (p, hv, h²a) of its start and its end
-in units of length. Derivatives are with respect to u, so that the matrices are the same for all segments.
+A segment of duration h is r(u) = Σ H_l(u) y_l for 0 ≤ u ≤ 1, with the end data y = (p, hv, h²a) of its start and its
+end in units of length. Derivatives are with respect to u, so that the matrices are the same for all segments.
 """
 
 from typing import Any

@@ -27,10 +27,8 @@ def orders(names: Names) -> int:
 def ratios(names: Names, q: Any, squares: Float[Array, " limits"]) -> Float[Array, "limits ..."]:
     """(value/limit)² of each limit, for derivatives in u and durations, stacked on the first axis of `q`."""
     h = q[-1]
-    rows: list[Any] = [None]
-    for k in range((q.shape[0] - 1) // 3):
-        rows.append(tuple(q[3 * k + c] / h ** (k + 1) for c in range(3)))
-    i = Invariants(rows)
+    order = (q.shape[0] - 1) // 3
+    i = Invariants([None, *(tuple(q[3 * k + c] / h ** (k + 1) for c in range(3)) for k in range(order))])
     values = []
     for name in names:
         entry = quantity(name)

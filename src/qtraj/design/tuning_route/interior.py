@@ -210,7 +210,7 @@ def _iteration(names: Names, problem: RouteProblem, search: Search, factor: Any,
         return part, trial(part), k + 1
 
     unknown = (at.z, at.slacks, jnp.full_like(mu, jnp.inf))
-    part, (z, slacks, merit), tried = jax.lax.while_loop(fails, shorter, (longest, unknown, 0))
+    _, (z, slacks, merit), tried = jax.lax.while_loop(fails, shorter, (longest, unknown, 0))
     failed = (tried > HALVINGS) | ~jnp.isfinite(merit) | ~step.positive
     dual = _longest(at.multipliers, step.multipliers, keep)
     multipliers = _moved(at.multipliers, step.multipliers, dual)
@@ -229,7 +229,8 @@ def solve(
 ) -> Search:
     """The search from an iterate, with the barrier parameter from `mu` to `least`, in at most `most` steps.
 
-    Margins are multiplied by `factor`, below 1, and were renewed `renewals` times before. `names` are the limits in the order of their squares.
+    `names` are the limits in the order of their squares. Margins are multiplied by `factor`, below 1, and were renewed
+    `renewals` times before.
     """
     one = jnp.ones_like(problem.durations[0])
     first = Search(

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from qtraj.design.tuning_route import assembly, basis, chain
-from qtraj.design.tuning_route.basis import lifted
 from qtraj.design.tuning_route.assembly import Local
+from qtraj.design.tuning_route.basis import lifted
 from qtraj.design.tuning_route.constraints import Expansion, Names, distances, expand, orders, values
 from qtraj.design.tuning_route.problem import RouteProblem, Segments, by_blocks, moved, powers, segments
 from qtraj.foundation.types import Scalar
@@ -31,7 +31,10 @@ class Iterate(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A Newton step; `slope` is the derivative of the barrier objective, `curvature` zᵀHz, and `positive` whether H > 0."""
+    """A Newton step.
+
+    `slope` is the derivative of the barrier objective along it, `curvature` zᵀHz, and `positive` whether H > 0.
+    """
 
     z: Float[Array, "10 joints"]
     slacks: Rows

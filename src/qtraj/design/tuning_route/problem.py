@@ -2,9 +2,10 @@
 
 The variables of a joint are the changes of its position, velocity, acceleration and time, scaled to lengths, the
 vectors along and across the given path. The position changes only across it: a joint that slides along the path changes
-nothing but where the path is divided, and an objective would hardly determine by how much. A segment depends on the variables of its two joints only, so that the second derivatives of everything form a block-tridiagonal
-matrix. Arrays have the segments or joints on the last axis; segments that stay as they are, and padding, have
-`moving` = 0 and no constraints.
+nothing but where the path is divided, and an objective would hardly determine by how much. A segment depends on the
+variables of its two joints only, so that the second derivatives of everything form a block-tridiagonal matrix. Arrays
+have the segments or joints on the last axis; segments that stay as they are, and padding, have `moving` = 0 and no
+constraints.
 """
 
 from collections.abc import Callable
@@ -12,7 +13,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.design.tuning_route import basis
@@ -35,7 +35,8 @@ class RouteProblem(NamedTuple):
     (limits + 2, nodes, n): which constraints count. `shortest`, `longest` (n,) [s]: bounds on the durations.
 
     The objective is the sum over segments of δᵀ`near`δ + `pace`(h/h₀ − 1)² + `jerk`∫|r⃛|²dt + `time`·h, where δ is the
-    change of the end data; in the user's units it is `unit` times that. `free` (10, n + 1) has zeros for fixed variables; `scale` (10,) converts variables to SI.
+    change of the end data; in the user's units it is `unit` times that. `free` (10, n + 1) has zeros for fixed
+    variables; `scale` (10,) converts variables to SI.
     `axes` (2, 3, 3, n): unit vectors along, to the left of and above the given path at both ends, in rows.
     """
 

@@ -6,7 +6,6 @@ judges whole segments; where a proof is missing, the margins shrink a little and
 
 from __future__ import annotations
 
-import itertools
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -23,7 +22,7 @@ from qtraj.design.tuning_route.constraints import Names
 from qtraj.design.tuning_route.interior import FREE, Search
 from qtraj.design.tuning_route.newton import Iterate, Rows, excess_of, used
 from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
-from qtraj.design.tuning_route.setup import Parts
+from qtraj.design.tuning_route.setup import Parts, same_terms
 from qtraj.design.tuning_route.tube import Displacement
 from qtraj.path import pieces
 from qtraj.path.route import Route, built
@@ -94,8 +93,8 @@ def solved(
     moving = np.asarray(problem.moving)[:count] > 0
     bounds = np.sqrt(np.asarray(problem.squares))
     factor = np.ones((len(names) + 2, 1, n))
-    at, mu, steps = _start(names, problem), BARRIER, 0
-    for k in itertools.count():
+    at, mu, steps, k = _start(names, problem), BARRIER, 0, 0
+    while True:
         safe = jnp.asarray(factor * (1 - SAFETY * 2.0**k))
         if k:
             at = _prepared(names, problem, at, safe, np.asarray(mu, float))
@@ -113,6 +112,8 @@ def solved(
         above = np.clip(np.nan_to_num(above, nan=1.0), 1.0, 1.02)
         mu = float(np.clip(np.max(np.where(open_, above - 1, 0.0)), *AGAIN))
         factor[:, 0, :count] *= np.where(open_, above, 1.0) ** -2
+        k += 1
+    return None
 
 
 @eqx.filter_jit
@@ -142,8 +143,7 @@ def changed(given: Parts, problem: RouteProblem, z: np.ndarray) -> tuple[np.ndar
     """Coefficients and durations at the variables `z`; segments that stay as they are keep theirs exactly."""
     states, h = states_at(given, problem, z)
     c = pieces.hermite(h, states)
-    terms = max(c.shape[1], given.c.shape[1])
-    c, old = (np.pad(x, [(0, 0), (0, terms - x.shape[1]), (0, 0)]) for x in (c, given.c))
+    c, old = same_terms(c, given.c)
     still = np.asarray(problem.moving)[: len(h)] == 0
     c[still] = old[still]
     return c, h

@@ -1,4 +1,4 @@
-"""From a route, its limits and the tube to the arrays of `RouteProblem`; everything here is NumPy."""
+"""From a route, its limits and the tube to the arrays of `RouteProblem`; computed by NumPy."""
 
 from typing import NamedTuple
 
@@ -7,6 +7,7 @@ import numpy as np
 from qtraj.design.tuning_route import basis
 from qtraj.design.tuning_route.constraints import Names
 from qtraj.design.tuning_route.problem import BLOCK, RouteProblem
+from qtraj.foundation.arrays import as_float
 from qtraj.path import pieces
 from qtraj.path.quantity import quantity
 from qtraj.path.route import Route
@@ -38,6 +39,13 @@ def parts(route: Route) -> Parts:
     states = np.concatenate([first, last[-1:]])
     states[1:-1] = 0.5 * (first[1:] + last[:-1])
     return Parts(c, h, states)
+
+
+def same_terms(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two arrays of coefficients (n, terms, 3), the shorter one with zeros up to the terms of the longer one."""
+    terms = max(one.shape[1], other.shape[1])
+    first, second = (np.concatenate([c, np.zeros((len(c), terms - c.shape[1], 3))], axis=1) for c in (one, other))
+    return first, second
 
 
 def size(count: int) -> int:
@@ -96,10 +104,10 @@ def problem_of(
     used = np.broadcast_to(moving, (len(names) + 2, len(basis.NODES), n)).copy()
     smooth = [k for k in range(len(names) + 2) if k >= len(names) or quantity(names[k]).order <= 2]
     used[smooth, -1] = 0.0
-    used[np.ix_(smooth, [0], np.flatnonzero(np.all(held[:-1], axis=1)))] = 0.0
+    used[np.array(smooth)[:, None], 0, np.flatnonzero(np.all(held[:-1], axis=1))[None]] = 0.0
     scale = np.repeat([1.0, 1 / TIME_SCALE, 1 / TIME_SCALE**2], 3)
     pace = float(np.median(speed[moving > 0])) if moving.any() else 1.0
-    return RouteProblem(
+    fields = (
         ends,
         h,
         moving,
@@ -120,6 +128,7 @@ def problem_of(
         np.append(scale, 1 / max(pace, 1e-12)),
         _axes(given, n),
     )
+    return RouteProblem(*map(as_float, fields))
 
 
 def _axes(given: Parts, n: int) -> np.ndarray:
@@ -158,8 +167,7 @@ def _offsets(given: Parts, n: int, moving: np.ndarray, nodes: np.ndarray) -> np.
     """The quintics through the states minus the given path (3, nodes, n); exactly zero where they agree to rounding."""
     found = np.zeros((3, len(nodes), n))
     own = pieces.hermite(given.h, given.states)
-    own = np.pad(own, [(0, 0), (0, max(0, given.c.shape[1] - own.shape[1])), (0, 0)])
-    c = np.pad(given.c, [(0, 0), (0, own.shape[1] - given.c.shape[1]), (0, 0)])
+    own, c = same_terms(own, given.c)
     powers = (nodes[:, None] * given.h)[:, :, None] ** np.arange(own.shape[1])
     rows = np.einsum("fnk,nkc->cfn", powers, own - c)
     size = np.abs(given.states[:, 0]).max() + np.abs(given.states[:, 1]).max() * given.h.max()

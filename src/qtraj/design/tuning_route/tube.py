@@ -9,6 +9,8 @@ from math import comb
 import numpy as np
 from jaxtyping import Bool, Float
 
+from qtraj.design.tuning_route.setup import same_terms
+
 DEPTH = 26
 """Halvings of a segment, at most."""
 
@@ -24,10 +26,9 @@ class Displacement:
 
     def __init__(self, new: np.ndarray, h_new: np.ndarray, old: np.ndarray, h_old: np.ndarray):
         """Coefficients (n, terms, 3) in time since the start of each segment, and durations (n,), of both routes."""
-        terms = max(new.shape[1], old.shape[1])
+        powers = np.arange(max(new.shape[1], old.shape[1]))[None, :, None]
         ours, theirs = (
-            np.pad(c, [(0, 0), (0, terms - c.shape[1]), (0, 0)]) * h[:, None, None] ** np.arange(terms)[None, :, None]
-            for c, h in ((new, h_new), (old, h_old))
+            c * h[:, None, None] ** powers for c, h in zip(same_terms(new, old), (h_new, h_old), strict=True)
         )
         self.c = ours - theirs
         size = np.abs(self.c[:, 0]).max(axis=1) + (np.abs(ours) + np.abs(theirs))[:, 1:].sum(axis=1).max(axis=1)

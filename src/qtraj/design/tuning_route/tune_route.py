@@ -74,8 +74,7 @@ def tune_route(
     joints = len(given.h) + 1
     widths, held = _widths(tube, joints), _fixed(fixed, joints)
     bounds = np.array([float(np.asarray(limits.given()[name])) for name in names])
-    problem: Any = problem_of(given, names, bounds, widths, held, objective, objective == "smoothest")
-    problem = jax.tree.map(jnp.asarray, problem)
+    problem = problem_of(given, names, bounds, widths, held, objective, objective == "smoothest")
     found = rounds.Found(*_unchanged(route, given, limits, widths, problem))
     moving = np.asarray(problem.moving)[: joints - 1] > 0
     smooth = not np.any(np.asarray(problem.offset)) and not np.any(np.abs(np.asarray(route.jumps())) > 1e-9)
