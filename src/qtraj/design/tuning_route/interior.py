@@ -82,10 +82,11 @@ def _error(problem: RouteProblem, at: Iterate, linear: Linear, mu: Any) -> Scala
 
 
 def refreshed(names: Names, problem: RouteProblem, z: Float[Array, "10 joints"], margins: Any) -> Any:
-    """Margins such that each node's constraint bounds the largest value of the half cells beside it.
+    """Margins such that the constraint at each node bounds the peaks in the half cells beside it.
 
-    The ratio of the value at the node to the largest one nearby, both at the present variables; the latter between the
-    instants of a finer grid by a parabola.
+    They are the ratios of the values at the nodes to those of the peaks, at the present variables; the latter from
+    parabolas through the values on a finer grid. Slopes, on which the value between nodes is larger than at one of
+    them but not than at both, need no margin.
     """
     s = segments(problem, z)
     fine = values(names, problem, s, fine=True)
@@ -93,13 +94,12 @@ def refreshed(names: Names, problem: RouteProblem, z: Float[Array, "10 joints"],
     bend = before - 2 * middle + after
     rise = 0.125 * (after - before) ** 2 / jnp.where(bend < 0, -bend, 1.0)
     inside = (bend < 0) & (jnp.abs(after - before) <= -2 * bend)
-    peak = jnp.pad(middle + jnp.where(inside, rise, 0.0), ((0, 0), (1, 1), (0, 0)))
-    peak = jnp.maximum(peak, fine)
-    half = basis.FINER // 2
-    padded = jnp.pad(peak, ((0, 0), (half, half), (0, 0)))
-    shifted = [padded[:, k : k + basis.CELLS * basis.FINER + 1 : basis.FINER] for k in range(2 * half + 1)]
-    largest = _joined(jnp.max(jnp.stack(shifted), axis=0), problem.used)
+    peak = jnp.pad(jnp.where(inside, middle + rise, 0.0), ((0, 0), (1, 1), (0, 0)))
+    reach = basis.FINER // 2 + 1
+    padded = jnp.pad(peak, ((0, 0), (reach, reach), (0, 0)))
+    shifted = [padded[:, k : k + basis.CELLS * basis.FINER + 1 : basis.FINER] for k in range(2 * reach + 1)]
     own = fine[:, :: basis.FINER]
+    largest = _joined(jnp.maximum(own, jnp.max(jnp.stack(shifted), axis=0)), problem.used)
     safe = largest > 1e-3
     ratio = jnp.where(safe, own / jnp.where(safe, largest, 1.0), 1.0)
     # Only where the limit is nearly attained does the ratio matter; elsewhere it would shut out useful values.
