@@ -36,21 +36,21 @@ class LocalSecond(NamedTuple):
 
 def objective_first(problem: RouteProblem, s: Segments) -> Local:
     """First derivatives of the objective."""
-    bent = jnp.einsum("lm,mcn->lcn", JERK, s.ends)
+    bent: Array = jnp.einsum("lm,mcn->lcn", JERK, s.ends)
     near = 2 * jnp.sum(problem.near[:, :, None] * s.change[None], axis=1)
     pace = 2 * problem.pace * (s.h / problem.durations - 1.0) / problem.durations
     rough = -5 * problem.jerk * s.h**-6 * jnp.sum(bent * s.ends, axis=(0, 1))
-    return Local(near + jnp.asarray(lifted(2 * problem.jerk * s.h**-5, 3)) * bent, pace + rough + problem.time)
+    return Local(near + lifted(2 * problem.jerk * s.h**-5, 3) * bent, pace + rough + problem.time)
 
 
 def objective_second(problem: RouteProblem, s: Segments) -> LocalSecond:
     """Second derivatives of the objective."""
-    bent = jnp.einsum("lm,mcn->lcn", JERK, s.ends)
+    bent: Array = jnp.einsum("lm,mcn->lcn", JERK, s.ends)
     own = 2 * (problem.near + lifted(problem.jerk * s.h**-5, 3) * JERK[:, :, None])
     rough = 30 * problem.jerk * s.h**-7 * jnp.sum(bent * s.ends, axis=(0, 1))
     return LocalSecond(
         own[:, :, None, None] * np.eye(3)[None, None, :, :, None],
-        jnp.asarray(lifted(-10 * problem.jerk * s.h**-6, 3)) * bent,
+        lifted(-10 * problem.jerk * s.h**-6, 3) * bent,
         rough + 2 * problem.pace / problem.durations**2,
     )
 
@@ -74,7 +74,8 @@ def constraints_first(
     rows = jnp.moveaxis(slopes[:-1].reshape(order, 3, -1, n), 1, 2).reshape(-1, 3 * n)
     near = weights[-2:] / problem.tube
     pulls = 2 * away * jnp.stack([near[0], near[0], near[1]])
-    ends = table.reshape(-1, 6).T @ rows + place.T @ jnp.moveaxis(pulls, 0, 1).reshape(-1, 3 * n)
+    away = jnp.moveaxis(pulls, 0, 1).reshape(-1, 3 * n)
+    ends = jnp.matmul(table.reshape(-1, 6).T, rows) + jnp.matmul(place.T, away)
     return Local(ends.reshape(6, 3, n), jnp.sum(slopes[-1], axis=0))
 
 
@@ -106,7 +107,7 @@ def constraints_second(
     squares = np.einsum("jl,jm->lmj", place, place).reshape(36, -1)
     ends = pairs @ inner + squares @ tube
     cross = jnp.moveaxis(whole[:-1, -1].reshape(order, 3, -1, n), 1, 2).reshape(-1, 3 * n)
-    mixed = (table.reshape(-1, 6).T @ cross).reshape(6, 3, n)
+    mixed = jnp.matmul(table.reshape(-1, 6).T, cross).reshape(6, 3, n)
     return LocalSecond(ends.reshape(6, 6, 3, 3, n), mixed, jnp.sum(whole[-1, -1], axis=0))
 
 

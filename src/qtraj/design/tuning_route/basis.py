@@ -43,8 +43,8 @@ def at_nodes(nodes: np.ndarray, order: int) -> Float[np.ndarray, "{order}+1 node
     return np.moveaxis(np.array(rows), 1, 2)
 
 
-def gram(order: int) -> Float[np.ndarray, "6 6"]:
-    """∫ H_l⁽ᵏ⁾ H_m⁽ᵏ⁾ du over the segment for k = `order`."""
+def gram(order: int) -> Any:
+    """The matrix (6, 6) of ∫ H_l⁽ᵏ⁾ H_m⁽ᵏ⁾ du over the segment for k = `order`."""
     x, weights = np.polynomial.legendre.leggauss(8)
     values = at_nodes((x + 1) / 2, order)[order]
     return np.einsum("j,jl,jm->lm", weights / 2, values, values)

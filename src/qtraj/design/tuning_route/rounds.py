@@ -25,7 +25,7 @@ from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
 from qtraj.design.tuning_route.setup import Parts, same_terms
 from qtraj.design.tuning_route.tube import Displacement
 from qtraj.path import pieces
-from qtraj.path.route import Route, built
+from qtraj.path.route import Route, from_segments
 
 ROUNDS = 10
 """Searches, at most."""
@@ -127,7 +127,7 @@ def judge(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem:
     c, h = changed(given, problem, z)
     starts = np.append(0.0, np.cumsum(h))
     h = np.diff(starts)
-    new = built(starts[:-1], c, np.asarray(starts[-1]), np.asarray(route.origin))
+    new = from_segments(starts[:-1], c, np.asarray(starts[-1]), np.asarray(route.origin))
     displacement = Displacement(np.asarray(new.coefficients)[: len(h)], h, given.c, given.h)
     return Judged(new, certify_route(new, limits), displacement.within(tube), displacement.largest())
 
