@@ -30,6 +30,8 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
     from qtraj.design.proof.route_certificate import RouteCertificate as RouteCertificate
     from qtraj.design.tuning.outcome import Tuned as Tuned
     from qtraj.design.tuning.tune import tune as tune
+    from qtraj.design.tuning_route.tune_route import tune_route as tune_route
+    from qtraj.design.tuning_route.tuned_route import TunedRoute as TunedRoute
     from qtraj.foundation.compilation_cache import enable_compilation_cache as enable_compilation_cache
     from qtraj.foundation.outcome import ResultCode as ResultCode
     from qtraj.foundation.progress import Progress as Progress
@@ -137,6 +139,8 @@ _HOMES = {
     "qtraj.design.proof.route_certificate": ("RouteCertificate",),
     "qtraj.design.tuning.outcome": ("Tuned",),
     "qtraj.design.tuning.tune": ("tune",),
+    "qtraj.design.tuning_route.tune_route": ("tune_route",),
+    "qtraj.design.tuning_route.tuned_route": ("TunedRoute",),
     "qtraj.foundation.compilation_cache": ("enable_compilation_cache",),
     "qtraj.foundation.outcome": ("ResultCode",),
     "qtraj.foundation.progress": ("Progress",),

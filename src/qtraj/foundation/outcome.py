@@ -59,6 +59,10 @@ class ResultCode(enum.IntEnum):
         "every limit is satisfied, but some were checked only by sampling, not proved. For a proof, relax these limits "
         "a little, or describe the path by polynomials.",
     )
+    undefined_at_stops = (
+        NOTES + 4,
+        "every limit is proved except at stops, where a limited quantity is undefined; the route is not changed there.",
+    )
 
     max_steps_reached = (
         FAILURES + 0,
@@ -107,6 +111,16 @@ class ResultCode(enum.IntEnum):
         FAILURES + 10,
         "a limited quantity is undefined somewhere on the path, where it stops or is straight. Limit another quantity, "
         "or change the path.",
+    )
+    route_infeasible = (
+        FAILURES + 12,
+        "no route was found within the tube that satisfies the limits. Widen the tube, raise the limits without a "
+        "proof, or fix fewer states; with the objective 'smoothest', which keeps the duration, take 'nearest'.",
+    )
+    broken_at_stops = (
+        FAILURES + 13,
+        "a limit is violated or undecided on a segment that touches a stop, which is not changed. Raise that limit, or "
+        "give the route other states there.",
     )
 
     velocity_vanishes = (

@@ -16,6 +16,7 @@ HOMES = (
     "qtraj.design.proof.certificate",
     "qtraj.design.proof.route_certificate",
     "qtraj.design.tuning.outcome",
+    "qtraj.design.tuning_route.tuned_route",
     "qtraj.motion.attitude_residual",
     "qtraj.motion.control.baselines",
     "qtraj.motion.control.closed_form",
