@@ -2,7 +2,7 @@
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import typer
@@ -12,11 +12,18 @@ from rich.text import Text
 from qtraj.cli import layout, terminal
 from qtraj.cli.report import PAGE
 from qtraj.cli.terminal import Outcome
-from qtraj.foundation.progress_bar import watching
+from qtraj.foundation.folder import Writer
+from qtraj.foundation.naming import naming
+from qtraj.foundation.progress_bar import Watch, watching
 
 if TYPE_CHECKING:
+    import xarray
+
     from qtraj.design.fitting.fitted_route import FittedRoute
     from qtraj.design.proof.route_certificate import RouteCertificate
+    from qtraj.design.tuning_route.tuned_route import TunedRoute
+    from qtraj.scenario.reader import ScenarioFile
+    from qtraj.scenario.route import RouteTask
 
 SAMPLES_PER_SEGMENT, MIN_SAMPLES, MAX_SAMPLES = 8, 513, 20_001
 """Number of instants of the dataset: per segment, and its bounds."""
@@ -33,12 +40,12 @@ def route(
     out: Path = terminal.out_option(),
     as_json: bool = terminal.json_option(),
 ) -> None:
-    """Fit a route to a whole recorded drive or flight, and check limits along all of it.
+    """Fit a route to a whole recorded drive or flight, check its limits, and change it until they are satisfied.
 
     Stops, straight parts and gaps are allowed. Every limit of the scenario is proved or disproved on every segment.
-    Writes a dataset (paths.nc), the route (route.json), the fit and the findings (fit.json, certificate.json), a map
-    and plots (route.png, route.svg), and an HTML report (report.html). Exit code 1 if the fit fails or a limit is not
-    proved.
+    With a table [tune] the route changes within a tube until all limits are proved. Writes a dataset (paths.nc), the
+    route, the fit and the findings (route.json, fit.json, certificate.json), the tuning (tuning.json), a map and plots
+    (route.png, route.svg), and a page for the browser (report.html). Exit code 1 if a limit is not proved.
     """
     with terminal.guarded():
         outcome = run(recording, out)
@@ -46,68 +53,113 @@ def route(
 
 
 def run(file: Path | None, out: Path) -> Outcome:
-    """Fit the route, check its limits and write the results.
+    """Fit, check, tune and write.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
     with watching() as watch:
         watch.say("reading")
         # Imported here so that --help does not wait for pydantic and xarray.
-        from qtraj.cli.output import check_folder, header, provenance, write_all
-        from qtraj.design.proof.certify import certify
-        from qtraj.foundation import document
+        from qtraj.cli.output import check_folder, header, write_all
         from qtraj.foundation.plain import plain
-        from qtraj.io.dataset import path_dataset, write_netcdf
-        from qtraj.path.driving import default_frame
-        from qtraj.scenario.route import fit_recording, read_route
+        from qtraj.scenario.route import read_route
 
         check_folder(out)
-        loaded = read_route(file)
-        watch.say("fitting the route")
-        task = fit_recording(loaded)
-        path = task.fitted.path
-        watch.say("checking the limits")
-        certificate = None if task.limits is None else certify(path, task.limits)
+        given = read_route(file)
+        findings = _findings(given, watch)
+        fitted, certificate, tuned = findings.task.fitted, findings.certificate, findings.tuned
         watch.say("sampling")
-        dataset = path_dataset(
-            {"route": path},
-            task.limits,
-            task.track,
-            samples=int(np.clip(SAMPLES_PER_SEGMENT * path.segments + 1, MIN_SAMPLES, MAX_SAMPLES)),
-            attributes=provenance(loaded) | {"route_result": task.fitted.result},
-            frame=default_frame(path),
-            findings=None if certificate is None else {"route": certificate.whole},
-        )
-        content = header("route", loaded) | {
-            "fit": plain(task.fitted.record()) | summary(task.fitted),
+        dataset = _dataset(given, findings)
+        content = header("route", given) | {
+            "fit": plain(fitted.record()) | summary(fitted),
             "frame": dataset.attrs["frame"],
             "purpose": loaded.scenario.purpose,
             "certificate": None if certificate is None else plain(certificate.record()),
+            "tuned": None if tuned is None else plain(tuned.record()),
         }
-
-        def draw(target: Path) -> None:
-            from qtraj.viz.figures import route_figure, save  # imported last, because matplotlib loads slowly
-
-            save(route_figure(dataset), target)
-
-        def page(target: Path) -> None:
-            from qtraj.viz.report.page import report_page
-
-            target.write_text(report_page(dataset), encoding="utf-8", newline="\n")
-
         watch.say("writing")
-        writers = {
-            "paths.nc": lambda target: write_netcdf(dataset, target),
-            "route.json": path.save,
-            "fit.json": partial(document.save, task.fitted),
-            **({} if certificate is None else {"certificate.json": partial(document.save, certificate)}),
-            "route.png": draw,
-            "route.svg": draw,
-            PAGE: page,
-        }
-        content["files"] = [str(written) for written in write_all(out, writers)]
-    failed = not bool(task.fitted.successful) or (certificate is not None and not certificate.met)
-    return Outcome(content, lambda console: _show(console, content, task.fitted, certificate), failed)
+        content["files"] = [str(written) for written in write_all(out, _writers(findings, dataset))]
+    last = certificate if tuned is None else tuned.certificate
+    failed = not bool(fitted.successful) or (last is not None and not last.met)
+    return Outcome(content, lambda console: _show(console, content, findings), failed)
+
+
+class Findings(NamedTuple):
+    """The fitted route, the findings on its limits, and the tuned route; None for what was not asked."""
+
+    task: "RouteTask"
+    certificate: "RouteCertificate | None" = None
+    tuned: "TunedRoute | None" = None
+
+
+def _findings(given: "ScenarioFile[Any]", watch: Watch) -> Findings:
+    from qtraj.design.proof.certify import certify
+    from qtraj.scenario.route import fit_recording
+
+    watch.say("fitting the route")
+    task = fit_recording(given)
+    if task.limits is None:
+        return Findings(task)
+    watch.say("checking the limits")
+    certificate = certify(task.fitted.path, task.limits)
+    if task.tune is None:
+        return Findings(task, certificate)
+    watch.say("tuning")
+    from qtraj.design.tuning_route.tune_route import tune_route
+
+    with naming(f"{given.file}: "):
+        tuned = tune_route(task.fitted.path, task.limits, tube=task.tune.tube, objective=task.tune.objective)
+    return Findings(task, certificate, tuned)
+
+
+def _dataset(given: "ScenarioFile[Any]", findings: Findings) -> "xarray.Dataset":
+    from qtraj.cli.output import provenance
+    from qtraj.io.dataset import path_dataset
+
+    task, certificate, tuned = findings
+    path, about = task.fitted.path, {"route_result": task.fitted.result}
+    paths, certificates = {"route": path}, {} if certificate is None else {"route": certificate.whole}
+    if tuned is not None and certificate is not None:
+        paths, about = {"before": path, "after": tuned.path}, about | {"tuning_result": tuned.result}
+        certificates = {"before": certificate.whole, "after": tuned.certificate.whole}
+    return path_dataset(
+        paths,
+        task.limits,
+        task.track,
+        samples=int(np.clip(SAMPLES_PER_SEGMENT * path.segments + 1, MIN_SAMPLES, MAX_SAMPLES)),
+        attributes=provenance(given) | about,
+        findings=certificates,
+    )
+
+
+def _writers(findings: Findings, dataset: "xarray.Dataset") -> dict[str, Writer]:
+    from qtraj.foundation import document
+    from qtraj.io.dataset import write_netcdf
+
+    def draw(target: Path) -> None:
+        from qtraj.viz.figures import route_figure, save  # here, so that matplotlib is loaded last
+
+        save(route_figure(dataset), target)
+
+    def page(target: Path) -> None:
+        from qtraj.viz.report.page import report_page
+
+        target.write_text(report_page(dataset), encoding="utf-8", newline="\n")
+
+    task, certificate, tuned = findings
+    documents = {
+        "route.json": task.fitted.path if tuned is None else tuned.path,
+        "fit.json": task.fitted,
+        "certificate.json": certificate if tuned is None else tuned.certificate,
+        "tuning.json": tuned,
+    }
+    return {
+        "paths.nc": lambda target: write_netcdf(dataset, target),
+        **{name: partial(document.save, item) for name, item in documents.items() if item is not None},
+        "route.png": draw,
+        "route.svg": draw,
+        PAGE: page,
+    }
 
 
 def summary(fitted: "FittedRoute") -> dict[str, Any]:
@@ -120,17 +172,21 @@ def summary(fitted: "FittedRoute") -> dict[str, Any]:
     }
 
 
-def _show(
-    console: Console, content: dict[str, Any], fitted: "FittedRoute", certificate: "RouteCertificate | None"
-) -> None:
-    """Print the result, readable at 80 columns."""
+def _show(console: Console, content: dict[str, Any], findings: Findings) -> None:
+    """The outcome, readable at 80 columns."""
+    task, certificate, tuned = findings
     layout.print_scenario(console, content["scenario"])
     layout.heading(console, "Route against the recording")
-    console.print(layout.facts_table(_facts(fitted, content["fit"])))
+    console.print(layout.facts_table(_facts(task.fitted, content["fit"])))
     if certificate is None:
         console.print(Text("No limits were checked: to check limits, write a scenario with a table [limits]."))
     else:
-        _show_limits(console, certificate, content["purpose"])
+        _show_limits(console, "Limits on the whole route", certificate)
+    if tuned is not None:
+        _show_limits(console, "Limits on the tuned route", tuned.certificate)
+        console.print(Text(tuned.result))
+    for name, text in content["purpose"].items():
+        console.print(Text(f"{name}: {text}"))
     layout.print_files(console, content["files"])
 
 
@@ -159,12 +215,12 @@ def _millimetres(length: Any) -> str:
     return f"{1000 * float(length):.3g} mm" if float(length) < 1 else f"{float(length):.3g} m"
 
 
-def _show_limits(console: Console, certificate: "RouteCertificate", purpose: dict[str, str]) -> None:
+def _show_limits(console: Console, title: str, certificate: "RouteCertificate") -> None:
     from qtraj.foundation.units import symbol
     from qtraj.path.quantity import quantity
 
-    layout.heading(console, "Limits on the whole route")
-    table = layout.plain_table("limit", right=("largest", "limit", "at [s]", "segments violated"), last=("",))
+    layout.heading(console, title)
+    table = layout.plain_table("limit", right=("largest", "limit", "at [s]", "segments broken"), last=("",))
     status = certificate.segments.status
     for finding in certificate.findings():
         unit = symbol(quantity(finding.name).unit) or "-"
@@ -173,8 +229,6 @@ def _show_limits(console: Console, certificate: "RouteCertificate", purpose: dic
         name, cells = Text(f"{finding.name} [{unit}]"), (layout.number(value), layout.number(finding.limit))
         table.add_row(name, *cells, layout.number(finding.time, 6), str(violated), layout.verdict(finding.status))
     console.print(table)
-    for name, text in purpose.items():
-        console.print(Text(f"{name}: {text}"))
     for name in certificate.names:
         spans = certificate.intervals(name)
         if spans:

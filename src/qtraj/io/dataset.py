@@ -24,11 +24,13 @@ from qtraj.foundation.provenance import provenance_attributes
 from qtraj.foundation.record import variable_attributes
 from qtraj.motion.programs.rotation_minimizing import Frame
 from qtraj.path.channel import CHANNELS
+from qtraj.path.driving import default_frame
 from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import QUANTITIES, quantity
+from qtraj.path.route import Route
 from qtraj.path.track import Track, elapsed_times, to_float64
-from qtraj.path.trihedral import Natural, Upright
+from qtraj.path.trihedral import AbstractFrame, Upright
 
 SAMPLES = 513
 """Default number of samples of each path."""
@@ -61,20 +63,20 @@ def path_dataset(
 ) -> xarray.Dataset:
     """The paths, by name, as one dataset with units, meanings and conventions in its attributes (extra `io`).
 
-    The dataset has all outputs of `qtraj.evaluate`, at `samples` instants of each path. Attitudes and rates belong
-    to `frame`, by default `Upright()` with a recorded `track`, because vehicles stay upright, otherwise `Natural()`. A
-    limited variable has its limit as attribute `limit`. A recorded track is added as `recorded_position` over
-    `recorded_time`, from its first sample, and the facts of a `fitted` path as variables and attributes whose names
-    begin with `fit_`. `findings`, the certificates of some of the paths, become `largest_curvature` (path),
-    `largest_curvature_time`, `finding_curvature` and so on: the largest values on the whole path, not only at samples.
+    The dataset has all outputs of `qtraj.evaluate`, at `samples` instants of each path. Attitudes and rates are those
+    of `frame`, by default `Upright()` with a recorded `track`, because vehicles stay upright, the default frame of a
+    route, and otherwise `Natural()`. A limited variable has its limit as attribute `limit`. A recorded track is added
+    as `recorded_position` over `recorded_time`, from its first sample, and the facts of a `fitted` path as variables
+    and attributes whose names begin with `fit_`. `findings`, the certificates of some of the paths, become
+    `largest_curvature` (path), `largest_curvature_time`, `finding_curvature` and so on: the largest values on the whole
+    path, not only at samples.
 
     **Raises:** ValueError if there is no path, or fewer than 2 samples.
     """
     if not paths or samples < 2:
         raise ValueError(f"expected at least one path and at least 2 samples, but got {len(paths)} and {samples}")
     progress = np.linspace(0.0, 1.0, samples)
-    frame = (Natural() if track is None else Upright()) if frame is None else frame
-    tables = [_table(path, progress, frame) for path in paths.values()]
+    tables = [_table(path, progress, _frame(path, track) if frame is None else frame) for path in paths.values()]
     columns = [_columns(path, table) for path, table in zip(paths.values(), tables, strict=True)]
     name_of_frame = tables[0].frame
     variables: dict[str, Any] = {}
@@ -150,6 +152,11 @@ def write_netcdf(dataset: xarray.Dataset, file: str | os.PathLike[str]) -> None:
     """Write a dataset as netCDF-4, every float exactly; `xarray.open_dataset` reads it."""
     exact = {name: {"_FillValue": None} for name in dataset.variables if dataset[name].dtype.kind == "f"}
     dataset.to_netcdf(file, engine="h5netcdf", encoding=exact)
+
+
+def _frame(path: AbstractHodograph, track: Track | None) -> AbstractFrame:
+    """The default frame of a path: the path's own, but upright along a recorded turn."""
+    return default_frame(path) if track is None or isinstance(path, Route) else Upright()
 
 
 def _table(path: AbstractHodograph, progress: np.ndarray, frame: Frame) -> Table:

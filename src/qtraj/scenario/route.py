@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import model_validator
 
@@ -41,6 +41,19 @@ class RouteFitPart(Part):
         return self
 
 
+class RouteTunePart(Part):
+    """How the route may change until its limits are satisfied; without this table it is only checked."""
+
+    tube: Positive = key(
+        "largest distance from the fitted route, horizontally and vertically", "a positive finite number [m]", 0.5
+    )
+    objective: Literal["nearest", "smoothest", "fastest"] = key(
+        "what is minimised: the change of the route, the jerk, or the duration",
+        "'nearest', 'smoothest' or 'fastest'",
+        "nearest",
+    )
+
+
 class RouteScenario(NamedPart):
     """A scenario: a recording, and limits that are checked along its whole route."""
 
@@ -52,20 +65,24 @@ class RouteScenario(NamedPart):
     purpose: dict[str, Text] = key(
         "the reason for each limit, shown in the tables", "a table [purpose] of strings, one for each limit", {}
     )
+    tune: RouteTunePart | None = key("how the route may change", "a table [tune]", None)
 
     @model_validator(mode="after")
-    def _purposes(self) -> "RouteScenario":
+    def _with_limits(self) -> "RouteScenario":
         require_limits(self.purpose, self.limits)
+        if self.tune is not None and not self.limits.limits():
+            raise ValueError("[tune] needs limits: add a table [limits]")
         return self
 
 
 @dataclass(frozen=True)
 class RouteTask:
-    """The recording, the route fitted to it, and the limits, which are None if there are none."""
+    """The recording, the route fitted to it, the limits, and how to tune; None where the scenario has none."""
 
     track: Track
     fitted: FittedRoute
     limits: Limits | None
+    tune: RouteTunePart | None
 
 
 def read_route(file: Path | None) -> ScenarioFile[Any]:
@@ -89,4 +106,4 @@ def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
         track = scenario.track.read(loaded.beside)
         fitted = fit_route(track, scenario.fit.spacing, scenario.fit.tolerance, scenario.fit.smoothing)
         limits = scenario.limits.limits()
-        return RouteTask(track, fitted, Limits(**limits) if limits else None)
+        return RouteTask(track, fitted, Limits(**limits) if limits else None, scenario.tune)

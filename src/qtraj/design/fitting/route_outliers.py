@@ -50,17 +50,22 @@ def without_outliers(recording: Recording, knots: Any) -> tuple[Recording, float
             spacing = float(np.median(np.diff(user_knots)))
     grid = equal_knots(duration, spacing) if user_knots is None else user_knots
     at, jerk, bound = design(grid, recording.times), jerk_system(grid), np.inf
+    samples = sample_system(len(grid), at, recording.positions, recording.weights)
     for _ in range(MAX_ROUNDS):
-        samples = sample_system(len(grid), at, recording.positions, recording.weights)
         states = solve(samples.plus(jerk, SMOOTHING / recording.step))
         residuals = predict(at, states) - recording.positions
         inliers = np.linalg.norm(residuals[recording.weights > 0], axis=1)
         final_bound = outlier_bound(inliers)
         bound = max(final_bound, REDUCTION * min(bound, inliers.max()))
         weights = (~outliers(residuals, bound)).astype(float)
-        if bound == final_bound and np.array_equal(weights, recording.weights):
+        change = weights - recording.weights
+        changed = change != 0
+        if bound == final_bound and not changed.any():
             break
-        recording = recording._replace(weights=weights)
+        if changed.any():
+            recording = recording._replace(weights=weights)
+            part = sample_system(len(grid), at.part(changed), recording.positions[changed], change[changed])
+            samples = samples.plus(part)
     return recording, spacing, user_knots
 
 
