@@ -5,22 +5,20 @@ In a cell the path and the squared path speed a are polynomials, and each limit 
 number of cells is a power of two.
 """
 
-from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
 from qtraj.algebra.chebyshev_model import ChebyshevModel, multiple
 from qtraj.algebra.positivity import NEGATIVE, POSITIVE, prove_positive
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
 from qtraj.design.proof.inequalities import Parts, parts, squared_bound
-from qtraj.design.timing.constraints import UPPER
+from qtraj.design.timing.constraints import NAMES, UPPER
 from qtraj.design.timing.timing import Timing
 from qtraj.foundation.types import Scalar
 from qtraj.path.frenet import Invariants
@@ -40,13 +38,16 @@ class _Cell(eqx.Module):
 def proved(
     path: MovingPolynomials, duration: Scalar, timing: Timing, bounds: dict[str, Scalar]
 ) -> dict[str, Int[Array, ""]]:
-    """For each limit in `bounds` the status PROVED, BROKEN or UNDECIDED; proved only where a > 0 is proved too."""
-    return _proved(path, duration, timing.coefficients, timing.rest, bounds)
+    """For each limit the status PROVED, BROKEN or UNDECIDED; proved only where a > 0 is proved too.
+
+    Absent limits are infinite.
+    """
+    return _proved(path, duration, timing.coefficients, jnp.asarray(timing.rest), bounds)
 
 
 @eqx.filter_jit
 def _proved(
-    path: Any, duration: Array, coefficients: Array, at_rest: tuple[bool, bool], bounds: dict[str, Scalar]
+    path: Any, duration: Array, coefficients: Array, at_rest: Bool[Array, " 2"], bounds: dict[str, Scalar]
 ) -> dict[str, Array]:
     cells = coefficients.shape[0]
     whole = parts(jax.tree.map(lambda x: x[..., None], path), duration[None])
@@ -59,18 +60,27 @@ def _proved(
         a0, a1, a2 = (p.on(centre, half)[0] for p in a)
         return _Cell(Invariants(r), a0, cells * a1, cells * cells * a2)
 
+    squares = [squared_bound(bounds[name][None], _unit(name, whole)) for name in NAMES]
+    squares = tuple(jnp.stack(x) for x in zip(*squares, strict=True))
     widest = jnp.full(cells, 2.0, coefficients.dtype)
-    found = {}
-    for name, bound in bounds.items():
-        build = partial(_slack, name, squared_bound(bound[None], _unit(name, whole)), cell)
-        found[name] = _status(prove_positive(build, widest).code)
-    moving = _status(prove_positive(lambda centre, half: rest.on(centre, half)[0], widest).code)
-    return {name: jnp.where(moving == PROVED, code, jnp.maximum(code, moving)) for name, code in found.items()}
+
+    def judged(k: Array) -> Array:
+        """The status of one limit; the last is that a is positive."""
+        bound = tuple(x[jnp.minimum(k, len(NAMES) - 1)] for x in squares)
+        slacks = [lambda *at, name=name: _slack(name, bound, cell(*at)) for name in NAMES]
+        choices = [*slacks, lambda *at: rest.on(*at)[0]]
+        return _status(prove_positive(lambda *at: jax.lax.switch(k, choices, *at), widest).code)
+
+    wanted = jnp.append(jnp.stack([jnp.isfinite(bounds[name]) for name in NAMES]), True)
+    decide = lambda k: jax.lax.cond(wanted[k], judged, lambda k: jnp.asarray(PROVED, jnp.int32), k)  # noqa: E731
+    codes = jax.lax.map(decide, jnp.arange(len(NAMES) + 1))
+    codes = jnp.where(codes[-1] == PROVED, codes, jnp.maximum(codes, codes[-1]))
+    return {name: codes[k] for k, name in enumerate(NAMES)}
 
 
 def _status(codes: Int[Array, " cells"]) -> Int[Array, ""]:
     all_positive, any_negative = jnp.all(codes == POSITIVE), jnp.any(codes == NEGATIVE)
-    return jnp.where(any_negative, BROKEN, jnp.where(all_positive, PROVED, UNDECIDED))
+    return jnp.where(any_negative, BROKEN, jnp.where(all_positive, PROVED, UNDECIDED)).astype(jnp.int32)
 
 
 def _spread(p: CellPolynomial, cells: int) -> CellPolynomial:
@@ -79,7 +89,7 @@ def _spread(p: CellPolynomial, cells: int) -> CellPolynomial:
 
 
 def _timing(
-    coefficients: Float[Array, "cells 4"], at_rest: tuple[bool, bool]
+    coefficients: Float[Array, "cells 4"], at_rest: Bool[Array, " 2"]
 ) -> tuple[list[CellPolynomial], CellPolynomial]:
     """a, a' and a'' in s in [−1, 1] of each cell, and a without the factors that vanish where the vehicle is at rest."""
     c0, c1, c2, c3 = coefficients.T  # powers of (1 + s)/2
@@ -112,11 +122,8 @@ def _unit(name: str, whole: Parts) -> Array:
     return whole.unit**entry.per_time / whole.length**entry.length
 
 
-def _slack(
-    name: str, bound: tuple[Array, Array], cell: Callable[[Array, Array], _Cell], centre: Array, half: Array
-) -> ChebyshevModel:
+def _slack(name: str, bound: Any, c: _Cell) -> ChebyshevModel:
     """limit² · denominator − numerator."""
-    c = cell(centre, half)
     i, a = c.path, c.a
     twice = lambda p, q, r, s: 2 * (p * q) + r * s  # noqa: E731
     if name in UPPER:
@@ -138,5 +145,3 @@ def _slack(
     growth = i.P1 * SH - i.P * (i.B * i.H + i.S * i.G)
     turning = 2 * (growth * a) + (i.P * SH) * c.slope
     return multiple(4 * (SH * (SH * SH)), *bound) - turning * turning
-
-

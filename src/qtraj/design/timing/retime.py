@@ -94,7 +94,7 @@ def _retimed(
     timing = Timing(found.powers, path.duration, rest)
     result = RetimedPath(path, timing)
     ends = jnp.sqrt(jnp.maximum(jnp.stack([found.powers[0, 0], jnp.sum(found.powers[-1])]), 0.0)) * pace
-    certificate = _certificate(path, result, {name: bounds[name] for name in names})
+    certificate = _certificate(path, result, bounds, names)
     time = stop_gradient(timing.duration) + found.sensitivity
     return Retimed(result, time, certificate, ends, _code(found, certificate, ends, wanted), found.state.steps)
 
@@ -107,8 +107,10 @@ def _code(found: Found, certificate: Certificate, ends: Array, wanted: Array) ->
     return jnp.where(jnp.isfinite(found.powers).all(), code, int(ResultCode.not_finite))
 
 
-def _certificate(path: AbstractHodograph, retimed: RetimedPath, bounds: dict[str, Scalar]) -> Certificate:
-    names, limits = tuple(bounds), jnp.stack(list(bounds.values()))
+def _certificate(
+    path: AbstractHodograph, retimed: RetimedPath, bounds: dict[str, Scalar], names: tuple[str, ...]
+) -> Certificate:
+    limits = jnp.stack([bounds[name] for name in names])
     times, values = _largest(stop_gradient(retimed), names)
     polynomials = path.polynomials()
     sampled = jnp.where(values <= limits, SAMPLED, BROKEN)

@@ -57,13 +57,13 @@ def fastest(problem: Problem, cells: int, rest: tuple[bool, bool]) -> Found:
     gaps = COARSE
     for size in sizes:
         plain = jnp.ones((COUNT, size), first.dtype)
-        state = _searched(fixed, nodes(size, rest), rest, first, plain, gaps, LAST if size == cells else FINE)
+        state = _searched(fixed, nodes(size, rest), first, plain, gaps, LAST if size == cells else FINE)
         gaps = FINE
         first = jnp.asarray(prolongation(size, size * FINER)) @ state.coefficients if size < cells else first
     factors = jnp.ones((COUNT, cells), first.dtype)
     for _ in range(ROUNDS):
         factors = factors * _excess(fixed, within(cells, CHECKED), state)
-        state = _searched(fixed, nodes(cells, rest), rest, state.coefficients, factors, gaps, LAST)
+        state = _searched(fixed, nodes(cells, rest), state.coefficients, factors, gaps, LAST)
     powers = jnp.sum(jnp.asarray(power_form(cells), first.dtype) * local(state.coefficients)[:, None], axis=-1)
     return Found(powers, _sensitivity(problem, nodes(cells, rest), state, factors), state)
 
@@ -81,14 +81,13 @@ def prolongation(cells: int, more: int) -> Float[np.ndarray, "more+3 cells+3"]:
 def _searched(
     problem: Problem,
     tables: Nodes,
-    rest: tuple[bool, bool],
     first: Float[Array, "cells+3"],
     factors: Float[Array, "7 cells"],
     begin: Scalar | float,
     end: Scalar | float,
 ) -> State:
     """The search from coefficients that are made smaller where they leave the limits; the coarsest also larger."""
-    program = _program(problem, tables, rest)
+    program = _program(problem, tables)
     program = program._replace(constraints=tightened(program.constraints, factors))
     part = _largest_part(program.constraints, at_nodes(program.basis, first))
     part = jnp.where(begin == COARSE, INSIDE * part, jnp.minimum(CLOSE * part, 1.0))
@@ -98,23 +97,20 @@ def _searched(
 @eqx.filter_jit
 def _excess(problem: Problem, tables: Nodes, state: State) -> Float[Array, "7 cells"]:
     """By what each limit must be tightened in each cell to hold between the nodes too."""
-    program = _program(problem, tables, (False, False))
+    program = _program(problem, tables)
     most = jnp.max(used(program.constraints, at_nodes(program.basis, state.coefficients)), axis=-1)
     return jnp.where(most > 1, 1 + OVER * (most - 1), 1.0)
 
 
-def _program(problem: Problem, tables: Nodes, rest: tuple[bool, bool]) -> Program:
+def _program(problem: Problem, tables: Nodes) -> Program:
     path, dtype = problem.path, problem.path.duration.dtype
     cells = tables.place.shape[0]
-    basis, place, weight = (jnp.asarray(x, dtype) for x in (tables.basis, tables.place, tables.weight))
+    place, weight, basis, free = (jnp.asarray(x, dtype) for x in tables)
     per_cell = path.duration / cells
     at = (jnp.arange(cells, dtype=dtype)[:, None] + place) * per_cell
     imposed = constraints(path, at, per_cell, problem.bounds)
     ends = 1 / problem.ends
     linear = imposed.linear.at[0, 0, 0, 0].max(ends[0]).at[0, -1, -1, 0].max(ends[1])
-    free = jnp.ones(cells + DEGREE, dtype)
-    free = free.at[0].set(0.0) if rest[0] else free
-    free = free.at[-1].set(0.0) if rest[1] else free
     return Program(basis, weight * per_cell, imposed._replace(linear=linear), free)
 
 
@@ -131,9 +127,10 @@ def _largest_part(c: Constraints, v: Array) -> Scalar:
     return 1 / jnp.maximum(jnp.maximum(linear, jerk), 1e-12)
 
 
+@eqx.filter_jit
 def _sensitivity(problem: Problem, tables: Nodes, state: State, factors: Array) -> Scalar:
     """Zero, with the derivatives of the least time: those of the Lagrangian at the optimum (envelope theorem)."""
-    program = _program(problem, tables, (False, False))
+    program = _program(problem, tables)
     v = stop_gradient(at_nodes(program.basis, state.coefficients))
     limits = values(tightened(program.constraints, stop_gradient(factors)), v)
     lagrangian = duration(program.weights, v) + jnp.sum(stop_gradient(state.multipliers) * limits)

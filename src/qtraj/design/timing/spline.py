@@ -25,12 +25,14 @@ class Nodes(NamedTuple):
     """Nodes of each cell.
 
     `place` in [0, 1] within the cell; `weight` of the integral over the cell, in cells; `basis` takes the four
-    coefficients of a cell to the value and the first and second derivative at its nodes, per cell and per cell².
+    coefficients of a cell to the value and the first and second derivative at its nodes, per cell and per cell². `free`
+    is 1 for coefficients that may change, and 0 for those of an end at rest.
     """
 
     place: Float[np.ndarray, "cells nodes"]
     weight: Float[np.ndarray, "cells nodes"]
     basis: Float[np.ndarray, "cells nodes 3 4"]
+    free: Float[np.ndarray, "cells+3"]
 
 
 def clamped(cells: int) -> Float[np.ndarray, " cells+7"]:
@@ -64,14 +66,16 @@ def nodes(cells: int, rest: tuple[bool, bool]) -> Nodes:
         place[0], weight[0] = root**2, 2 * root * part
     if rest[1]:
         place[-1], weight[-1] = 1 - root[::-1] ** 2, (2 * root * part)[::-1]
-    return Nodes(place, weight, _basis(cells, place))
+    free = np.ones(cells + DEGREE)
+    free[0], free[-1] = 1.0 - rest[0], 1.0 - rest[1]
+    return Nodes(place, weight, _basis(cells, place), free)
 
 
 @functools.lru_cache(maxsize=16)
 def within(cells: int, count: int) -> Nodes:
     """Equally spaced places in each cell, both ends among them, without weights."""
     place = np.broadcast_to(np.linspace(0.0, 1.0, count), (cells, count))
-    return Nodes(place, np.zeros_like(place), _basis(cells, place))
+    return Nodes(place, np.zeros_like(place), _basis(cells, place), np.ones(cells + DEGREE))
 
 
 def _basis(cells: int, place: Float[np.ndarray, "cells nodes"]) -> Float[np.ndarray, "cells nodes 3 4"]:

@@ -127,7 +127,9 @@ class Timing(eqx.Module):
         from_start = c[1] + place * (c[2] + place * c[3])
         to_end = -(c[1] + 2 * c[2] + 3 * c[3]) + left * (c[2] + 3 * c[3] - left * c[3])
         factor = jnp.where(starts | ends, 2.0, 1.0)
-        return self.length / self._cells * factor * jnp.where(starts, from_start, jnp.where(ends, to_end, plain)) ** -0.5
+        return (
+            self.length / self._cells * factor * jnp.where(starts, from_start, jnp.where(ends, to_end, plain)) ** -0.5
+        )
 
 
 @storable
