@@ -1,7 +1,7 @@
 """A primal-dual interior-point method for the fastest timing: minimise ∫ du/√a under constraints at all nodes.
 
-Mehrotra's predictor and corrector from an infeasible start (Nocedal and Wright, Numerical Optimization, chapter 19). The
-matrix of each step has a band of three diagonals, so a step costs in proportion to the number of cells.
+Mehrotra's predictor and corrector (Nocedal and Wright, Numerical Optimization, chapter 19). The matrix of each step has
+a band of three diagonals beside the main one, so a step costs in proportion to the number of cells.
 """
 
 from typing import Any, NamedTuple
@@ -35,7 +35,7 @@ MAX_STEPS = 80
 
 
 class Program(NamedTuple):
-    """The problem: the basis at the nodes, weights of the integral [s], constraints, and which coefficients are free."""
+    """The problem: basis at the nodes, weights of the integral [s], constraints, and which coefficients are free."""
 
     basis: Float[Array, "cells nodes 3 4"]
     weights: Float[Array, "cells nodes"]

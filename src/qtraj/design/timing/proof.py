@@ -1,8 +1,8 @@
 """Limits on a retimed path, proved on the whole of each cell.
 
-In a cell the path and the squared path speed a are polynomials, and each limit is one polynomial inequality between them
-(see `constraints`). The path is taken in its moving basis, restricted to the cell by an exact change of variable: the
-number of cells is a power of two.
+In a cell the path and the squared path speed a are polynomials, and each limit is one polynomial inequality between
+them (see `constraints`). The path is taken in its moving basis and restricted to the cell by an exact change of
+variable: the number of cells is a power of two.
 """
 
 from typing import Any
@@ -91,7 +91,7 @@ def _spread(p: CellPolynomial, cells: int) -> CellPolynomial:
 def _timing(
     coefficients: Float[Array, "cells 4"], at_rest: Bool[Array, " 2"]
 ) -> tuple[list[CellPolynomial], CellPolynomial]:
-    """a, a' and a'' in s in [−1, 1] of each cell, and a without the factors that vanish where the vehicle is at rest."""
+    """a, a' and a'' in s in [−1, 1] of each cell; and a without the factors that vanish at an end at rest."""
     c0, c1, c2, c3 = coefficients.T  # powers of (1 + s)/2
     start, end = at_rest
     zero = jnp.zeros_like(c0)

@@ -8,7 +8,7 @@ from jax.lax import stop_gradient
 from jaxtyping import Array, Float
 
 from qtraj.design.limits import Limits
-from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, Certificate
+from qtraj.design.proof.certificate import BROKEN, SAMPLED, UNDECIDED, Certificate
 from qtraj.design.proof.certify import require_float64
 from qtraj.design.timing.constraints import NAMES
 from qtraj.design.timing.interior_point import MAX_STEPS
@@ -47,8 +47,8 @@ def retime(
     """The fastest timing along `path`, whose shape stays as it is, within `limits`.
 
     `limits` are those that depend on the timing: `speed`, `acceleration`, `lateral_acceleration`,
-    `longitudinal_acceleration`, `jerk`, `yaw_rate`, `yaw_acceleration` and `angular_rate`. `start_speed` and `end_speed`
-    [m/s]: zero for rest, None for a speed that is free. The squared path speed u̇², u the path's own parameter, is a
+    `longitudinal_acceleration`, `jerk`, `yaw_rate`, `yaw_acceleration` and `angular_rate`. `start_speed` and
+    `end_speed` [m/s]: zero for rest, None for a speed that is free. The squared path speed u̇², u the path's own parameter, is a
     cubic spline of u in `knots` cells, a power of two; more cells come closer to the least time of all. At rest the
     acceleration begins with a jump, so a limit on the jerk is one on the motion after the start and before the end.
 

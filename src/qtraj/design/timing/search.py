@@ -4,7 +4,6 @@ import functools
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient

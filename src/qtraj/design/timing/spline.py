@@ -98,7 +98,6 @@ def local(coefficients: Float[Array, "cells+3"]) -> Float[Array, "cells 4"]:
 
 def assembled(parts: Float[Array, "cells 4"]) -> Float[Array, "cells+3"]:
     """The transpose of `local`: sums over the cells that share a coefficient."""
-    cells = parts.shape[0]
     return sum(jnp.pad(parts[:, k], (k, DEGREE - k)) for k in range(DEGREE + 1))  # type: ignore[return-value]
 
 
