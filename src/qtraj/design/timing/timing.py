@@ -27,8 +27,8 @@ class Timing(eqx.Module):
     """Time along a path: u̇² = a(u) > 0 in cells of equal length of the parameter u in [0, `length`].
 
     `coefficients` (n, 4): ascending powers of the place in [0, 1] within each cell. `rest` says whether the vehicle is
-    at rest at the start and at the end, where a then vanishes. `time` and `parameter` are inverse to each other to about 1e-12 of the
-    duration.
+    at rest at the start and at the end, where a then vanishes. `time` and `parameter` are inverse to each other to
+    about 1e-12 of the duration.
     """
 
     coefficients: Float[Array, "cells 4"]
