@@ -1,1 +1,1 @@
-"""Measurements of speed (pytest) and of accuracy (`python -m benchmarks.accuracy`)."""
+"""Benchmarks of speed (pytest) and of accuracy (`python -m benchmarks.accuracy`)."""

@@ -1,12 +1,12 @@
-"""Run the races, print their tables, save them as JSON with the machine and the versions, and draw the figures.
+"""Runs the benchmarks, prints their tables, saves them as JSON with machine and versions, and draws the figures.
 
-    python -m benchmarks                        all races: some minutes, on a machine that does nothing else
-    python -m benchmarks evaluation bandwidth   these only; the others are kept as the file has them
-    python -m benchmarks --quick                small sizes and few rounds: does it run?
-    python -m benchmarks --write                and put tables and figures into docs/performance.md
+    python -m benchmarks                        all benchmarks: some minutes, on an otherwise idle machine
+    python -m benchmarks evaluation bandwidth   only these; the file keeps the others
+    python -m benchmarks --quick                small sizes and few rounds, to check that everything runs
+    python -m benchmarks --write                also update tables and figures of docs/performance.md
 
-The file is benchmarks/results/<name>.json, with --quick one in a fresh temporary folder, written after each race; the
-name is the kind of device unless given. The documents are made of benchmarks/results/cpu.json alone.
+The file is benchmarks/results/<name>.json (with --quick in a temporary folder), written after each benchmark; the
+default name is the type of device. The documents use only benchmarks/results/cpu.json.
 """
 
 import argparse
@@ -32,11 +32,11 @@ def main():
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("races", nargs="*", metavar="RACE", help=f"of {', '.join(RACES)}; all unless given")
+    parser.add_argument("races", nargs="*", metavar="RACE", help=f"{', '.join(RACES)}; by default all")
     parser.add_argument("--quick", action="store_true", help="small sizes and few rounds")
-    parser.add_argument("--name", default=jax.default_backend(), help="of the file of results")
-    parser.add_argument("--folder", type=Path, help="of that file; with --quick a fresh temporary one")
-    parser.add_argument("--write", action="store_true", help="tables and figures of these results into the docs")
+    parser.add_argument("--name", default=jax.default_backend(), help="name of the results file")
+    parser.add_argument("--folder", type=Path, help="folder of that file; with --quick by default a temporary one")
+    parser.add_argument("--write", action="store_true", help="write tables and figures of these results into the docs")
     given = parser.parse_args()
     if unknown := [name for name in given.races if name not in RACES]:
         parser.error(f"unknown race {unknown[0]!r}; known are {', '.join(RACES)}")
@@ -67,7 +67,7 @@ def main():
 
 
 def measured(names, quick, raw):
-    """The races by pytest-benchmark, gathered with what they were measured on, and pytest's exit code."""
+    """The results of pytest-benchmark with a description of the machine, and pytest's exit code."""
     if quick:
         os.environ["QTRAJ_BENCHMARKS_QUICK"] = "1"
     chosen = [f"benchmarks/test_races.py::test_race[{name}]" for name in names]
@@ -80,7 +80,7 @@ def measured(names, quick, raw):
 
 
 def gathered(raw, names, load):
-    """Results in the form that is kept, from pytest-benchmark's report and the load before it."""
+    """Results in the stored form, from pytest-benchmark's report and the load before it."""
     machine, cpu = raw["machine_info"], raw["machine_info"].get("cpu", {})
     command = shlex.join(["python", "-m", "benchmarks", *sys.argv[1:]])
     made = {"command": command, "date": raw["datetime"][:10], "device": device(), "machine": system(machine, cpu, load)}
@@ -95,7 +95,7 @@ def gathered(raw, names, load):
 
 
 def device():
-    """What JAX computes on."""
+    """The devices that JAX uses."""
     found = jax.devices()
     return f"{len(found)} × {found[0].device_kind} ({found[0].platform})"
 

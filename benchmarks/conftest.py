@@ -1,6 +1,6 @@
-"""Benchmarks: run with `pytest benchmarks -n 0` (in one process, since two would disturb each other).
+"""Benchmarks: run with `pytest benchmarks -n 0`, in one process, because two would disturb each other.
 
-Each compares with what a user would use instead, on the same work, in one session.
+Each benchmark compares qtraj with an alternative, on the same work, in one session.
 """
 
 import jax

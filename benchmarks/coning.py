@@ -1,4 +1,4 @@
-"""Coning motions to race on: ω(t), λ(t) in closed form, and the same problem as diffrax and SciPy take it."""
+"""Coning motions as test problems: ω(t), λ(t) in closed form, and the same problem for diffrax and SciPy."""
 
 import functools
 import math
@@ -28,7 +28,7 @@ class Batch(NamedTuple):
         return np.stack([np.cos(half), np.sin(half) * np.cos(phase), np.sin(half) * np.sin(phase), 0 * half], axis=1)
 
     def error(self, qs):
-        """The largest angle [rad] of `qs` (n, 4) from the attitudes at the end."""
+        """The largest angle [rad] between `qs` (n, 4) and the final attitudes."""
         qs = np.asarray(qs) / np.linalg.norm(qs, axis=1, keepdims=True)
         last = self.at(self.end)
         gaps = [np.linalg.norm(qs + sign * last, axis=1) for sign in (1, -1)]
@@ -42,7 +42,7 @@ def rate(beta, omega, t):
 
 
 def each(batch: Batch, one: Callable):
-    """`one`(ω, λ0) of every problem at once; a batch of one is no batch."""
+    """`one`(ω, λ0) of all problems at once; without vmap for a single problem."""
     first = batch.at(0.0)
     if len(batch.beta) == 1:
         return one(functools.partial(rate, batch.beta[0], batch.omega[0]), jnp.asarray(first[0]))[None]
@@ -50,7 +50,7 @@ def each(batch: Batch, one: Callable):
 
 
 def with_steps(batch: Batch, method):
-    """steps → the last attitudes (n, 4) by `propagate` with so many equal steps."""
+    """steps → the final attitudes (n, 4) by `propagate` with this number of equal steps."""
 
     @functools.partial(jax.jit, static_argnums=0)
     def call(steps):
@@ -78,7 +78,7 @@ def with_diffrax(batch: Batch, solver):
 
 
 def with_equal_steps_of_diffrax(batch: Batch, solver):
-    """steps → the same by a diffrax solver with equal steps: no controller, and the lanes keep together."""
+    """steps → the same by a diffrax solver with equal steps: no controller, so all problems take the same steps."""
 
     @jax.jit
     def call(steps):
@@ -93,7 +93,7 @@ def with_equal_steps_of_diffrax(batch: Batch, solver):
 
 
 def with_scipy(batch: Batch, right_side: Callable | None = None):
-    """tolerance → the same, one `solve_ivp` by DOP853 after the other; `right_side` is plain numbers unless given."""
+    """tolerance → the same by successive `solve_ivp` with DOP853; `right_side` uses plain numbers by default."""
 
     make = in_plain_numbers if right_side is None else right_side
     problems = [(make(b, o), first) for b, o, first in zip(batch.beta, batch.omega, batch.at(0.0), strict=True)]
@@ -110,7 +110,7 @@ def with_scipy(batch: Batch, right_side: Callable | None = None):
 
 
 def in_arrays(beta, omega):
-    """2λ̇ = λ∘ω as one writes it with NumPy."""
+    """2λ̇ = λ∘ω, as commonly written with NumPy."""
     level, z = omega * np.sin(beta), -2 * omega * np.sin(beta / 2) ** 2
 
     def derivative(t, q):
@@ -121,7 +121,7 @@ def in_arrays(beta, omega):
 
 
 def in_plain_numbers(beta, omega):
-    """2λ̇ = λ∘ω with Python's own numbers, several times faster than arrays of four."""
+    """2λ̇ = λ∘ω with Python numbers, several times faster than arrays of four."""
     level, z = omega * math.sin(beta), -2 * omega * math.sin(beta / 2) ** 2
 
     def derivative(t, q):

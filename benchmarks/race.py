@@ -1,6 +1,6 @@
-"""What the benchmarks share: the loosest setting that is accurate enough, and a race in one run.
+"""Shared by the benchmarks: the loosest setting that is accurate enough, and comparisons of run time.
 
-Machines are noisy, so the runners take turns, round after round, and medians are compared; the best are printed too.
+Machines are noisy, so the candidates alternate round by round, and medians are compared; best times are printed too.
 """
 
 import time
@@ -18,24 +18,24 @@ def loosest(call, settings, error, target):
 
 
 def first_within(errors, target):
-    """The place of the first error ≤ target and that error; None where there is none."""
+    """The index of the first error ≤ target and that error, or None."""
     return next(((k, error) for k, error in enumerate(errors) if error <= target), None)
 
 
 def decades(first, last, each=4):
-    """Tolerances from 10^first down to 10^last, `each` in a decade."""
+    """Tolerances from 10^first down to 10^last, `each` per decade."""
     return [10.0 ** (first - k / each) for k in range((first - last) * each + 1)]
 
 
 def seconds(call):
-    """How long a call takes until its result is there."""
+    """The time of a call until its result is ready."""
     start = time.perf_counter()
     jax.block_until_ready(call())
     return time.perf_counter() - start
 
 
 def race(runners, rounds, few=(), warm=True):
-    """Seconds of every round for each runner (name → call), all of them warm unless told; those in `few` run twice."""
+    """Seconds of every round for each runner (name → call), by default after a first call; those in `few` run twice."""
     spent = {name: [] for name in runners}
     if warm:
         for call in runners.values():
@@ -48,7 +48,7 @@ def race(runners, rounds, few=(), warm=True):
 
 
 def report(title, spent, remarks, unit=1e3):
-    """Print medians and bests, and the ratio of each median to that of the first; returns these ratios."""
+    """Print medians and best times, and the ratio of each median to the first one; return these ratios."""
     names = list(spent)
     medians = {name: float(np.median(times)) for name, times in spent.items()}
     ratios = {name: medians[name] / medians[names[0]] for name in names}

@@ -1,4 +1,4 @@
-"""The tables and figures of docs/performance.md, from a file of results:  python -m benchmarks.report [FILE]"""
+"""Writes the tables and figures of docs/performance.md from a results file:  python -m benchmarks.report [FILE]"""
 
 import argparse
 import json
@@ -15,7 +15,7 @@ DIGITS = 3
 
 
 def body(race):
-    """The table of a race, and when, where and how it was measured."""
+    """The table of a benchmark, with date, machine and command."""
     rows = race["rows"]
     made, machine = race["made"], race["made"]["machine"]
     settings = ", ".join(f"{key}: {text(value)}" for key, value in race["settings"].items() if key != "curves")
@@ -30,7 +30,7 @@ def body(race):
 
 
 def text(cell):
-    """Floats with three digits, and all others as they are."""
+    """Floats with three digits, other values unchanged."""
     if not isinstance(cell, float):
         return str(cell)
     if cell == 0 or not np.isfinite(cell):
@@ -41,7 +41,7 @@ def text(cell):
 
 
 def printed(results):
-    """All tables, one below the other."""
+    """All tables."""
     return "\n".join(f"\n{name}\n{body(race)}" for name, race in results["races"].items())
 
 

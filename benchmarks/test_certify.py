@@ -1,7 +1,7 @@
-"""Proofs on 1000 turns against checking 10⁴ samples of each, compiled and blocking, in one run.
+"""Proofs on 1000 turns compared with checks of 10⁴ samples of each, compiled and blocking, in one run.
 
-`pytest benchmarks/test_certify.py -n 0 -s -k ratios` prints the race; `-k random` judges 10 000 random turns and
-`-k tuned` 1000 tuned ones, and checks every answer in 50 digits.
+`pytest benchmarks/test_certify.py -n 0 -s -k ratios` prints the ratios; `-k random` certifies 10 000 random turns and
+`-k tuned` 1000 tuned ones, and both check every status in 50 digits.
 """
 
 import jax
@@ -17,7 +17,7 @@ from qtraj.path.values import squared
 
 from .race import race, report
 from .tuning.problems import problems
-from .turns import exact_square, lane, random_turns
+from .turns import element, exact_square, random_turns
 
 COUNT, SAMPLES, ROUNDS = 1000, 10_000, 7
 NAMES = [name for name in QUANTITIES if not name.endswith("angular_acceleration")]
@@ -34,17 +34,17 @@ def proof(name):
     def prove(path, limit):
         return qt.certify(path, qt.Limits(**{name: limit})).codes[0]
 
-    return jax.jit(lambda paths, limits: jax.lax.map(lambda lane: prove(*lane), (paths, limits), batch_size=64))
+    return jax.jit(lambda paths, limits: jax.lax.map(lambda one: prove(*one), (paths, limits), batch_size=64))
 
 
 def sampling(name):
-    """Whether 10⁴ samples keep the limit, path by path: the batch as it stays in the cache."""
+    """Whether 10⁴ samples satisfy the limit, path by path, so that the samples stay in the cache."""
 
     def keep(path, limit):
         times = path.duration * jnp.linspace(0.0, 1.0, SAMPLES)
         return jnp.max(jax.vmap(lambda t: squared(path, t, name))(times)) <= limit**2
 
-    return jax.jit(lambda paths, limits: jax.lax.map(lambda lane: keep(*lane), (paths, limits)))
+    return jax.jit(lambda paths, limits: jax.lax.map(lambda one: keep(*one), (paths, limits)))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -69,7 +69,7 @@ def test_no_random_proof_is_contradicted(motion):
         bounds = peaks(paths, name) * (1 + beside)
         found = jax.jit(
             lambda paths, bounds, name=name: jax.lax.map(
-                lambda lane: qt.certify(lane[0], qt.Limits(**{name: lane[1]})), (paths, bounds), batch_size=64
+                lambda one: qt.certify(one[0], qt.Limits(**{name: one[1]})), (paths, bounds), batch_size=64
             )
         )(paths, bounds)
         status = np.asarray(found.codes)[:, 0]
@@ -77,11 +77,11 @@ def test_no_random_proof_is_contradicted(motion):
         print(motion, name, counts)
         assert counts["undecided"] * 1000 < count
         for k in range(count):
-            contradicted(lane(paths, k), name, bounds[k], found, k)
+            contradicted(element(paths, k), name, bounds[k], found, k)
 
 
 def test_no_proof_of_a_tuned_path_is_contradicted():
-    """1000 paths whose curvature touches its limit, as tuned paths do."""
+    """1000 paths whose curvature reaches its limit, as on tuned paths."""
     given = problems(COUNT, seed=7)
     limits = jax.vmap(lambda k: qt.Limits(curvature=k))(jnp.asarray(given.limits))
     best = qt.tune(given.starts, given.ends, limits)
@@ -89,11 +89,11 @@ def test_no_proof_of_a_tuned_path_is_contradicted():
     print(best)
     assert int(jnp.sum(best.converged)) == COUNT
     for k in range(COUNT):
-        contradicted(lane(best.path, k), "curvature", given.limits[k], found, k)
+        contradicted(element(best.path, k), "curvature", given.limits[k], found, k)
 
 
 def contradicted(path, name, bound, found, k):
-    """Fail where a 50-digit value speaks against the finding of lane k."""
+    """Fail if a 50-digit value contradicts the status of path k."""
     with mpmath.workdps(50):
         square = mpmath.mpf(float(bound)) ** 2
         worst = exact_square(path, name, float(found.times[k, 0]))

@@ -1,6 +1,6 @@
-"""The closed loop of 6 s against a hand-written one with SciPy's DOP853: same tolerances, same instants, same outputs.
+"""A closed loop of 6 s compared with a hand-written one with SciPy's DOP853: same tolerances, instants and outputs.
 
-The program is coning, the law the one with exactly linear errors and scalar gains. One loop, and 256 initial states.
+The program is coning, the law has exactly linear errors and scalar gains. One loop, and 256 initial states.
 """
 
 import functools
@@ -21,10 +21,10 @@ from .race import race, report
 BETA, OMEGA, K1, K2 = math.radians(50.0), 1.1, 2.6, 1.69
 RTOL, ATOL, SAME = 1e-10, 1e-12, 3e-9
 TIMES = np.linspace(0.0, 6.0, 61)
-LANES, ROUNDS = 256, 11
+BATCH, ROUNDS = 256, 11
 _RNG = np.random.default_rng(6)
-STARTS = np.array([1.0, 0, 0, 0]) + 0.4 * _RNG.normal(size=(LANES, 4)) * np.array([0, 1, 1, 1])
-RATES = 0.4 * _RNG.normal(size=(LANES, 4))
+STARTS = np.array([1.0, 0, 0, 0]) + 0.4 * _RNG.normal(size=(BATCH, 4)) * np.array([0, 1, 1, 1])
+RATES = 0.4 * _RNG.normal(size=(BATCH, 4))
 
 
 class Coning(qt.AbstractProgram):
@@ -69,7 +69,7 @@ def turned_back(mu, x, square):
 
 
 def command(t, y):
-    """ε of the law in plain numbers (THEORY's scalar gains written out)."""
+    """ε of the law in plain numbers, with scalar gains."""
     c, s = math.cos(OMEGA * t), math.sin(OMEGA * t)
     half, level = math.sin(BETA / 2), OMEGA * math.sin(BETA)
     mu = product((math.cos(BETA / 2), -half * c, -half * s, 0.0), y[:4])
@@ -99,16 +99,16 @@ def test_the_results_are_the_same():
     np.testing.assert_allclose(found, expected, rtol=0, atol=SAME)
 
 
-@pytest.mark.parametrize("lanes", [1, LANES])
-def test_ratios(lanes):
-    few = min(lanes, 16)  # SciPy's solves take the same time each
+@pytest.mark.parametrize("batch", [1, BATCH])
+def test_ratios(batch):
+    few = min(batch, 16)  # each solve of SciPy takes the same time
     runners = {
         "simulate": functools.partial(ours, STARTS[0], RATES[0])
-        if lanes == 1
+        if batch == 1
         else functools.partial(together, STARTS, RATES),
         "SciPy DOP853, by hand": lambda: [by_hand(*pair) for pair in zip(STARTS[:few], RATES[:few], strict=True)],
     }
     spent = race(runners, ROUNDS)
-    spent["SciPy DOP853, by hand"] = [lanes / few * t for t in spent["SciPy DOP853, by hand"]]
+    spent["SciPy DOP853, by hand"] = [batch / few * t for t in spent["SciPy DOP853, by hand"]]
     remarks = dict.fromkeys(runners, "")
-    assert report(f"closed loops at once: {lanes}", spent, remarks)["SciPy DOP853, by hand"] > 3
+    assert report(f"closed loops at once: {batch}", spent, remarks)["SciPy DOP853, by hand"] > 3

@@ -1,7 +1,7 @@
 """A million instants of one path: position, velocity, acceleration, quaternion, curvature, torsion, rate.
 
-The same 18 numbers per instant from qtraj and from NumPy with SciPy's Rotation, warm, blocking on the result. The
-compilation is timed apart, and the two results are compared before anything is timed.
+qtraj and NumPy with SciPy's Rotation compute the same 18 numbers per instant, compiled, blocking on the result.
+Compilation is timed separately, and the results are compared before timing.
 """
 
 import time

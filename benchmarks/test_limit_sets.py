@@ -1,4 +1,4 @@
-"""One process tunes every set of one, two and three of nine limits, in both motions: nothing more is compiled or kept.
+"""One process tunes every set of one, two and three of nine limits, in both motions, without further compilation.
 
 `.venv/bin/pytest benchmarks/test_limit_sets.py -n 0 -s` prints seconds, memory maps and resident memory.
 """
@@ -31,11 +31,11 @@ SETS = [given for k in (1, 2, 3) for given in itertools.combinations(LOOSE, k)]
 MAPS = Path("/proc/self/maps")
 
 MORE_MAPS, MORE_MEMORY = 100, 30e6
-"""[maps], [bytes] by which a process may grow after the first set."""
+"""[maps], [bytes] Maximum growth of a process after the first set."""
 
 
 def kept():
-    """Memory maps of this process, and the most memory it has held [bytes]."""
+    """Number of memory maps of this process, and its peak memory [bytes]."""
     return len(MAPS.read_text().splitlines()), 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 

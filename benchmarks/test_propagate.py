@@ -1,9 +1,9 @@
-"""λ(t) from a known ω(t): fast coning (β = 50°, Ω = 2π, 10.3 s), as accurately by what a user would take instead.
+"""λ(t) from a known ω(t): fast coning (β = 50°, Ω = 2π, 10.3 s), with the alternatives at the same accuracy.
 
-Every run gives the last attitude of the same motion, warm, blocking on the result, with its error checked against the
-closed form before anything is timed. The work is matched by accuracy: each method has the loosest setting that keeps
-1e-6 or 1e-10 rad. diffrax and SciPy integrate 2λ̇ = λ∘ω in R⁴; ours multiplies turns. `test_ratios` takes all of them
-in turn in one run, since machines are noisy, and reports the best of each relative to ours.
+Every run computes the final attitude of the same motion, compiled, blocking on the result; its error is checked against
+the closed form before timing. Methods are compared at equal accuracy: each has the loosest setting that reaches 1e-6 or
+1e-10 rad. diffrax and SciPy integrate 2λ̇ = λ∘ω in R⁴; qtraj multiplies rotations. `test_ratios` alternates all of them
+in one run, because machines are noisy, and reports the best time of each relative to qtraj.
 """
 
 import functools
@@ -66,7 +66,7 @@ def with_scipy(tolerance):
 
 
 def peers(target):
-    """Name → call, each with the loosest setting (in whole decades, or in steps) that keeps the target."""
+    """Name → call, each with the loosest setting (in whole decades, or in steps) that reaches the target."""
     tight = target == 1e-10
     term = AttitudeTerm(rate)
     return {
@@ -105,7 +105,7 @@ def test_one_attitude(benchmark, target, name):
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_ratios(target):
-    """All in turn, round after round: the best of each relative to Gauss–Legendre with fixed steps."""
+    """All alternate, round by round: the best time of each relative to Gauss–Legendre with fixed steps."""
     calls = peers(target)
     found = {name: error(jax.block_until_ready(call())) for name, call in calls.items()}
     spent = {name: [] for name in calls}

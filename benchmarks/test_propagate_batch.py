@@ -1,9 +1,9 @@
 """256 coning problems at once, each to 1e-10 rad: β from 10° to 50°, Ω from 0.74π to 2π rad/s, 10 s.
 
-Work is matched by accuracy: every method has the loosest setting of a dense ladder (quarters of decades, or one
-step in some twenty) with which the worst of the 256 keeps the target. diffrax takes adaptive and equal steps, SciPy one
-problem after the other, with a right side of NumPy arrays, as one writes it, and of plain numbers, which is faster.
-`pytest benchmarks/test_propagate_batch.py -n 0 -s -k ratios` prints the race.
+Methods are compared at equal accuracy: each has the loosest of many settings (quarters of decades, or about one step
+in twenty) with which the worst of the 256 problems reaches the target. diffrax takes adaptive and equal steps. SciPy
+solves one problem after the other, with a right-hand side in NumPy arrays, as is common, and in plain numbers, which is
+faster. `pytest benchmarks/test_propagate_batch.py -n 0 -s -k ratios` prints the ratios.
 """
 
 import functools

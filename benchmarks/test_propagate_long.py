@@ -1,7 +1,7 @@
 """One long problem to 1e-10 rad: 3700 cones in 10 000 s (β = 10°, Ω = 0.74π), about 1e5 steps of an order of eight.
 
-The steps of a known rate are computed all at once and multiplied in parallel; an ODE solver takes them one after the
-other. The same is asked of our own formulas: `one_after_another` has the same steps in a sequential scan.
+The steps of a known rate are computed and multiplied in parallel; an ODE solver takes them one after the other. For
+comparison, `one_after_another` has qtraj's steps in a sequential scan.
 """
 
 import functools
@@ -21,7 +21,7 @@ from .race import decades, loosest, race, report, seconds
 
 TARGET, ROUNDS, STEPS = 1e-10, 7, 100_000
 CLOSEST = 5e-10
-"""[rad] What DOP853 gets to at the tightest tolerance that SciPy takes."""
+"""[rad] The error of DOP853 at the tightest tolerance that SciPy accepts."""
 PROBLEM = Batch(np.radians([10.0]), np.array([0.74 * np.pi]), 1e4)
 FEWEST = {"Gauss-Legendre 8": range(9000, 12001, 500), "Gauss-Legendre 4": range(100_000, 120_001, 5000)}
 
@@ -35,7 +35,7 @@ PEERS = {
 
 
 def one_after_another(method, steps):
-    """The same steps as `propagate`, each computed and multiplied before the next begins."""
+    """The same steps as `propagate`, computed and multiplied one after the other."""
 
     @jax.jit
     def call(first):
@@ -44,7 +44,7 @@ def one_after_another(method, steps):
 
         def step(q, k):
             rates = jax.vmap(omega)((k + nodes) * h)
-            return quaternion.product(q, method.turn(rates, jnp.asarray(h))), None
+            return quaternion.product(q, method.increment(rates, jnp.asarray(h))), None
 
         return jax.lax.scan(step, first, jnp.arange(steps, dtype=float))[0][None]
 
@@ -83,7 +83,7 @@ def test_ratios():
 
 @pytest.mark.parametrize("stages", [8, 4])
 def test_parallel_in_time(stages):
-    """The same 1e5 steps at once and one after the other."""
+    """The same 1e5 steps in parallel and one after the other."""
     method = qt.GaussLegendre(stages)
     at_once = functools.partial(with_steps(PROBLEM, method), STEPS)
     in_turn = one_after_another(method, STEPS)
@@ -97,7 +97,7 @@ def test_parallel_in_time(stages):
 
 
 def test_products_alone():
-    """Only the multiplication of 1e5 given turns: here a compiled loop is hard to beat on few cores."""
+    """Only the product of 1e5 known rotations, for which a compiled loop is hard to beat on few cores."""
     turns = jax.jit(jax.vmap(qt.rotation.from_rotation_vector))(0.1 * np.random.default_rng(0).normal(size=(STEPS, 3)))
 
     @jax.jit

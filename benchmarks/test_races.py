@@ -1,6 +1,6 @@
-"""The races of `python -m benchmarks`, each a benchmark of its own whose extra information is its table.
+"""The benchmarks of `python -m benchmarks` for pytest-benchmark; the table of each is its extra information.
 
-The fixture times the whole race; what counts are the ratios inside, because there the runners take turns.
+The fixture times the whole benchmark, but only the ratios in the table count, because there the candidates alternate.
 """
 
 import importlib

@@ -13,7 +13,7 @@ from .race import race, report
 
 INSTANTS, KNOTS, ROUNDS = 100_000, 60, 15
 SAME = 1e-6
-"""Of accelerations of size 10: SciPy's own iteration stops at 1e-9 of the rates, and the knots are 0.1 s apart."""
+"""For accelerations of size 10: SciPy's iteration stops at 1e-9 of the rates, and the knot spacing is 0.1 s."""
 _RNG = np.random.default_rng(60)
 TIMES = np.cumsum(_RNG.uniform(0.1, 0.3, KNOTS))
 ROTATIONS = Rotation.from_rotvec(np.cumsum(0.2 * _RNG.normal(size=(KNOTS, 3)), axis=0))

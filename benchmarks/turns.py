@@ -1,4 +1,4 @@
-"""Random turns to judge and to tune, and the squares of their limited magnitudes in 50 digits."""
+"""Random turns for proofs and tuning, and the squares of their path quantities in 50 digits."""
 
 import equinox as eqx
 import jax
@@ -9,7 +9,7 @@ import qtraj as qt
 
 
 def random_turn(key, motion):
-    """A turn of 0.6 to 3 rad between radii of 10 to 40 m at about 8 m/s, with any other end velocities."""
+    """A turn of 0.6 to 3 rad between radii of 10 to 40 m at about 8 m/s, with random other end velocities."""
     keys = jax.random.split(key, 4)
     r0, r1 = 10 + 30 * jax.random.uniform(keys[0], (2,))
     turn = 0.6 + 2.4 * jax.random.uniform(keys[1])
@@ -29,12 +29,12 @@ def random_turns(count, motion, seed=0):
     return eqx.filter_vmap(lambda key: random_turn(key, motion))(jax.random.split(jax.random.key(seed), count))
 
 
-def lane(paths, k):
+def element(paths, k):
     return jax.tree.map(lambda x: x[k], paths)
 
 
 def exact_square(path, name, t):
-    """The square of a limited magnitude in 50 digits, from the coefficients themselves."""
+    """The square of a path quantity in 50 digits, from the path coefficients."""
     t = mpmath.mpf(t)
     rho, phi, h = ([mpmath.mpf(float(c)) for c in x] for x in (path.radius, path.angle, path.height))
 

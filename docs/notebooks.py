@@ -1,14 +1,14 @@
-"""Executes the notebooks and stores what they show: each script `notebooks/*.py` makes the `.ipynb` beside it.
+"""Executes the notebooks and stores their outputs: each script `notebooks/*.py` gives the `.ipynb` beside it.
 
 Run it from the folder of the project:
 
-    .venv/bin/python docs/notebooks.py              # all of them; names choose some: 10_recorded_turn
-    .venv/bin/python docs/notebooks.py --check      # execute, compare with what is stored, and write nothing
-    .venv/bin/python docs/notebooks.py --prose      # bring changed text over, where no code has changed
+    .venv/bin/python docs/notebooks.py              # all, or those named: 10_recorded_turn
+    .venv/bin/python docs/notebooks.py --check      # execute, compare with the stored outputs, write nothing
+    .venv/bin/python docs/notebooks.py --prose      # store changed text, if no code has changed
 
-Each notebook runs in a Python process of its own, on the CPU. As in Jupyter a cell's output is what it prints, and then
-its last expression. Text, HTML and figures are kept. What goes to stderr is not: warnings, and times, which differ from
-run to run. No Jupyter kernel is needed, and outputs hold no times, no paths and no random names.
+Each notebook runs in its own Python process, on the CPU. As in Jupyter, the output of a cell is the printed text and
+then the last expression. Text, HTML and figures are stored; stderr (warnings, and times, which differ between runs) is
+not. No Jupyter kernel is needed. Outputs contain no times, no paths and no random names.
 """
 
 import argparse
@@ -39,10 +39,10 @@ DPI, COLOURS = 120, 256
 MARKER = re.compile(r"^# %%(?: \[(markdown)\])?$")
 MAGIC = re.compile(r"(?m)^%\w.*$")
 OTHERWISE_ELSEWHERE = re.compile(r"\b\d+\.\d+\.\d+[\w.]*|\b\d+(?: … \d+)?(?= steps)")
-"""Versions, and the steps of a search, which depend on rounding."""
+"""Versions, and numbers of search steps, which depend on rounding."""
 NUMBER = re.compile(r"[-+−]?(?<![\w.])\d+\.?\d*(?:e[-+]?\d+)?", re.IGNORECASE)
 RELATIVE, ABSOLUTE = 0.02, 1e-6
-"""How far numbers may differ between machines: what is smaller than 1e-6 is taken for rounding."""
+"""Tolerances of numbers between machines; values below 1e-6 count as rounding."""
 
 DIGEST = "executed_sources_sha256"
 METADATA = {
@@ -58,28 +58,28 @@ Output = dict[str, Any]
 def cells(script: str) -> list[Cell]:
     """The cells of a percent script as (kind, source); magics of IPython are comments there."""
     _, *body = re.split(r"(?m)^(?=# %%)", script)
-    found = []
+    result = []
     for block in body:
         marker, _, source = block.partition("\n")
         match = MARKER.match(marker)
         if match is None:
-            raise ValueError(f"not a marker of a cell: {marker!r}")
+            raise ValueError(f"not a cell marker: {marker!r}; expected '# %%' or '# %% [markdown]'")
         source = source.strip("\n")
         if match[1]:
-            found.append(("markdown", re.sub(r"(?m)^# ?", "", source)))
+            result.append(("markdown", re.sub(r"(?m)^# ?", "", source)))
         else:
-            found.append(("code", re.sub(r"(?m)^# (?=%\w)", "", source)))
-    return found
+            result.append(("code", re.sub(r"(?m)^# (?=%\w)", "", source)))
+    return result
 
 
 def digest(of: list[Cell]) -> str:
-    """Identifies the code of a notebook. Prose does not count: it changes no output."""
+    """A hash of the code of a notebook, without its prose, which changes no output."""
     return hashlib.sha256("\0".join(source for kind, source in of if kind == "code").encode()).hexdigest()
 
 
 def notebook(of: list[Cell], outputs: list[list[Output]]) -> dict[str, Any]:
     """The `.ipynb` of these cells, with the outputs of each code cell."""
-    written, seen = [], {}
+    result, seen = [], {}
     count = 0
     for kind, source in of:
         seen[source] = seen.get(source, 0) + 1
@@ -89,9 +89,9 @@ def notebook(of: list[Cell], outputs: list[list[Output]]) -> dict[str, Any]:
             stored = outputs[count]
             count += 1
             cell |= {"execution_count": count, "outputs": [_numbered(output, count) for output in stored]}
-        written.append(cell)
+        result.append(cell)
     metadata = METADATA | {"qtraj": {DIGEST: digest(of)}}
-    return {"cells": written, "metadata": metadata, "nbformat": 4, "nbformat_minor": 5}
+    return {"cells": result, "metadata": metadata, "nbformat": 4, "nbformat_minor": 5}
 
 
 def _numbered(output: Output, count: int) -> Output:
@@ -118,16 +118,16 @@ def _outputs(source: str, label: str, namespace: dict[str, Any]) -> list[Output]
         exec(compile(tree, label, "exec"), namespace)
         if isinstance(last, ast.Expr):
             value = eval(compile(ast.Expression(last.value), label, "eval"), namespace)
-    found: list[Output] = []
+    outputs: list[Output] = []
     if text := printed.getvalue():
-        found.append({"name": "stdout", "output_type": "stream", "text": text.splitlines(True)})
+        outputs.append({"name": "stdout", "output_type": "stream", "text": text.splitlines(True)})
     if value is not None:
-        found.append({"data": shown(value), "metadata": {}, "output_type": "execute_result"})
-    return found
+        outputs.append({"data": shown(value), "metadata": {}, "output_type": "execute_result"})
+    return outputs
 
 
 def shown(value: Any) -> dict[str, Any]:
-    """What a notebook shows of a value, by MIME type."""
+    """The display of a value in a notebook, by MIME type."""
     from matplotlib.figure import Figure
 
     plain = pprint.pformat(value, sort_dicts=False) if isinstance(value, dict | list | tuple) else repr(value)
@@ -140,7 +140,7 @@ def shown(value: Any) -> dict[str, Any]:
 
 
 def picture(figure: Any) -> bytes:
-    """A figure as a small PNG, which says nothing of what made it."""
+    """A figure as a small PNG, without metadata."""
     from PIL import Image
 
     drawn, stored = io.BytesIO(), io.BytesIO()
@@ -151,31 +151,31 @@ def picture(figure: Any) -> bytes:
 
 
 def differences(stored: list[list[Output]], now: list[list[Output]]) -> list[str]:
-    """Where outputs say something else, beyond rounding, versions, steps of searches and the pixels of figures."""
+    """Differences between outputs, except rounding, versions, steps of searches and the pixels of figures."""
     if len(stored) != len(now):
-        return [f"{len(stored)} code cells are stored, and there are {len(now)}"]
-    found = []
+        return [f"{len(stored)} code cells are stored, but the script has {len(now)}"]
+    result = []
     for k, (old, new) in enumerate(zip(stored, now, strict=True), 1):
         before, after = _text(old), _text(new)
         if not agree(before, after):
-            found.append(f"code cell {k}: stored is\n{before}\nand now it is\n{after}")
-    return found
+            result.append(f"code cell {k}: stored is\n{before}\nand now it is\n{after}")
+    return result
 
 
 def _text(outputs: list[Output]) -> str:
-    """What is compared of the outputs of a cell: their text, and the kinds of the rest."""
+    """The compared parts of the outputs of a cell: their text, and the types of the rest."""
     parts = []
     for output in outputs:
         data = output.get("data", {})
         text = "".join(output.get("text", data.get("text/plain", [])))
         if text.startswith("<xarray.") or 'class="dataframe"' in "".join(data.get("text/html", [])):
-            text = "a table whose layout is that of xarray or pandas"
+            text = "a table in the layout of xarray or pandas"
         parts += [text, *sorted(data.keys() - {"text/plain"})]
     return "\n".join(parts)
 
 
 def agree(before: str, after: str) -> bool:
-    """Whether two texts say the same, numbers up to rounding: 2 %, 1e-6, or one in the last decimal."""
+    """Whether two texts are equal, with numbers up to rounding: 2 %, 1e-6, or one in the last decimal."""
     texts = [OTHERWISE_ELSEWHERE.sub("some", text) for text in (before, after)]
     if len({"".join(NUMBER.sub(" # ", text).split()) for text in texts}) > 1:
         return False
@@ -214,14 +214,14 @@ def _check(name: str, tolerant: bool = False) -> bool:
     for fault in faults:
         print(f"{name}: {fault}")
     if faults:
-        print(f"{name}: if this is meant, store it: python docs/notebooks.py {name}")
+        print(f"{name}: if the change is intended, store it: python docs/notebooks.py {name}")
     return tolerant or not faults
 
 
-def _bring_prose(name: str) -> bool:
+def _store_prose(name: str) -> bool:
     stored = _read(name)
     if stored["metadata"].get("qtraj", {}).get(DIGEST) != digest(_cells(name)):
-        print(f"{name}: its code has changed as well, so it must be executed: python docs/notebooks.py {name}")
+        print(f"{name}: its code has changed too, so execute it: python docs/notebooks.py {name}")
         return False
     _write(name, outputs_of(stored))
     return True
@@ -241,7 +241,7 @@ def _write(name: str, outputs: list[list[Output]]) -> None:
 
 
 def _executed(name: str) -> list[list[Output]] | None:
-    """The outputs of a notebook, executed in a process of its own; None where a cell fails."""
+    """The outputs of a notebook, executed in its own process; None if a cell fails."""
     print(f"{name}: executing", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "outputs.json"
@@ -253,20 +253,20 @@ def _executed(name: str) -> list[list[Output]] | None:
 
 
 def main() -> int:
-    """Execute the notebooks that are named, or all."""
-    parser = argparse.ArgumentParser(description="Execute the notebooks and store, or compare, what they show.")
+    """Execute the named notebooks, or all."""
+    parser = argparse.ArgumentParser(description="Execute the notebooks and store, or compare, their outputs.")
     parser.add_argument("names", nargs="*", help="notebooks without suffix; all by default")
-    parser.add_argument("--prose", action="store_true", help="store changed prose, and execute nothing")
-    parser.add_argument("--check", action="store_true", help="compare with what is stored and write nothing")
-    parser.add_argument("--warn", action="store_true", help="with --check: differences are told, and fail nothing")
+    parser.add_argument("--prose", action="store_true", help="store changed prose without executing")
+    parser.add_argument("--check", action="store_true", help="compare with the stored outputs and write nothing")
+    parser.add_argument("--warn", action="store_true", help="with --check: report differences, but exit with 0")
     parser.add_argument("--execute-here", metavar="FILE", help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    if given.execute_here:
-        (name,) = given.names
-        Path(given.execute_here).write_text(json.dumps(execute(name)), encoding="utf-8")
+    arguments = parser.parse_args()
+    if arguments.execute_here:
+        (name,) = arguments.names
+        Path(arguments.execute_here).write_text(json.dumps(execute(name)), encoding="utf-8")
         return 0
-    names = [Path(name).stem for name in given.names] or sorted(file.stem for file in FOLDER.glob("*.py"))
-    work = partial(_check, tolerant=given.warn) if given.check else _bring_prose if given.prose else _store
+    names = [Path(name).stem for name in arguments.names] or sorted(file.stem for file in FOLDER.glob("*.py"))
+    work = partial(_check, tolerant=arguments.warn) if arguments.check else _store_prose if arguments.prose else _store
     results = [work(name) for name in names]
     return 0 if all(results) else 1
 

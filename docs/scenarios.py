@@ -11,29 +11,24 @@ from typing import Any, NamedTuple, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from qtraj.io.scenario_model import Scenario
-from qtraj.io.tracking_model import TrackingScenario
-from qtraj.io.turn_model import TurnScenario
+from qtraj.scenario import KINDS
 
 FIRST = ("name", "description", "angles")
 """Keys of the whole scenario, wherever a model has them."""
 
 PAGE = Path(__file__).with_suffix(".md")
 
-COMMANDS: dict[str, type[BaseModel]] = {
-    "`qtraj tune` and `qtraj evaluate`": Scenario,
-    "`qtraj turn`": TurnScenario,
-    "`qtraj track`": TrackingScenario,
-}
+COMMANDS: dict[str, type[BaseModel]] = {kind.title: kind.model for kind in KINDS.values()}
 """The heading of each chapter, and the model of its scenario."""
 
 INTRODUCTION = """# Scenarios
 
 A scenario is a TOML file that says what a command is to do. These are all its keys; a dash as default means that a key
 may be left out. A key that is not listed is refused, and so is a value of another kind; the message names the key and
-what was expected. Files are named relative to the scenario. Numbers are in SI units; in scenarios of `qtraj turn` and
-`qtraj track` every angle, also in rates and accelerations, is in the unit that `angles` names. Complete scenarios are
-in the folder `examples`, and those that run without an argument in `src/qtraj/io/data`.
+what was expected. Files are named relative to the scenario. Numbers are in SI units; in scenarios of `qtraj slew` and
+`qtraj simulate` every angle, also in rates and accelerations, is in the unit that `angles` names. Complete scenarios
+are in the folder `examples`, and those that run without an argument in `src/qtraj/io/data`. The old name of a key,
+`[program.turn]` for `[program.slew]`, is read until 1.0, with a warning.
 
 This page is written by `docs/scenarios.py` from the models that read the files; change those, not this page.
 """

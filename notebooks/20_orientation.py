@@ -242,5 +242,5 @@ assert np.allclose(left, right, atol=1e-12)
 # | which for people? | Euler angles away from pitch ±90°, rotation vectors, direction cosines |
 # | when is the Gibbs vector useful? | for rotations well below 180°: three numbers, the same in both axes |
 # | which frame for a road vehicle? | `Upright()` |
-# | which frame for an aircraft, a tool, a camera? | `RotationMinimizing()`, or natural if the curvature is never small |
-# | how do I check that a frame is defined? | `trihedral(...).defined`, and `certify` with a limit on the angular rate proves the whole path |
+# | which frame for an aircraft, a tool, a camera? | `RotationMinimizing()`, or natural on curved paths |
+# | is a frame defined? | `trihedral(...).defined`; `certify` with `angular_rate` proves the whole path |

@@ -38,12 +38,12 @@ from qtraj.design.tuning.methods import get_method
 from qtraj.design.tuning.motions.registry import get_motion
 from qtraj.design.tuning.objectives.registry import get_objective
 from qtraj.design.tuning.problem import pose
-from qtraj.design.tuning.task import Task, slot_limits, limit_names, limit_slots
+from qtraj.design.tuning.task import Task, limit_names, limit_slots, slot_limits
 from qtraj.io.dataset import path_dataset
 from qtraj.viz.figures import tuning_figure
 from qtraj.viz.style import frame, series
 
-LANES = 32
+COUNT = 32
 RANDOM = np.random.default_rng(50)
 
 # %% [markdown]
@@ -57,8 +57,8 @@ RANDOM = np.random.default_rng(50)
 # %%
 start = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, 7.0, 0.3])
 end = qt.BoundaryState([0.0, 28.0, 1.5], [-9.8, -1.0, 0.1])
-starts = jax.tree.map(lambda x: jnp.broadcast_to(x, (LANES, 3)), start)
-curvatures = jnp.linspace(0.034, 0.074, LANES)  # [1/m]
+starts = jax.tree.map(lambda x: jnp.broadcast_to(x, (COUNT, 3)), start)
+curvatures = jnp.linspace(0.034, 0.074, COUNT)  # [1/m]
 limits = jax.vmap(lambda k: qt.Limits(curvature=k))(curvatures)
 
 seconds = []
@@ -66,7 +66,7 @@ for _ in range(2):
     begun = time.perf_counter()
     family = qt.tune(starts, end, limits, starts=1)  # from the given states alone
     seconds.append(time.perf_counter() - begun)
-print(f"{seconds[0]:.1f} s, and {1e3 * seconds[1] / LANES:.1f} ms for each problem once compiled", file=sys.stderr)
+print(f"{seconds[0]:.1f} s, and {1e3 * seconds[1] / COUNT:.1f} ms for each problem once compiled", file=sys.stderr)
 assert family.converged.all()
 assert np.all(family.certificate.holds)
 family
@@ -120,8 +120,8 @@ figure
 peak_time, peak = qt.peak(best.path, "curvature")
 instants = jnp.linspace(0.0, best.path.duration, 10_000)
 sampled = float(qt.evaluate(best.path, instants, ("curvature",), reduce="max")["curvature"])
-offsets = np.concatenate([-np.logspace(-8, -14, LANES // 2), np.logspace(-14, -8, LANES // 2)])
-copies = jax.tree.map(lambda x: jnp.broadcast_to(x, (LANES, *x.shape)), best.path)
+offsets = np.concatenate([-np.logspace(-8, -14, COUNT // 2), np.logspace(-14, -8, COUNT // 2)])
+copies = jax.tree.map(lambda x: jnp.broadcast_to(x, (COUNT, *x.shape)), best.path)
 near = qt.certify(copies, jax.vmap(lambda x: qt.Limits(curvature=x))(peak * (1 + jnp.asarray(offsets))))
 status = near.status["curvature"]
 missed = 1 - sampled / float(peak)
@@ -147,9 +147,9 @@ assert np.any((status == "broken") & (offsets > -missed))  # every sample keeps 
 # these with eight starts each and keep the best.
 
 # %%
-angles, radii = RANDOM.uniform(0.6, 2.5, LANES), RANDOM.uniform(15.0, 35.0, (2, LANES))
-heights, speeds = RANDOM.uniform(-1, 1, LANES), RANDOM.uniform(5.0, 9.0, (2, LANES))
-slants = 0.3 * RANDOM.standard_normal((2, LANES))
+angles, radii = RANDOM.uniform(0.6, 2.5, COUNT), RANDOM.uniform(15.0, 35.0, (2, COUNT))
+heights, speeds = RANDOM.uniform(-1, 1, COUNT), RANDOM.uniform(5.0, 9.0, (2, COUNT))
+slants = 0.3 * RANDOM.standard_normal((2, COUNT))
 
 
 def states(angle, radius, height, speed, slant):
@@ -169,21 +169,21 @@ def tuned(first, last, curvatures, starts):
     return qt.tune(first, last, jax.vmap(lambda k: qt.Limits(curvature=k))(curvatures), starts=starts)
 
 
-sharp = tuned(first, last, jnp.full(LANES, 10.0), 1).certificate.values[:, 0]  # of the nearest uniform rotations
+sharp = tuned(first, last, jnp.full(COUNT, 10.0), 1).certificate.values[:, 0]  # of the nearest uniform rotations
 wanted = 0.7 * sharp
 turns = tuned(first, last, wanted, 1)
 print(repr(turns))
 left = np.flatnonzero(~turns.converged)
-assert len(left) < LANES // 4
+assert len(left) < COUNT // 4
 
 
-def lanes(tree, chosen):
-    """Some lanes of stacked data."""
+def select(tree, chosen):
+    """Some elements of a batch."""
     return jax.tree.map(lambda x: x[chosen], tree)
 
 
 for k in left:
-    again = qt.tune(lanes(first, k), lanes(last, k), qt.Limits(curvature=wanted[k]), starts=8)
+    again = qt.tune(select(first, k), select(last, k), qt.Limits(curvature=wanted[k]), starts=8)
     print(f"problem {k}: {turns.status[k]}; from eight starts: {again.result}")
     assert again.converged or "curvature" in again.result
 

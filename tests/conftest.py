@@ -1,4 +1,4 @@
-"""A strict session: float64, no silent broadcasting or promotion, warnings as errors; shapes checked on request."""
+"""A strict test session: float64, no silent broadcasting or promotion, warnings as errors; shape checks on request."""
 
 import hashlib
 import os
@@ -14,12 +14,15 @@ import pytest
 from qtraj.foundation.compilation_cache import default_folder, enable_compilation_cache
 
 CHECKS_TYPES = os.environ.get("QTRAJ_TESTS_CHECK_TYPES", "") not in ("", "0")
-"""Whether every shape and type is checked at run time, which doubles the time that tracing takes."""
+"""Whether every shape and type is checked at run time, which doubles the tracing time."""
+
+MAX_MAPS = 40_000
+"""Memory maps of a test process above which compiled code is dropped; each compiled function has a few."""
 
 UNUSED = 14 * 24 * 3600
-"""[s] After this long without a run, what other versions or flags have compiled is deleted."""
+"""[s] Compiled code of other versions or flags is deleted after this time without a run."""
 
-# Most of the time goes into compiling what runs once: compile quickly rather than well, unless told otherwise.
+# Most of the time is spent on compiling code that runs once: by default, compile quickly rather than well.
 QUICKLY = ["--xla_backend_optimization_level=0"]
 if jax.__version_info__ < (0, 11):
     QUICKLY.append("--xla_cpu_use_fusion_emitters=false")  # later versions do not know it
@@ -31,7 +34,7 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 
 def processor() -> str:
-    """What compiled code may depend on: the processor and what it can do."""
+    """The model and the features of the processor, on which compiled code may depend."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
@@ -39,7 +42,7 @@ def processor() -> str:
     return "".join(sorted({line for line in lines if line.startswith(("model name", "flags", "Features"))}))
 
 
-# The same functions are compiled in many tests and in every run: one process compiles, the others and later runs load.
+# Many tests and all runs compile the same functions: one process compiles, the others and later runs load the code.
 key = "\n".join([jax.__version__, jax.lib.__version__, os.environ["XLA_FLAGS"], platform.machine(), processor()])
 compiled = default_folder().parent / "tests" / f"jax-{jax.__version__}-{hashlib.sha256(key.encode()).hexdigest()[:12]}"
 enable_compilation_cache(compiled)
@@ -54,9 +57,18 @@ if CHECKS_TYPES:
     jaxtyping.install_import_hook("qtraj", "beartype.beartype")
 
 
+@pytest.fixture(scope="module", autouse=True)
+def few_memory_maps():
+    """Drop compiled code before the kernel's limit of 65 530 memory maps per process is reached, where LLVM fails."""
+    yield
+    maps = Path("/proc/self/maps")
+    if maps.exists() and maps.read_bytes().count(b"\n") > MAX_MAPS:
+        jax.clear_caches()
+
+
 @pytest.fixture(scope="module")
 def as_a_user_runs_it():
-    """Without the checks of shapes, where the session has them."""
+    """Switch off the shape checks, if the session has them."""
     before = jaxtyping.config.jaxtyping_disable
     jaxtyping.config.update("jaxtyping_disable", True)
     yield

@@ -1,4 +1,4 @@
-"""Measure, print and, with --write, put into the document."""
+"""Measures the tables of docs/accuracy.md, prints them and, with --write, updates the page."""
 
 import argparse
 import time
@@ -28,8 +28,8 @@ TABLES = {
 
 def main():
     parser = argparse.ArgumentParser(prog="python -m benchmarks.accuracy", description=__doc__)
-    parser.add_argument("--write", action="store_true", help="into docs/accuracy.md and docs/figures")
-    parser.add_argument("names", nargs="*", help=f"of {', '.join(TABLES)}, or of figures; all unless given")
+    parser.add_argument("--write", action="store_true", help="update docs/accuracy.md and docs/figures")
+    parser.add_argument("names", nargs="*", help=f"{', '.join(TABLES)}, or names of figures; by default all")
     given = parser.parse_args()
     for name, measure in TABLES.items():
         if given.names and name not in given.names:

@@ -1,4 +1,4 @@
-"""The closed loop against its closed form, and the figures of the laws."""
+"""Closed loops compared with their closed form, and the settling times of the laws."""
 
 import jax
 import numpy as np
@@ -15,12 +15,12 @@ TIMES = tests.TIMES
 
 
 def deviations(times=TIMES):
-    """(law, gains) → (at the defaults, tight) deviations (n,) from SciPy's matrix exponential."""
+    """(law, gains) → deviations (n,) from SciPy's matrix exponential, with default and with tight tolerances."""
     program = ThreeAxis()
     at, found = program(0.0), {}
     for gains, (k1, k2) in zip(("scalar", "diagonal", "full"), random_gains(np.random.default_rng(9)), strict=True):
         k1, k2 = (k if np.ndim(k) == 2 else np.eye(4) * k for k in (k1, k2))
-        laws = tuple(qt.AccelerationLaw(k1, k2, kind) for kind in tests.KINDS)  # of one shape: compiled once
+        laws = tuple(qt.AccelerationLaw(k1, k2, kind) for kind in tests.KINDS)  # equal shapes: compiled once
         for index, kind in enumerate(tests.KINDS):
             x = control.error_quaternion(at, tests.START, kind)
             v = control.error_rate(at, tests.START, tests.RATE, kind)
@@ -47,7 +47,7 @@ def _deviation(program, law, expected, how):
 
 
 def settling():
-    """Time to 1° and peak acceleration of rest-to-rest turns at k = 1: closed form, and SciPy for the baselines."""
+    """Time to 1° and peak acceleration of rest-to-rest slews at k = 1: closed form, and SciPy for the baselines."""
     names = ("this law", "quaternion feedback (Wie–Barba)", "geometric feedback", "logarithmic feedback")
     figures = [tests.exact_figures(np.radians(angle)) for angle in (90, 150, 179.99)]
     rows = [

@@ -1,4 +1,4 @@
-"""The deviations that tests compare with their tolerances, so that a document can say more than that they passed."""
+"""Records the deviations that tests compare with their tolerances, for tables in documents."""
 
 import contextlib
 
@@ -7,7 +7,7 @@ import numpy as np
 
 @contextlib.contextmanager
 def recorded(monitor):
-    """Within it, every comparison appends (largest deviation, largest part of the tolerance used) to `monitor`."""
+    """Every comparison in this context appends (largest deviation, largest fraction of the tolerance) to `monitor`."""
     compare = np.testing.assert_allclose
 
     def note(actual, desired, rtol=1e-7, atol=0, **how):
@@ -26,7 +26,7 @@ def recorded(monitor):
 
 
 def used(test, *arguments):
-    """The largest part of its tolerances that a test uses."""
+    """The largest fraction of its tolerances that a test uses."""
     monitor = []
     with recorded(monitor):
         test(*arguments)

@@ -1,4 +1,4 @@
-"""Programs and profiles: turns, brute force, and frames along the reference paths."""
+"""Programs and profiles: slews, random profiles, and frames along the reference paths."""
 
 import equinox as eqx
 import jax
@@ -18,7 +18,7 @@ SCALES = (1.0, -3.0, 1e-3, 1e6)
 
 
 def turns():
-    """Durations of time-optimal turns, peaks of polynomials of one radian in one second."""
+    """Durations of time-optimal slews, and peaks of polynomial slews of one radian in one second."""
     rows = [
         [f"{angle}°, 1°/s, 0.05°/s²: duration [s]", f"{found:.6f}", expected]
         for angle, expected in ((90, "110"), (10, "√800 = 28.284271"))
@@ -38,18 +38,18 @@ def turns():
 
 
 def brute_force():
-    """What the comparisons with integrations and searches in plain NumPy use of their 1e-9."""
+    """Deviations in the comparisons with integrations and searches in plain NumPy."""
     tests = {
-        "end rates, least time": brute.test_turns_with_end_rates,
-        "end rates, given time": brute.test_turns_with_end_rates_in_a_given_time,
+        "end rates, least time": brute.test_slews_with_end_rates,
+        "end rates, given time": brute.test_slews_with_end_rates_of_a_fixed_duration,
         "S-curves": brute.test_s_curves,
     }
     rows = [[name, used(test) * brute.BRUTE, f"`{test.__name__}`"] for name, test in tests.items()]
-    return table([f"{brute.COUNT} random profiles", "largest deviation", "guarded by"], rows)
+    return table([f"{brute.COUNT} random profiles", "largest deviation", "checked by"], rows)
 
 
 def frames():
-    """The last attitude of each program, propagated from its first by its own rate, at every scale of λ."""
+    """Error of the final attitude of each program, propagated by its own rate, for each scale of λ."""
     rows, programs = [], [qt.FrameProgram(build(case)) for case in CASES]
     last = [program(program.duration).quaternion for program in programs]
     first = [program(0.0).quaternion for program in programs]

@@ -17,7 +17,7 @@ METHODS = {
     "Gauss–Legendre 8": qt.GaussLegendre(8),
 }
 SOLVERS = {"diffrax Tsit5": (diffrax.Tsit5(), 6), "diffrax Dopri8": (diffrax.Dopri8(), 13)}
-"""With the evaluations of a step."""
+"""The methods, with their numbers of evaluations per step."""
 
 
 def coning():
@@ -29,7 +29,7 @@ def fast_coning():
 
 
 def orders():
-    """log₂ of the errors at one step length and its half, as near to the asymptote as round-off lets one look."""
+    """log₂ of the ratio of errors at one step length and half of it, for steps as small as round-off allows."""
     rows = []
     for name, method in {
         **METHODS,

@@ -1,4 +1,4 @@
-"""The recorded gyro against the optical attitude."""
+"""The recorded gyro compared with the optical attitude."""
 
 import numpy as np
 from tests.motion.propagation import test_recorded_gyro as tests
@@ -15,7 +15,7 @@ def recording():
 
 
 def deviations(start=0):
-    """Times [s] and the angle [deg] between propagated and optical attitude, from sample `start` on."""
+    """Times [s], and angles [deg] between propagated and optical attitude, from sample `start`."""
     times, rates, _, every, optical = recording()
     found = qt.propagate_samples(times[start:], rates[start:], optical[start // every])[::every]
     return times[start::every], np.degrees(angles(found, optical[start // every :]))

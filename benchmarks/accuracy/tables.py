@@ -4,13 +4,13 @@ import re
 
 
 def table(header, rows):
-    """A table of texts; numbers are written with two digits."""
+    """A Markdown table of texts; numbers have two digits."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join("| " + " | ".join(text(cell) for cell in line) + " |" for line in lines)
 
 
 def text(cell):
-    """1.2e-12 for a small float, a short decimal otherwise; everything else as it is."""
+    """1.2e-12 for a small float, otherwise a short decimal; other values unchanged."""
     if not isinstance(cell, float):
         return str(cell)
     if cell == 0:

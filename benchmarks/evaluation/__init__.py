@@ -1,1 +1,1 @@
-"""The race of batched evaluation: a C kernel, NumPy with SciPy, and `qtraj.evaluate`, in one run."""
+"""The benchmark of batched evaluation: a C kernel, NumPy with SciPy, and `qtraj.evaluate`, in one run."""

@@ -1,4 +1,4 @@
-"""What `qtraj.evaluate` is compared with: NumPy with SciPy's Rotation, and a kernel in C where gcc is there."""
+"""References for `qtraj.evaluate`: NumPy with SciPy's Rotation, and a kernel in C if gcc is installed."""
 
 import ctypes
 import shutil
@@ -14,11 +14,11 @@ CHANNELS = 17
 FLAGS = ["-O3", "-march=native", "-ffast-math", "-fopenmp", "-shared", "-fPIC"]
 
 
-def numpy_and_scipy(times, **told):
+def numpy_and_scipy(times, **options):
     """The textbook evaluation with NumPy arrays, each product formed once.
 
-    SciPy finds matrices in float32 not quite orthogonal and takes the singular values of each one, unless it is `told`
-    assume_valid=True.
+    To SciPy, matrices in float32 are not quite orthogonal, so it computes the singular values of each, unless `options`
+    has assume_valid=True.
     """
     kind = times.dtype.type
     rho, h = [np.polynomial.Polynomial(np.asarray(c, kind)) for c in (RADIUS, HEIGHT)]
@@ -37,7 +37,7 @@ def numpy_and_scipy(times, **told):
     speed, area = np.linalg.norm(r[1], axis=-1), np.linalg.norm(c, axis=-1)
     tangent, binormal = r[1] / speed[:, None], c / area[:, None]
     axes = np.stack([tangent, np.cross(binormal, tangent), binormal], axis=-1)
-    quaternion = Rotation.from_matrix(axes, **told).as_quat(scalar_first=True)
+    quaternion = Rotation.from_matrix(axes, **options).as_quat(scalar_first=True)
     curvature, torsion = area / speed**3, np.einsum("ij,ij->i", c, r[3]) / area**2
     return r[0], r[1], r[2], quaternion, curvature, torsion, speed * torsion, speed * curvature
 

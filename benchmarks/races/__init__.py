@@ -1,4 +1,4 @@
-"""What `python -m benchmarks` measures: one module for each race, with `measure(quick)` → `Found`."""
+"""The benchmarks of `python -m benchmarks`: one module for each, with `measure(quick)` → `Measured`."""
 
 from typing import Any, NamedTuple
 
@@ -16,10 +16,10 @@ RACES = (
     "spline",
     "tuning",
 )
-"""In the order in which they run; `benchmarks.races.<name>`."""
+"""The modules `benchmarks.races.<name>`, in the order in which they run."""
 
 
-class Found(NamedTuple):
+class Measured(NamedTuple):
     """The rows of a table, all with the same keys, which are its header; numbers with units in the keys."""
 
     title: str

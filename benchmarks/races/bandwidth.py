@@ -1,6 +1,6 @@
-"""How near evaluation comes to the copy bandwidth of the device: one path, and many paths with 10³ instants each.
+"""Evaluation relative to the copy bandwidth of the device: one path, and many paths with 10³ instants each.
 
-On a GPU the aim is 70 % of what a compiled copy of a large array reaches, read and write counted.
+On a GPU the goal is 70 % of the bandwidth of a compiled copy of a large array, counting reads and writes.
 """
 
 import jax
@@ -11,7 +11,7 @@ import qtraj as qt
 
 from ..evaluation.reference import DURATION
 from ..race import race
-from . import Found
+from . import Measured
 from .evaluation import INSTANTS, helix
 
 AIM = 0.7
@@ -48,4 +48,4 @@ def measure(quick):
             aim = "for GPUs" if on_cpu else "met" if part >= AIM else "missed"
             rows.append(row | {"of the copy's": part, f"aim {AIM:.0%}": aim})
     settings = {"device": str(jax.devices()[0]), "copy [GB/s]": rate * 1e-9}
-    return Found("Bytes written and read in a second, against a compiled copy on the same device", rows, settings)
+    return Measured("Bytes written and read in a second, against a compiled copy on the same device", rows, settings)

@@ -1,6 +1,6 @@
-"""Compile time, apart from all other figures: the first call of each program, and the second.
+"""Compile time, separately from other times: the first and the second call of each function.
 
-Each in a process of its own, so that none finds what another has compiled, and without the persistent cache.
+Each runs in its own process without the persistent cache, so that no compiled code is shared.
 """
 
 import json
@@ -16,13 +16,13 @@ import qtraj as qt
 
 from ..evaluation.reference import DURATION
 from ..race import seconds
-from . import Found
+from . import Measured
 from .evaluation import helix
 
 INSTANTS = 12_345
 NAMES = ("evaluate", 'evaluate, reduce="max"', "certify", "tune", "propagate")
 ENVIRONMENT = {"JAX_ENABLE_COMPILATION_CACHE": "false", "XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
-"""No cache; and on a GPU the memory is shared with the process of the benchmarks."""
+"""No cache; on a GPU, memory is shared with the process of the benchmarks."""
 
 
 def cases():
@@ -49,7 +49,7 @@ def measure(quick):
         first, second = json.loads(run.stdout)
         rows.append({"call": name, "first [s]": first, "second [s]": second})
     title = "First call (traced and compiled) and second call, each in a fresh process, no compilation cache"
-    return Found(title, rows, {})
+    return Measured(title, rows, {})
 
 
 if __name__ == "__main__":

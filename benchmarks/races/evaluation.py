@@ -1,7 +1,7 @@
-"""`evaluate` of one path against a kernel in C, NumPy with SciPy, and the bare writing of the same bytes.
+"""`evaluate` of one path compared with a kernel in C, NumPy with SciPy, and plain writing of the same bytes.
 
 Position, velocity, acceleration, quaternion, curvature, torsion and rate: 17 channels (18 for qtraj, which also writes
-the component of the rate that is zero). All are warm, take turns, and are compared before they are timed.
+the zero component of the rate). All are compiled and alternate, and their results are compared before timing.
 """
 
 import inspect
@@ -16,7 +16,7 @@ from qtraj.batch.reduction import Reduced
 
 from ..evaluation.reference import ANGLE, CHANNELS, DURATION, HEIGHT, RADIUS, Kernel, numpy_and_scipy
 from ..race import race
-from . import Found
+from . import Measured
 
 INSTANTS = 4_000_000
 AGREE = {"float64": 1e-11, "float32": 1e-4}
@@ -60,7 +60,7 @@ def runners(kind, instants):
 
 
 def channels(found):
-    """The 17 channels (17, n) of what any runner gives, or their maxima (17,)."""
+    """The 17 channels (17, n) of the result of any runner, or their maxima (17,)."""
     if isinstance(found, np.ndarray):
         return found
     if isinstance(found, tuple):
@@ -71,7 +71,7 @@ def channels(found):
 
 
 def check(calls, kind):
-    """Refuse to race what does not agree; a quaternion has either sign."""
+    """Raise an error if results disagree; a quaternion may have either sign."""
     ours = channels(calls["qtraj"]())
     scale = np.abs(ours).max(axis=1)
     for name, call in calls.items():
@@ -105,4 +105,4 @@ def measure(quick):
             row[f"qtraj over it, {kind}"] = float(np.median(spent[base])) / median if known else "—"
         rows.append(row)
     title = "Per instant: r, v, a, quaternion, curvature, torsion, rate of one path; medians and bests"
-    return Found(title, rows, {"instants": instants, "rounds": rounds, "device": str(jax.devices()[0])})
+    return Measured(title, rows, {"instants": instants, "rounds": rounds, "device": str(jax.devices()[0])})

@@ -8,7 +8,7 @@ import qtraj as qt
 
 from ..evaluation.reference import ANGLE, DURATION, HEIGHT, RADIUS
 from ..race import race
-from . import Found
+from . import Measured
 
 NAMES = ("position", "velocity", "acceleration", "quaternion", "curvature", "torsion", "rate")
 
@@ -32,7 +32,7 @@ LOSSES = {
 
 
 def compiled(name, instants):
-    """The value, and value and gradient, compiled, of numbers that make a path."""
+    """The compiled value, and value with gradient, as functions of path coefficients."""
 
     def loss(numbers, times):
         return LOSSES[name](qt.SpiralHelix(*numbers, DURATION), times)
@@ -59,4 +59,4 @@ def measure(quick):
                 "of the value [MB]": round(temporary[0], 1),
             }
         )
-    return Found("Reverse mode, float64, both compiled", rows, {"instants": instants})
+    return Measured("Reverse mode, float64, both compiled", rows, {"instants": instants})

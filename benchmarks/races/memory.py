@@ -1,7 +1,7 @@
-"""Peak memory against what is predicted, each case in a process of its own.
+"""Peak memory compared with the prediction, each case in its own process.
 
-The largest resident set after the large call, less that after a small one of the same form: 18 numbers of results and
-one time for an instant; with `reduce`, the times and one copy of them in the order of the lanes.
+The measurement is the difference of the largest resident sets after a large and a small call. The prediction is 18
+results and one time per instant; with `reduce`, the times and one reordered copy of them.
 """
 
 import resource
@@ -9,16 +9,16 @@ import subprocess
 import sys
 from pathlib import Path
 
-from . import Found
+from . import Measured
 
 SMALL = 300_000
 CASES = (("stored", 10**7), ("max", 10**7), ("max", 10**8))
 NUMBERS = {"stored": 19, "max": 2}
-"""Numbers of 8 bytes for each instant."""
+"""Number of values of 8 bytes per instant."""
 
 
 def peak_mb(how, instants):
-    """In this process: how much a call adds to the largest resident set [MB]."""
+    """The growth of the largest resident set of this process by a call [MB]."""
     import jax
     import jax.numpy as jnp
 
@@ -38,7 +38,7 @@ def peak_mb(how, instants):
 
 
 def _largest_mb():
-    """The largest resident set of this process [MB]; what `getrusage` says is inherited from the parent on Linux."""
+    """The largest resident set of this process [MB]; on Linux the value of `getrusage` is inherited from the parent."""
     status = Path("/proc/self/status")
     if not status.exists():
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 * 1.048576
@@ -61,7 +61,7 @@ def measure(quick):
                 "measured / predicted": measured / predicted,
             }
         )
-    return Found("Growth of the largest resident set", rows, {"above": f"{SMALL} instants"})
+    return Measured("Growth of the largest resident set", rows, {"above": f"{SMALL} instants"})
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""How much is compiled: the StableHLO operations of the programs that a call compiles, one after the other.
+"""The amount of compilation: the StableHLO operations of the executables that successive calls compile.
 
-Each row is a call in a process that has made the calls of the rows before it with the same "process"; none uses the
-persistent cache. The counts are exact, whatever else the machine does.
+The calls of rows with the same "process" run in one process, in this order, without the persistent cache. The counts
+are exact, even on a busy machine.
 """
 
 import json
@@ -17,7 +17,7 @@ import jax.numpy as jnp
 
 import qtraj as qt
 
-from . import Found
+from . import Measured
 from .compilation import ENVIRONMENT
 
 OPERATION = re.compile(r"\b(?:stablehlo|chlo)\.[a-z_]+")
@@ -75,11 +75,11 @@ def measure(quick):
             for call, files in json.loads(run.stdout):
                 counts = [len(OPERATION.findall((Path(folder) / file).read_text(encoding="utf-8"))) for file in files]
                 rows.append({"process": process, "call": call, "operations": sum(counts), "programs": len(counts)})
-    return Found("StableHLO operations that a call compiles", rows, {})
+    return Measured("StableHLO operations that a call compiles", rows, {})
 
 
 def compiled(process):
-    """The files of the programs that each call of a process compiles."""
+    """The files of the executables that each call of a process compiles."""
     folder, found = Path(os.environ["JAX_DUMP_IR_TO"]), []
     for name, case in PROCESSES[process].items():
         call = case()

@@ -1,8 +1,8 @@
-"""λ(t) of coning problems: work against precision, and the least work that reaches a precision.
+"""λ(t) of coning problems: work against precision, and the smallest work for one precision.
 
-`propagate` with equal steps, diffrax with adaptive ones (both in a batch), and SciPy's DOP853 on one problem after the
-other, with a right side in plain numbers, which is faster than one in NumPy arrays. All settings of all methods take
-turns, SciPy's in the first two rounds; errors are those from the closed form.
+The methods are `propagate` with equal steps, diffrax with adaptive steps (both in a batch), and SciPy's DOP853 for
+one problem after the other, with a right-hand side in plain numbers, which is faster than NumPy arrays. All settings of
+all methods alternate, SciPy's in the first two rounds; errors are relative to the closed form.
 """
 
 import diffrax
@@ -12,7 +12,7 @@ import qtraj as qt
 
 from ..coning import Batch, with_diffrax, with_scipy, with_steps
 from ..race import first_within, race
-from . import Found
+from . import Measured
 
 TARGET = 1e-9
 """[rad] The precision of the table."""
@@ -44,7 +44,7 @@ def measure(quick):
         for k, setting in enumerate(settings)
     }
     slow = [key for key in calls if "SciPy" in key[0]]
-    spent = race(calls, 3 if quick else 7, few=slow, warm=False)  # the errors have warmed them all
+    spent = race(calls, 3 if quick else 7, few=slow, warm=False)  # computing the errors has compiled all of them
     ms = {name: [1e3 * float(np.median(spent[name, k])) for k in range(len(errors[name]))] for name in ways}
     rows = [row(name, ways[name][1], errors[name], ms[name]) for name in ways]
     base = rows[0]["time [ms]"]
@@ -53,11 +53,11 @@ def measure(quick):
         each[f"over {rows[0]['method']}"] = each["time [ms]"] / base if known else "—"
     curves = {name: {"errors": errors[name], "ms": ms[name]} for name in ways}
     title = f"{count} coning problems over {SPAN:g} s: the loosest setting that keeps {TARGET:g} rad (—: none tried)"
-    return Found(title, rows, {"problems": count, "curves": curves})
+    return Measured(title, rows, {"problems": count, "curves": curves})
 
 
 def row(name, settings, errors, ms):
-    """The loosest setting that keeps the target, its error and time; dashes where none does."""
+    """The loosest setting that reaches the target, its error and time; dashes if none does."""
     found = first_within(errors, TARGET)
     if found is None:
         return {"method": name, "setting": "—", "error [rad]": "—", "time [ms]": "—"}

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 import qtraj as qt
 
 from ..race import race
-from . import Found
+from . import Measured
 
 SO3 = jaxlie.SO3
 
@@ -63,11 +63,11 @@ def measure(quick):
         ns = {key: 1e9 * float(np.median(times)) / count for key, times in spent.items()}
         row = {"operation": name} | {f"{key} [ns]": value for key, value in ns.items()}
         rows.append(row | {f"qtraj over {key}": ns["qtraj"] / ns[key] for key in ("jaxlie", "SciPy")})
-    return Found("Rotations, each operation on a batch, float64", rows, {"rotations": count})
+    return Measured("Rotations, each operation on a batch, float64", rows, {"rotations": count})
 
 
 def same(name, own, lie, scipy):
-    """Refuse to race what does not agree; a matrix here is inertial to body, a quaternion has either sign."""
+    """Raise an error if results disagree; a matrix is inertial to body, a quaternion may have either sign."""
     if name == "to a matrix":
         own = own.swapaxes(1, 2)
     for other in (lie, scipy):

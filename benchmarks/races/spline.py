@@ -7,7 +7,7 @@ import numpy as np
 
 from ..race import race
 from ..test_table_program import INSTANTS, KNOTS, PROGRAM, WHEN, ours, test_the_results_are_the_same, with_scipy
-from . import Found
+from . import Measured
 
 
 def measure(quick):
@@ -16,4 +16,4 @@ def measure(quick):
     spent = race(calls, 3 if quick else 15)
     ms = {name: 1e3 * float(np.median(times)) for name, times in spent.items()}
     rows = [{"": name, "time [ms]": x, "over TableProgram": x / ms["TableProgram"]} for name, x in ms.items()]
-    return Found(f"A spline through {KNOTS} attitudes at {INSTANTS} instants", rows, {"instants": INSTANTS})
+    return Measured(f"A spline through {KNOTS} attitudes at {INSTANTS} instants", rows, {"instants": INSTANTS})

@@ -1,7 +1,7 @@
-"""Whole processes: imports, and `qtraj tune` against a bare process that computes one thing with the same libraries.
+"""Whole processes: imports, and `qtraj tune` compared with a bare process that uses the same libraries once.
 
-Wall time is what a user waits for; user and system time of the process and of what it waited for says more where other
-work shares the machine. Commands take turns.
+Users wait for the wall time; the user and system time of the process and its children is more reliable on a shared
+machine. Commands alternate.
 """
 
 import os
@@ -13,7 +13,7 @@ import time
 
 import numpy as np
 
-from . import Found
+from . import Measured
 
 BARE = (
     "import jax; jax.config.update('jax_enable_x64', True); import diffrax, optax; import jax.numpy as jnp; "
@@ -25,11 +25,11 @@ PLAIN = (
     "import sys; from types import SimpleNamespace; "
     "sys.modules['qtraj.viz.figures'] = SimpleNamespace(tuning_figure=id, save=lambda figure, file: file.touch()); "
 )
-"""In front of it: the figure, in its two formats, is an empty file."""
+"""Code run first: figures become empty files."""
 
 
 def spent(code, folder):
-    """Seconds of processor and of wall time of one process."""
+    """Processor time and wall time [s] of one process."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("XLA_", "JAX_"))}
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     command = [sys.executable, "-c", code]
@@ -64,4 +64,4 @@ def measure(quick):
         row |= {"processor [s]": float(processor), "over": base.partition(":")[0]}
         ratios = {"wall ratio": float(wall / medians[base][1]), "processor ratio": float(processor / medians[base][0])}
         rows.append(row | ratios)
-    return Found("Start-up: whole processes", rows, {"runs": len(times["import qtraj"])})
+    return Measured("Start-up: whole processes", rows, {"runs": len(times["import qtraj"])})

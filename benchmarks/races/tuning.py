@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-from . import Found
+from . import Measured
 
 
 def measure(quick):
@@ -17,4 +17,4 @@ def measure(quick):
         "Boundary velocities within a curvature limit, random problems; solved and best of all: with all starts; time: "
         "of one start, qtraj's amortised over a batch of all problems"
     )
-    return Found(title, rows, {"problems": problems})
+    return Measured(title, rows, {"problems": problems})

@@ -1,1 +1,1 @@
-"""Tuning against general optimisers: the same problems, the same derivatives, one run."""
+"""Tuning compared with general optimisers: the same problems, the same derivatives, one run."""

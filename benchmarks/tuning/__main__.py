@@ -17,9 +17,9 @@ from qtraj.design.tuning.multistart import starting_points  # noqa: E402
 
 SEED = 7
 FEASIBLE = 1 + 1e-10
-WORSE = 1e-6  # of the best cost, or of a thousandth of V_ref² where that is more
+WORSE = 1e-6  # relative to the best cost, or to a thousandth of V_ref² if that is larger
 REPEATS = 3
-SOLVED_BY_SLSQP = 200  # of the race in speed
+SOLVED_BY_SLSQP = 200  # problems of the comparison of speed
 RACED = (1, 8)  # starts
 NONE = np.zeros(slsqp.ADDED)
 
@@ -29,8 +29,8 @@ def main() -> None:
     parser.add_argument("--problems", type=int, default=200)
     parser.add_argument("--slsqp-starts", type=int, default=16)
     parser.add_argument("--ipopt-starts", type=int, default=4)
-    parser.add_argument("--own-starts", type=int, default=8, help="of qtraj")
-    parser.add_argument("--batch", type=int, default=1000, help="problems of the race in speed (0: none)")
+    parser.add_argument("--own-starts", type=int, default=8, help="starts of qtraj")
+    parser.add_argument("--batch", type=int, default=1000, help="problems of the comparison of speed (0: none)")
     chosen = parser.parse_args()
     if chosen.batch:
         race(chosen.batch)
@@ -45,9 +45,10 @@ def main() -> None:
 
 
 def race(count: int) -> None:
-    """One batch of problems by qtraj, certified, and a part of them by SLSQP one by one, not even checked.
+    """Solve a batch of problems with qtraj, with certificates, and some of them with SLSQP, without checks.
 
-    Each from the given states alone; qtraj before and after SLSQP, as the machine may be faster at times.
+    SLSQP starts from the initial states only. qtraj runs before and after SLSQP, because the speed of the machine may
+    change.
     """
     given = problems(count, SEED)
     before = {starts: own(given, starts) for starts in RACED}
@@ -60,7 +61,7 @@ def race(count: int) -> None:
 
 
 def by_slsqp(given: Problems, tried: int) -> tuple[float, float]:
-    """The mean and the median of the seconds of a run."""
+    """The mean and the median time of a run [s]."""
     seconds, solved = [], 0
     compile_first(given, slsqp.solve)
     for k in range(tried):
@@ -75,13 +76,13 @@ def by_slsqp(given: Problems, tried: int) -> tuple[float, float]:
 
 
 def compile_first(given: Problems, solve) -> None:
-    """Solve the first problem once, so that no time holds its compilation."""
+    """Solve the first problem once, so that no measured time includes compilation."""
     problem = slsqp.take(given.posed, 0)
     solve(problem, float(given.limits[0]), np.zeros(problem.size), NONE)
 
 
 def own(given: Problems, starts: int) -> tuple[qt.Tuned, float]:
-    """The outcome of one batch, and the seconds it took once compiled."""
+    """The result of one batch, and its time without compilation [s]."""
     limits = jax.vmap(lambda k: qt.Limits(curvature=k))(jnp.asarray(given.limits))
     best = jax.block_until_ready(qt.tune(given.starts, given.ends, limits, starts=starts))
     seconds = []
@@ -93,7 +94,7 @@ def own(given: Problems, starts: int) -> tuple[qt.Tuned, float]:
 
 
 def best_of(given: Problems, starts: int, solve) -> tuple[np.ndarray, float]:
-    """The least cost of each problem that keeps its limit, and the seconds of one run from the given states."""
+    """The smallest feasible cost of each problem, and the time of one run from the initial states [s]."""
     costs, seconds = np.full(given.limits.size, np.inf), []
     points = starting_points(given.posed.names, starts)
     compile_first(given, solve)
@@ -107,14 +108,14 @@ def best_of(given: Problems, starts: int, solve) -> tuple[np.ndarray, float]:
             for _ in range(slsqp.EXCHANGES):
                 if found.ratio <= FEASIBLE or found.ratio > 1.01 or found.cost > costs[k]:
                     break
-                found = solve(problem, limit, found.z, np.asarray(slsqp.summits(problem, limit, found.z)[0]))
+                found = solve(problem, limit, found.z, np.asarray(slsqp.refined_peak(problem, limit, found.z)[0]))
             if found.ratio <= FEASIBLE:
                 costs[k] = min(costs[k], found.cost)
     return costs, float(np.mean(seconds))
 
 
 def report(chosen, given: Problems, ours: qt.Tuned, seconds: float, single: float, rivals: dict) -> None:
-    """The table of docs/tuning.md, and the problems in which qtraj was not among the best."""
+    """Print the table of docs/tuning.md, and the problems in which qtraj was not among the best."""
     own_costs = np.asarray(ours.objective) / np.asarray(given.posed.scale)
     own_costs = np.where(ours.converged, own_costs, np.inf)
     least = np.min([own_costs, *(costs for costs, _ in rivals.values())], axis=0)

@@ -1,11 +1,11 @@
-"""IPOPT on tuning problems, through CasADi: the path and its curvature written anew, with CasADi's derivatives."""
+"""IPOPT on tuning problems, through CasADi: path and curvature as CasADi expressions, with CasADi's derivatives."""
 
 from functools import cache
 
 import casadi
 import numpy as np
 
-from benchmarks.tuning.slsqp import INSTANTS, Solved, functions, summits
+from benchmarks.tuning.slsqp import INSTANTS, Solved, functions, refined_peak
 from qtraj.design.tuning.problem import Problem
 
 PARAMETERS = 13  # ρ, h, V_ρ, V_φ, V_h at both ends, the turn, T₀ and V_ref
@@ -18,7 +18,7 @@ OPTIONS = {
 
 @cache
 def _solver(added: int) -> casadi.Function:
-    """The problem in symbols: variables z as in qtraj; parameters: data, limit, additional instants."""
+    """The symbolic problem: variables z as in qtraj; parameters: data, limit, additional instants."""
     z, data, limit, more = (casadi.SX.sym(n, k) for n, k in (("z", 5), ("p", PARAMETERS), ("k", 1), ("u", added)))
     rho_a, rho_b, h_a, h_b, va_r, va_p, va_h, vb_r, vb_p, vb_h, turn, t0, speed = casadi.vertsplit(data)
     period = t0 * casadi.exp(z[4])
@@ -42,9 +42,9 @@ def solve(problem: Problem, limit: float, start: np.ndarray, added: np.ndarray) 
     found = _solver(len(added))(x0=start, p=parameters, ubg=0.0, lbg=-np.inf)
     z = np.asarray(found["x"]).ravel()
     z = np.where(np.isfinite(z), z, start)
-    # Its own cost is not always that of the point it returns, as after an evaluation that failed.
+    # IPOPT's cost is not always the cost of the returned point, for example after a failed evaluation.
     cost = float(functions(problem, limit, added, z)[0])
-    return Solved(z, cost, float(summits(problem, limit, z)[1]))
+    return Solved(z, cost, float(refined_peak(problem, limit, z)[1]))
 
 
 def _cubic(a: casadi.SX, b: casadi.SX, va: casadi.SX, vb: casadi.SX, period: casadi.SX) -> tuple[casadi.SX, ...]:

@@ -1,6 +1,6 @@
-"""Random tuning problems: a turn of 0.6 to 3 rad between radii of 10 to 40 m, and a curvature limit that can be met.
+"""Random tuning problems: a turn of 0.6 to 3 rad between radii of 10 to 40 m, and a feasible curvature limit.
 
-The limit lies between the peak of the given path and the least peak that SLSQP finds from there.
+The limit is between the peak of the initial path and the smallest peak that SLSQP finds from there.
 """
 
 from typing import NamedTuple
@@ -17,21 +17,21 @@ from qtraj.design.tuning.problem import Problem, pose
 
 SPEED = 8.0
 SCATTER = np.array([1.5, 0.5, 1.5, 0.5])  # [m/s] of V_rho and V_h at both ends
-SHARE = (0.05, 0.95)  # of the way from the least peak to the given one
+SHARE = (0.05, 0.95)  # of the interval from the smallest reachable peak to the initial one
 
 
 class Problems(NamedTuple):
-    """Boundary states and limits with lanes, and the same problems posed."""
+    """Batches of boundary states and limits, and the same problems in the form of the solvers."""
 
     starts: qt.BoundaryState
     ends: qt.BoundaryState
     limits: np.ndarray  # [1/m]
-    least: np.ndarray  # [1/m] the least peak curvature within reach
+    least: np.ndarray  # [1/m] the smallest reachable peak curvature
     posed: Problem
 
 
 def problems(count: int, seed: int) -> Problems:
-    """`count` problems, always the same for one seed."""
+    """`count` problems, reproducible by the seed."""
     rng = np.random.default_rng(seed)
     radii, turns = rng.uniform(10, 40, (count, 2)), rng.uniform(0.6, 3.0, count)
     heights, velocities = rng.uniform(-2, 2, count), rng.normal(size=(count, 4)) * SCATTER

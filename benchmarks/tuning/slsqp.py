@@ -13,12 +13,12 @@ from qtraj.path.values import squared
 
 INSTANTS = 129
 ADDED = 8
-"""Instants besides, at which a path found before is highest: so that it is met between the samples too."""
+"""Additional instants, at the peaks of an earlier solution, so that the limit is satisfied between samples too."""
 
 EXCHANGES = 3
 
 REACH = 1.0
-"""How far the least peak is sought: velocities changed by so many reference speeds, the logarithm of the duration."""
+"""Bounds of the search for the smallest peak: changes of velocities in reference speeds, and of log(duration)."""
 
 OPTIONS = {"ftol": 1e-12, "maxiter": 300}
 
@@ -33,7 +33,7 @@ class Solved(NamedTuple):
 
 @jax.jit
 def functions(problem: Problem, limit: Any, added: Any, z: Any) -> tuple[Any, Any, Any, Any]:
-    """Cost, excesses at all instants, and the derivatives of both."""
+    """Cost, constraint values at all instants, and the derivatives of both."""
 
     def both(z: Any) -> tuple[Any, Any]:
         path = problem.path(z)
@@ -41,13 +41,13 @@ def functions(problem: Problem, limit: Any, added: Any, z: Any) -> tuple[Any, An
         values = jax.vmap(lambda t: squared(path, t, "curvature"))(times)
         return problem.cost(z), 0.5 * (1.0 - values / limit**2)
 
-    (cost, room), (slope, jacobian) = both(z), jax.jacfwd(both)(z)
-    return cost, room, slope, jacobian
+    (cost, margin), (slope, jacobian) = both(z), jax.jacfwd(both)(z)
+    return cost, margin, slope, jacobian
 
 
 @jax.jit
-def summits(problem: Problem, limit: Any, z: Any) -> tuple[Any, Any]:
-    """The highest of many instants, and the largest curvature over the limit."""
+def refined_peak(problem: Problem, limit: Any, z: Any) -> tuple[Any, Any]:
+    """The instant of the peak among many, and the largest curvature relative to the limit."""
     path = problem.path(z)
     u = jnp.linspace(0.0, 1.0, 20001)
     values = jax.vmap(lambda u: squared(path, u * path.duration, "curvature"))(u)
@@ -57,12 +57,12 @@ def summits(problem: Problem, limit: Any, z: Any) -> tuple[Any, Any]:
 
 
 def take(problems: Problem, k: int) -> Problem:
-    """One of stacked problems."""
+    """One problem of a batch."""
     return jax.tree.map(lambda x: x[k], problems)
 
 
 def minimised(problem: Problem, limit: float, start: np.ndarray, added: np.ndarray | None = None) -> np.ndarray:
-    """Where one run of SLSQP from one start ends."""
+    """The final point of one run of SLSQP from one start."""
     added = np.zeros(ADDED) if added is None else added
 
     @lru_cache(maxsize=1)
@@ -81,27 +81,27 @@ def minimised(problem: Problem, limit: float, start: np.ndarray, added: np.ndarr
 
 
 def solve(problem: Problem, limit: float, start: np.ndarray, added: np.ndarray | None = None) -> Solved:
-    """One run, and what came of it."""
+    """One run and its result."""
     return outcome(problem, limit, minimised(problem, limit, start, added))
 
 
 def outcome(problem: Problem, limit: float, z: np.ndarray) -> Solved:
-    """What variables are worth, checked at many instants."""
+    """Cost and curvature for given variables, checked at many instants."""
     cost = functions(problem, limit, np.zeros(ADDED), z)[0]
-    return Solved(z, float(cost), float(summits(problem, limit, z)[1]))
+    return Solved(z, float(cost), float(refined_peak(problem, limit, z)[1]))
 
 
 def exchanged(problem: Problem, limit: float, found: Solved) -> Solved:
-    """The solution once its own peaks are among the instants, so that nothing is won between the samples."""
+    """The solution with its own peaks among the instants, so that nothing is gained between samples."""
     for _ in range(EXCHANGES):
         if found.ratio <= 1 + 1e-10:
             break
-        found = solve(problem, limit, found.z, np.asarray(summits(problem, limit, found.z)[0]))
+        found = solve(problem, limit, found.z, np.asarray(refined_peak(problem, limit, found.z)[0]))
     return found
 
 
 def least_peaks(problems: Problem, nominal: np.ndarray) -> np.ndarray:
-    """The least peak curvature that SLSQP finds within reach, of each problem: a minimax in epigraph form."""
+    """The smallest peak curvature of each problem that SLSQP finds: a minimax in epigraph form."""
     return np.asarray([_least_peak(take(problems, k), float(limit)) for k, limit in enumerate(nominal)])
 
 
@@ -127,4 +127,4 @@ def _least_peak(problem: Problem, limit: float) -> float:
         options={"ftol": 1e-10, "maxiter": 100},
     )
     z = np.where(np.isfinite(found.x[:size]), found.x[:size], 0.0)
-    return limit * float(summits(problem, limit, z)[1])
+    return limit * float(refined_peak(problem, limit, z)[1])

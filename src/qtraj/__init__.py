@@ -11,15 +11,23 @@ from qtraj._version import __version__ as __version__
 from qtraj.foundation import drawing as _drawing
 
 if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
-    from qtraj.algebra import quaternion as quaternion, rotation as rotation
+    from qtraj.algebra import (
+        dual_quaternion as dual_quaternion,
+        matrices as matrices,
+        quaternion as quaternion,
+        rotation as rotation,
+    )
     from qtraj.batch.evaluate import evaluate as evaluate
     from qtraj.batch.table import Table as Table
     from qtraj.design.fitting.fit import fit as fit
+    from qtraj.design.fitting.fit_route import fit_route as fit_route
     from qtraj.design.fitting.fitted import Fitted as Fitted
+    from qtraj.design.fitting.fitted_route import FittedRoute as FittedRoute
     from qtraj.design.limits import Limits as Limits
     from qtraj.design.peaks import peak as peak
     from qtraj.design.proof.certificate import Certificate as Certificate
     from qtraj.design.proof.certify import certify as certify
+    from qtraj.design.proof.route_certificate import RouteCertificate as RouteCertificate
     from qtraj.design.tuning.outcome import Tuned as Tuned
     from qtraj.design.tuning.tune import tune as tune
     from qtraj.foundation.compilation_cache import enable_compilation_cache as enable_compilation_cache
@@ -43,19 +51,35 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
         LogarithmicFeedback as LogarithmicFeedback,
         QuaternionFeedback as QuaternionFeedback,
     )
+    from qtraj.motion.control.hysteresis import HystereticLaw as HystereticLaw
     from qtraj.motion.control.laws import AccelerationLaw as AccelerationLaw, RateLaw as RateLaw
     from qtraj.motion.control.response import error_response as error_response
+    from qtraj.motion.manipulator.arm import Arm as Arm, Joint as Joint, stanford_arm as stanford_arm
+    from qtraj.motion.manipulator.arm_motion import ArmMotion as ArmMotion
+    from qtraj.motion.manipulator.inverse import Damping as Damping
+    from qtraj.motion.manipulator.simulate_arm import simulate_arm as simulate_arm
+    from qtraj.motion.pose.pose_law import (
+        PoseLaw as PoseLaw,
+        PoseProgram as PoseProgram,
+        closed_pose as closed_pose,
+        pose_error as pose_error,
+    )
+    from qtraj.motion.pose.pose_motion import PoseMotion as PoseMotion
+    from qtraj.motion.pose.simulate_pose import simulate_pose as simulate_pose
+    from qtraj.motion.profiles.cubic_spline import CubicSpline as CubicSpline
     from qtraj.motion.profiles.s_curve import SCurve as SCurve
     from qtraj.motion.profiles.smooth_step import Cubic as Cubic, Quintic as Quintic, Septic as Septic
     from qtraj.motion.profiles.time_optimal import TimeOptimal as TimeOptimal
     from qtraj.motion.programs.euler_turn import EulerTurn as EulerTurn, SlewSequence as SlewSequence
     from qtraj.motion.programs.frame_program import FrameProgram as FrameProgram
     from qtraj.motion.programs.rotation_minimizing import RotationMinimizing as RotationMinimizing
+    from qtraj.motion.programs.slew_history import SlewHistory as SlewHistory, slew_history as slew_history
     from qtraj.motion.programs.slew_torque import (
         TorquePeak as TorquePeak,
         peak_torque as peak_torque,
         within_torque as within_torque,
     )
+    from qtraj.motion.programs.slew_verdict import SlewVerdict as SlewVerdict, judge_slew as judge_slew
     from qtraj.motion.programs.table_program import TableProgram as TableProgram
     from qtraj.motion.propagation.gauss_legendre import GaussLegendre as GaussLegendre
     from qtraj.motion.propagation.magnus import Magnus as Magnus
@@ -66,20 +90,29 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
     )
     from qtraj.motion.propagation.strapdown import propagate_samples as propagate_samples
     from qtraj.motion.simulation.actuator import Actuator as Actuator
+    from qtraj.motion.simulation.body import ReactionWheels as ReactionWheels, RigidBody as RigidBody
+    from qtraj.motion.simulation.body_motion import BodyMotion as BodyMotion
     from qtraj.motion.simulation.disturbance import (
         DisturbanceAcceleration as DisturbanceAcceleration,
         DisturbanceTorque as DisturbanceTorque,
         Sinusoid as Sinusoid,
     )
     from qtraj.motion.simulation.kinematics import integrate as integrate
+    from qtraj.motion.simulation.loop_history import LoopHistory as LoopHistory, loop_history as loop_history
+    from qtraj.motion.simulation.loop_verdict import LoopVerdict as LoopVerdict, judge_loop as judge_loop
+    from qtraj.motion.simulation.open_loop import open_loop as open_loop
     from qtraj.motion.simulation.sensor import Gyros as Gyros, Sensor as Sensor
     from qtraj.motion.simulation.simulate import simulate as simulate
     from qtraj.motion.simulation.solution import Solution as Solution
     from qtraj.path.boundary import BoundaryState as BoundaryState
     from qtraj.path.boundary_problem import axis_between as axis_between
+    from qtraj.path.change import PathChange as PathChange, compare_paths as compare_paths
+    from qtraj.path.driving import Driving as Driving
     from qtraj.path.hodograph import AbstractHodograph as AbstractHodograph, Curve as Curve
     from qtraj.path.placement import Placement as Placement
     from qtraj.path.residual import Residual as Residual
+    from qtraj.path.route import Route as Route
+    from qtraj.path.route_nearest import Nearest as Nearest
     from qtraj.path.spiral_helix import SpiralHelix as SpiralHelix
     from qtraj.path.thrust_aligned import ThrustAligned as ThrustAligned
     from qtraj.path.track import Track as Track
@@ -94,11 +127,14 @@ _HOMES = {
     "qtraj.batch.evaluate": ("evaluate",),
     "qtraj.batch.table": ("Table",),
     "qtraj.design.fitting.fit": ("fit",),
+    "qtraj.design.fitting.fit_route": ("fit_route",),
     "qtraj.design.fitting.fitted": ("Fitted",),
+    "qtraj.design.fitting.fitted_route": ("FittedRoute",),
     "qtraj.design.limits": ("Limits",),
     "qtraj.design.peaks": ("peak",),
     "qtraj.design.proof.certificate": ("Certificate",),
     "qtraj.design.proof.certify": ("certify",),
+    "qtraj.design.proof.route_certificate": ("RouteCertificate",),
     "qtraj.design.tuning.outcome": ("Tuned",),
     "qtraj.design.tuning.tune": ("tune",),
     "qtraj.foundation.compilation_cache": ("enable_compilation_cache",),
@@ -113,31 +149,51 @@ _HOMES = {
     "qtraj.motion.attitude": ("AbstractProgram", "Attitude"),
     "qtraj.motion.attitude_residual": ("AttitudeResidual", "compare_attitude"),
     "qtraj.motion.control.baselines": ("GeometricFeedback", "LogarithmicFeedback", "QuaternionFeedback"),
+    "qtraj.motion.control.hysteresis": ("HystereticLaw",),
     "qtraj.motion.control.laws": ("AccelerationLaw", "RateLaw"),
     "qtraj.motion.control.response": ("error_response",),
+    "qtraj.motion.manipulator.arm": ("Arm", "Joint", "stanford_arm"),
+    "qtraj.motion.manipulator.arm_motion": ("ArmMotion",),
+    "qtraj.motion.manipulator.inverse": ("Damping",),
+    "qtraj.motion.manipulator.simulate_arm": ("simulate_arm",),
+    "qtraj.motion.pose.pose_law": ("PoseLaw", "PoseProgram", "closed_pose", "pose_error"),
+    "qtraj.motion.pose.pose_motion": ("PoseMotion",),
+    "qtraj.motion.pose.simulate_pose": ("simulate_pose",),
+    "qtraj.motion.profiles.cubic_spline": ("CubicSpline",),
     "qtraj.motion.profiles.s_curve": ("SCurve",),
     "qtraj.motion.profiles.smooth_step": ("Cubic", "Quintic", "Septic"),
     "qtraj.motion.profiles.time_optimal": ("TimeOptimal",),
     "qtraj.motion.programs.euler_turn": ("EulerTurn", "SlewSequence"),
     "qtraj.motion.programs.frame_program": ("FrameProgram",),
     "qtraj.motion.programs.rotation_minimizing": ("RotationMinimizing",),
+    "qtraj.motion.programs.slew_history": ("SlewHistory", "slew_history"),
     "qtraj.motion.programs.slew_torque": ("TorquePeak", "peak_torque", "within_torque"),
+    "qtraj.motion.programs.slew_verdict": ("SlewVerdict", "judge_slew"),
     "qtraj.motion.programs.table_program": ("TableProgram",),
     "qtraj.motion.propagation.gauss_legendre": ("GaussLegendre",),
     "qtraj.motion.propagation.magnus": ("Magnus",),
     "qtraj.motion.propagation.propagate": ("Propagation", "propagate", "propagate_with_estimate"),
     "qtraj.motion.propagation.strapdown": ("propagate_samples",),
     "qtraj.motion.simulation.actuator": ("Actuator",),
+    "qtraj.motion.simulation.body": ("ReactionWheels", "RigidBody"),
+    "qtraj.motion.simulation.body_motion": ("BodyMotion",),
     "qtraj.motion.simulation.disturbance": ("DisturbanceAcceleration", "DisturbanceTorque", "Sinusoid"),
     "qtraj.motion.simulation.kinematics": ("integrate",),
+    "qtraj.motion.simulation.loop_history": ("LoopHistory", "loop_history"),
+    "qtraj.motion.simulation.loop_verdict": ("LoopVerdict", "judge_loop"),
+    "qtraj.motion.simulation.open_loop": ("open_loop",),
     "qtraj.motion.simulation.sensor": ("Gyros", "Sensor"),
     "qtraj.motion.simulation.simulate": ("simulate",),
     "qtraj.motion.simulation.solution": ("Solution",),
     "qtraj.path.boundary": ("BoundaryState",),
     "qtraj.path.boundary_problem": ("axis_between",),
+    "qtraj.path.change": ("PathChange", "compare_paths"),
+    "qtraj.path.driving": ("Driving",),
     "qtraj.path.hodograph": ("AbstractHodograph", "Curve"),
     "qtraj.path.placement": ("Placement",),
     "qtraj.path.residual": ("Residual",),
+    "qtraj.path.route": ("Route",),
+    "qtraj.path.route_nearest": ("Nearest",),
     "qtraj.path.spiral_helix": ("SpiralHelix",),
     "qtraj.path.thrust_aligned": ("ThrustAligned",),
     "qtraj.path.track": ("Track",),
@@ -147,12 +203,14 @@ _HOMES = {
 
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
-_PACKAGES = ("algebra", "batch", "cli", "design", "foundation", "io", "motion", "path", "viz")
+_PACKAGES = ("algebra", "batch", "cli", "design", "foundation", "io", "motion", "path", "scenario", "viz")
 
 _MODULES = {
     "control": "qtraj.motion.control",
     "dynamics": "qtraj.motion.dynamics",
+    "dual_quaternion": "qtraj.algebra.dual_quaternion",
     "exchange": "qtraj.io.exchange",
+    "matrices": "qtraj.algebra.matrices",
     "quaternion": "qtraj.algebra.quaternion",
     "rotation": "qtraj.algebra.rotation",
     **{name: f"qtraj.{name}" for name in _PACKAGES},

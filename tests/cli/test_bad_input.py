@@ -214,7 +214,7 @@ def test_bad_scenarios(qtraj, folder, content):
     assert sorted(folder.iterdir()) == before
 
 
-@pytest.mark.parametrize("command", ["tune", "evaluate", "turn", "track"])
+@pytest.mark.parametrize("command", ["tune", "evaluate", "slew", "simulate"])
 def test_files_that_cannot_be_read(qtraj, folder, command):
     for name, fragment in (("nothing.toml", "No such file"), ("", "Is a directory")):
         result = qtraj(command, folder / name, "--out", folder / "out")
@@ -224,7 +224,7 @@ def test_files_that_cannot_be_read(qtraj, folder, command):
         assert not (folder / "out").exists()
 
 
-@pytest.mark.parametrize("command", ["tune", "turn", "track"])
+@pytest.mark.parametrize("command", ["tune", "slew", "simulate"])
 def test_an_out_that_is_a_file_is_refused_before_any_work(qtraj, folder, command):
     (folder / "out").write_text("mine")
     for out in (folder / "out", folder / "out" / "deeper"):
@@ -239,7 +239,7 @@ def test_an_out_that_is_a_file_is_refused_before_any_work(qtraj, folder, command
     [
         ("tune", 'write a .toml file with file = "track.csv" under [track], and with [limits]'),
         ("evaluate", 'write a .toml file with file = "track.csv" under [track]'),
-        ("turn", "`qtraj tune` and `qtraj evaluate` read one"),
+        ("slew", "`qtraj tune` and `qtraj evaluate` read one"),
     ],
 )
 def test_a_recording_is_no_scenario(qtraj, folder, command, fragment):
@@ -290,8 +290,8 @@ def test_a_stored_document_that_is_no_path(qtraj, folder):
         ["tune", "--nonsense"],
         ["evaluate"],
         ["evaluate", "x", "--samples", "1"],
-        ["turn", "--samples", "1"],
-        ["track", "--samples", "1"],
+        ["slew", "--samples", "1"],
+        ["simulate", "--samples", "1"],
         ["sing"],
     ],
 )

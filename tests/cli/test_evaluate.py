@@ -8,7 +8,7 @@ import pytest
 import xarray
 
 import qtraj as qt
-from qtraj.cli.evaluation.work import instants
+from qtraj.cli.evaluate import instants
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -128,14 +128,14 @@ def test_the_frame_is_chosen_and_names_the_columns(qtraj, tmp_path, frame, label
     assert dataset["rate"].values[:, 0] == pytest.approx(np.full(5, rolling[frame]), abs=ROUND_OFF)
 
 
-def test_a_lane_change_does_not_roll_the_vehicle_over(qtraj, tmp_path):
+def test_changing_sides_does_not_roll_the_vehicle_over(qtraj, tmp_path):
     """The natural trihedral turns over where the bend changes sides; the frame of a vehicle does not."""
     bends = qt.SpiralHelix([50.0, 0.0, 3.0, -2.0], [0.0, 0.2], [0.0, 0.0], 1.0)
-    bends.save(tmp_path / "lane.json")
+    bends.save(tmp_path / "s_bend.json")
     up = {}
     for frame in ("upright", "natural"):
         content = json.loads(
-            qtraj("evaluate", tmp_path / "lane.json", "--frame", frame, "--also", "dcm", "--json").stdout
+            qtraj("evaluate", tmp_path / "s_bend.json", "--frame", frame, "--also", "dcm", "--json").stdout
         )
         up[frame] = np.array(content["columns"]["dcm"])[:, 2, 2]
     assert up["natural"].min() < -0.9 < 0.9 < up["natural"].max()
@@ -150,7 +150,7 @@ def test_where_there_is_no_trihedral_a_dash_stands(qtraj, tmp_path):
     assert sum(line.rstrip().endswith(" -") for line in upright.stdout.splitlines()) == 7
     result = qtraj("evaluate", tmp_path / "straight.json", "--samples", 7, "--frame", "natural")
     assert result.exit_code == 0
-    assert "the natural trihedral does not exist (no motion or no bend) at 7 instants" in result.stdout
+    assert "the natural frame does not exist (no motion, or no bend) at 7 instants" in result.stdout
 
 
 @pytest.mark.parametrize(

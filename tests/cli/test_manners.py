@@ -17,10 +17,11 @@ from rich.console import Console
 import qtraj as qt
 from qtraj.cli import output, terminal
 from qtraj.cli.app import app
-from qtraj.cli.content import finite
-from qtraj.cli.evaluation import work as evaluation
-from qtraj.cli.layout import column_table
+from qtraj.cli.layout import plain_table
+from qtraj.foundation.plain import finite
 from qtraj.foundation.progress import Progress
+from qtraj.foundation.progress_bar import watching
+from qtraj.io import instants_csv
 
 SOURCE = Path(__file__).parents[2] / "src"
 HELIX = Path(__file__).parents[2] / "examples" / "helix.toml"
@@ -102,7 +103,7 @@ def test_ctrl_c_ends_with_130_and_writes_nothing(qtraj, tmp_path, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(evaluation, "write_csv", interrupted)
+    monkeypatch.setattr(instants_csv, "write_csv", interrupted)
     result = qtraj("evaluate", HELIX, "--samples", 7, "--out", tmp_path / "out")
     assert result.exit_code == 130
     assert result.stderr == "interrupted\n"
@@ -124,7 +125,7 @@ def shown(monkeypatch, is_terminal):
     monkeypatch.setenv("TERM", "xterm")
     stream = Screen(is_terminal)
     monkeypatch.setattr(sys, "stderr", stream)
-    with terminal.watching() as watch:
+    with watching() as watch:
         watch.say("fitting")
         watch.tuning(Progress("searches", 3, 8))
     return stream.getvalue()
@@ -163,11 +164,11 @@ def test_no_color_is_respected(monkeypatch, qtraj, wish, coloured, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "fragments"),
     [
-        ([], ["tune", "evaluate", "turn", "track", "report", "--version", "--install-completion"]),
+        ([], ["tune", "evaluate", "slew", "simulate", "report", "--version", "--install-completion"]),
         (["tune"], ["--out", "--json", "--motion", "--objective", "--starts"]),
         (["evaluate"], ["--samples", "--step", "--out", "--json"]),
-        (["turn"], ["--samples", "--out", "--json"]),
-        (["track"], ["--samples", "--out", "--json"]),
+        (["slew"], ["--samples", "--out", "--json"]),
+        (["simulate"], ["--samples", "--out", "--json"]),
         (["report"], ["--out", "--json", "--frame", "moving frame"]),
     ],
 )
@@ -208,8 +209,8 @@ def test_shells_complete_commands_options_and_values(qtraj, shell):
     assert script.exit_code == 0
     assert f"_QTRAJ_COMPLETE=complete_{shell}" in script.stdout
     more = {"_TYPER_COMPLETE_FISH_ACTION": "get-args"} if shell == "fish" else {}
-    commands = complete(qtraj, shell, "qtraj t", **more)
-    assert all(name in commands for name in ("tune", "turn", "track"))
+    commands = complete(qtraj, shell, "qtraj s", **more)
+    assert all(name in commands for name in ("slew", "simulate"))
     assert "evaluate" not in commands
     assert "--objective" in complete(qtraj, shell, "qtraj tune --ob", **more)
     assert "smoothest" in complete(qtraj, shell, "qtraj tune --objective s", **more)
@@ -217,7 +218,7 @@ def test_shells_complete_commands_options_and_values(qtraj, shell):
 
 def test_a_narrow_terminal_folds_numbers_and_cuts_none():
     narrow = Console(file=io.StringIO(), width=20)
-    table = column_table("value", "limit")
+    table = plain_table(right=("value", "limit"))
     table.add_row("0.0501612", "0.0444444")
     narrow.print(table)
     digits = [line.split() for line in narrow.file.getvalue().splitlines() if any(map(str.isdigit, line))]
@@ -306,7 +307,7 @@ def test_a_second_tuning_compiles_nothing(tmp_path):
         return json.loads(done.stdout), compiled
 
     first = tune()
-    assert any("_proceed" in name for name in first[1])
+    assert any("_run" in name for name in first[1])
     assert tune() == first
 
 
@@ -328,3 +329,11 @@ def test_missing_packages_are_named():
     assert "typer, matplotlib" in done.stderr
     assert "pip install 'qtraj[all]'" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [("evaluate", "[default: 25]"), ("evaluate", "[default: upright]"), ("slew", "in the table"), ("tune", "upright]")],
+)
+def test_help_shows_what_stands_in_brackets(qtraj, command, words):
+    assert words in " ".join(qtraj(command, "--help").stdout.replace("│", " ").split())

@@ -53,7 +53,7 @@ def test_a_folder_is_reported_with_the_certificate_that_lies_in_it(qtraj, result
     assert {"Limits", "Boundary velocities about the axis of the path"} <= set(content["tables"])
     text = (tmp_path / "new" / "report.html").read_text(encoding="utf-8")
     assert '<td class="bad">broken</td>' in text
-    assert "broken: the limit does not hold at the time given" in text
+    assert "broken: the limit is violated at the time shown" in text
     assert [file.name for file in (tmp_path / "new").iterdir()] == ["report.html"]
 
 
@@ -123,7 +123,7 @@ def test_saved_paths_and_tunings_are_reported(qtraj, path, tuned, tmp_path):
 
 
 def test_a_turn_is_reported(qtraj, tmp_path):
-    assert qtraj("turn", "--samples", 11, "--out", tmp_path).exit_code == 0
+    assert qtraj("slew", "--samples", 11, "--out", tmp_path).exit_code == 0
     result = qtraj("report", tmp_path)
     assert result.exit_code == 0
     assert "Quarter turn of a spacecraft" in result.stdout
@@ -150,7 +150,7 @@ def test_what_is_no_result_is_refused(qtraj, results, path, tmp_path):
         "nothing": "there is no such result",
         "two": "holds several results: name one of",
         "empty": "holds neither paths.nc nor table.nc",
-        "a.nc": "no netCDF-4 file",
+        "a.nc": "not a netCDF-4 file",
         "a.toml": "no qtraj document",
         "a.png": "must end in",
         "turn.toml": "a saved path or tuning was expected, but the file holds a EulerTurn",

@@ -1,4 +1,4 @@
-"""The document on accuracy names tests that exist, and figures that are there."""
+"""The page on accuracy names only tests and figures that exist."""
 
 import ast
 import re

@@ -1,4 +1,4 @@
-"""What a user sees first in a terminal: names, signatures, values."""
+"""Names, signatures and values, as shown in an interactive session."""
 
 import inspect
 import io
@@ -12,28 +12,40 @@ import pytest
 
 import qtraj as qt
 
-LONGEST = 750
-"""Characters of a signature, on nine lines of a terminal."""
+LONGEST = 600
+"""Characters of a signature, on seven lines of a terminal."""
 NAMES = [n for n in qt.__all__ if callable(getattr(qt, n)) and not isinstance(getattr(qt, n), types.ModuleType)]
 
 
-def test_dir_lists_the_public_names_alone():
+def test_dir_lists_only_the_public_names():
     assert dir(qt) == sorted(qt.__all__)
     assert not {"Any", "importlib", "TYPE_CHECKING", "_HOMES"} & set(dir(qt))
+
+
+@pytest.mark.parametrize(
+    "module", [qt.control, qt.dynamics, qt.exchange, qt.quaternion, qt.rotation], ids=lambda m: m.__name__
+)
+def test_dir_of_a_module_lists_only_its_public_names(module):
+    assert dir(module) == sorted(module.__all__)
+    for name in dir(module):
+        thing = getattr(module, name)
+        assert not isinstance(thing, types.ModuleType)
+        assert thing.__module__.startswith("qtraj.")
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_signatures_name_their_types(name):
     text = str(inspect.signature(getattr(qt, name)))
-    assert "ndarray" not in text
+    for word in ("ndarray", "jaxlib", "jaxtyping", "Union[", "qtraj.", "collections."):
+        assert word not in text
     assert len(text) <= LONGEST
 
 
-def test_help_of_tune_begins_with_what_it_takes():
+def test_help_of_tune_begins_with_its_arguments():
     out = io.StringIO()
     pydoc.Helper(output=out).help(qt.tune)
     head = out.getvalue().partition("fixed:")[0]
-    assert "duration: Optional[ArrayInput] = None" in head
+    assert "duration: 'ArrayInput | None' = None" in head
     assert len(head) < 500
 
 
@@ -43,7 +55,7 @@ def test_limits_show_values_and_units():
     assert repr(qt.Limits()) == "Limits()"
 
 
-def test_stacked_and_traced_limits_can_be_shown():
+def test_batched_and_traced_limits_can_be_shown():
     stacked = jax.vmap(lambda k: qt.Limits(curvature=k))(jnp.array([0.1, 0.2]))
     assert repr(stacked) == "Limits(curvature=[0.1, 0.2] 1/m)"
     seen = []

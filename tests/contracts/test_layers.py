@@ -19,10 +19,11 @@ LAYERS = {
     "batch": 5,
     "io": 6,
     "viz": 6,
-    "cli": 6,
-    "__main__": 6,
+    "scenario": 6,
+    "cli": 7,
+    "__main__": 7,
 }
-TOP = 7  # the root package itself, which names everything below it
+TOP = 8  # the root package itself, which names everything below it
 
 
 def layer(module):
@@ -129,6 +130,7 @@ def test_every_package_has_a_layer():
         ("from ... import motion", "qtraj.path.deep.module", False),
         ("def late():\n    from qtraj.io import tracks", "qtraj.foundation.document", False),
         ("if TYPE_CHECKING:\n    import qtraj.cli", "qtraj.batch.evaluate", False),
+        ("from qtraj.cli import terminal", "qtraj.scenario.reader", False),
         ("import importlib\nimportlib.import_module('qtraj.batch')", "qtraj.algebra.quaternion", False),
     ],
 )
@@ -146,6 +148,7 @@ def test_the_check_finds_an_import_that_goes_up(code, module, is_package):
         ("from .hodograph import AbstractHodograph", "qtraj.path.track"),
         ("from qtraj._version import __version__", "qtraj.foundation.document"),
         ("from qtraj.io import tracks", "qtraj.cli.main"),
+        ("from qtraj.scenario import reader", "qtraj.cli.slew"),
     ],
 )
 def test_the_check_accepts_the_others(code, module):

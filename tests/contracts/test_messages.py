@@ -1,4 +1,4 @@
-"""Mistakes that the checked types of this session catch first must be explained to users, who run without them."""
+"""Messages for mistakes in types and shapes, in a process without the type checks of the test session."""
 
 import subprocess
 import sys
@@ -16,7 +16,7 @@ mistakes = [
     (lambda: helix.position(np.zeros(4)), "jax.vmap over the instants, or qtraj.evaluate"),
     (lambda: qt.trihedral(helix, np.zeros(4)), "jax.vmap over the instants, or qtraj.evaluate"),
     (lambda: qt.trihedral(helix, 1.0, qt.Natural), "a frame such as Natural() or Upright()"),
-    (lambda: qt.evaluate([helix, helix], [0.0]), "a path, or many of them stacked into one"),
+    (lambda: qt.evaluate([helix, helix], [0.0]), "a path or a stack of paths was expected"),
     (lambda: qt.tune(start, end, {"speed": 9.0}), "limits must be a Limits"),
     (lambda: qt.tune(start, end, limits, objective=lambda path: path.angle), "the objective must be one number"),
     (lambda: qt.BoundaryState(start, end), "must be 3 real numbers"),

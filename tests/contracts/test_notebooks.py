@@ -1,7 +1,7 @@
-"""Every notebook is a script and an .ipynb beside it: the same cells, with what they show when they are executed.
+"""Every notebook is a script and an .ipynb with the same cells and their outputs.
 
-After a change run `python docs/notebooks.py`. Whether the library still computes what is stored, .ci/run finds by
-executing all of them: `python docs/notebooks.py --check`.
+After a change run `python docs/notebooks.py`. `.ci/run` executes all notebooks and compares their outputs with the
+stored ones: `python docs/notebooks.py --check`.
 """
 
 import ast
@@ -19,10 +19,10 @@ ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "notebooks"
 SCRIPTS = {file.stem: file for file in sorted(FOLDER.glob("*.py"))}
 LARGEST = 750_000
-"""Bytes of an .ipynb, so that the repository stays small."""
+"""Maximum bytes of an .ipynb, to keep the repository small."""
 
 PRIVATE = re.compile(r"/(home|root|tmp|Users|var|opt|mnt)/|site-packages|[A-Z]:\\\\|0x[0-9a-f]{6}|\b\d\d:\d\d:\d\d\b")
-"""Paths, addresses and times of the machine that executed a notebook."""
+"""Paths, memory addresses and times of the machine that executed a notebook."""
 
 
 def load(file):
@@ -59,8 +59,8 @@ def test_script_and_notebook_have_the_same_cells(name):
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
-def test_every_cell_was_executed_as_it_stands(name):
-    """Where the code has changed since: `python docs/notebooks.py` executes it."""
+def test_every_cell_was_executed_in_its_present_form(name):
+    """If the code has changed since, run `python docs/notebooks.py`."""
     assert notebook(name)["metadata"]["qtraj"][books.DIGEST] == books.digest(books.cells(script(name)))
     assert [cell["execution_count"] for cell in code_cells(name)] == list(range(1, len(code_cells(name)) + 1))
 
@@ -74,7 +74,7 @@ def test_figures_and_numbers_are_stored(name):
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
-def test_outputs_are_small_and_say_nothing_of_their_machine(name):
+def test_outputs_are_small_and_do_not_identify_the_machine(name):
     assert (FOLDER / f"{name}.ipynb").stat().st_size < LARGEST
     for cell in code_cells(name):
         for output in cell["outputs"]:
@@ -94,7 +94,7 @@ def test_cells_are_split_at_their_markers():
     head, prose = "# ---\n# x: 1\n# ---\n\n", "# %% [markdown]\n# # A\n#\n# b\n\n"
     text = head + prose + "# %%\n# %matplotlib inline\nx = 1  # %\n\n\n# %%\ny\n"
     assert books.cells(text) == [("markdown", "# A\n\nb"), ("code", "%matplotlib inline\nx = 1  # %"), ("code", "y")]
-    with pytest.raises(ValueError, match="not a marker"):
+    with pytest.raises(ValueError, match="not a cell marker"):
         books.cells("# %% something else\n")
 
 
@@ -116,7 +116,7 @@ def stored(folder):
     return json.loads((folder / "a.ipynb").read_text())
 
 
-def test_what_a_cell_prints_and_its_last_expression_are_stored(folder):
+def test_printed_text_and_the_last_expression_are_stored(folder):
     prose, code = stored(folder)["cells"]
     assert "outputs" not in prose
     printed, result = code["outputs"]
@@ -127,7 +127,7 @@ def test_what_a_cell_prints_and_its_last_expression_are_stored(folder):
     assert (folder / "a.ipynb").read_bytes() == before
 
 
-def test_the_check_finds_other_numbers_and_writes_nothing(folder, capsys):
+def test_the_check_detects_other_numbers_and_writes_nothing(folder, capsys):
     assert books._check("a")
     (folder / "a.py").write_text(PROSE + CODE.replace("1 / 3", "1 / 4"))
     before = (folder / "a.ipynb").read_bytes()
@@ -136,28 +136,28 @@ def test_the_check_finds_other_numbers_and_writes_nothing(folder, capsys):
     assert (folder / "a.ipynb").read_bytes() == before
 
 
-def test_prose_is_stored_without_executing_and_code_is_not(folder, monkeypatch):
+def test_changed_prose_is_stored_without_executing_but_changed_code_is_not(folder, monkeypatch):
     monkeypatch.delattr(books, "_executed")
     before = stored(folder)["cells"]
     (folder / "a.py").write_text(PROSE + "# More\n\n" + CODE)
-    assert books._bring_prose("a")
+    assert books._store_prose("a")
     after = stored(folder)["cells"]
     assert after[0]["source"] == ["About\n", "\n", "More"]
     assert after[1] == before[1]
     (folder / "a.py").write_text(PROSE + CODE + "2\n")
-    assert not books._bring_prose("a")
+    assert not books._store_prose("a")
     assert stored(folder)["cells"] == after
 
 
 def test_a_cell_that_fails_stores_nothing(monkeypatch, capfd, tmp_path):
-    """In a process of its own, as all are executed: there is no such notebook."""
+    """The notebook does not exist, so its process fails."""
     monkeypatch.setattr(books, "ENVIRONMENT", {"PYTHONPATH": str(tmp_path)})
     assert not books._store("no_such_notebook")
     assert "FileNotFoundError" in capfd.readouterr().err
     assert not (FOLDER / "no_such_notebook.ipynb").exists()
 
 
-def test_classes_and_tracebacks_know_their_cell():
+def test_tracebacks_name_the_cell():
     namespace = {"__name__": "__main__"}
     with pytest.raises(ZeroDivisionError) as caught:
         books._outputs("%matplotlib inline\ndef f():\n    return 1 / 0\n\n\nf()", "<cell 1>", namespace)
@@ -187,7 +187,7 @@ def test_figures_are_pictures_and_datasets_are_text():
         ("[1.   0.5]", "[1. 0.5]"),
     ],
 )
-def test_rounding_is_no_difference(before, after):
+def test_rounding_is_not_a_difference(before, after):
     assert books.agree(before, after)
 
 
@@ -204,5 +204,5 @@ def test_rounding_is_no_difference(before, after):
         ("x1", "x2"),
     ],
 )
-def test_what_differs_is_found(before, after):
+def test_differences_are_detected(before, after):
     assert not books.agree(before, after)

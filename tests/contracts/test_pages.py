@@ -1,11 +1,11 @@
-"""What the README and the pages of docs/ show is run, block by block.
+"""Runs the code blocks of the README and of the pages of docs/.
 
 The blocks of a page run in order, in one namespace and one folder:
 
-- Python runs; a `text` block right after it is what it must print ("..." stands for anything).
+- Python runs; a `text` block right after it is the expected output ("..." matches anything).
 - A block with a title (```` ```toml title="turn.toml" ````) is written to that file.
-- `qtraj` in a shell block runs in this process and must exit with 0. Of other commands it is checked that the files,
-  folders and modules they name exist; a command of an unknown kind is a failure.
+- `qtraj` in a shell block runs in this process and must exit with 0. For other commands the files, folders and modules
+  that they name must exist; an unknown command is a failure.
 """
 
 import contextlib
@@ -32,40 +32,40 @@ FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```$", flags=re.S | re.M)
 TITLE = re.compile(r'title="([^"]+)"')
 LIKE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 WITHOUT_EFFECT = {"--install-completion"}
-"""Options that change the user's own files, and are looked up rather than run."""
+"""Options that change the user's own files; the test only checks that they exist."""
 
 
 class Block(NamedTuple):
-    """A fenced block: its language, what stands behind that, its text, and the line it begins at."""
+    """A fenced block: its language, the rest of that line, its text, and its first line."""
 
     language: str
     info: str
     text: str
     line: int
     follows: bool
-    """Whether nothing but blank lines stands between it and the block before."""
+    """Whether only blank lines separate it from the previous block."""
 
 
 def blocks(page):
     """The fenced blocks of a page."""
-    found, end = [], None
+    result, end = [], None
     for match in FENCE.finditer(page):
         language, _, info = match[1].partition(" ")
         follows = end is not None and not page[end : match.start()].strip()
-        found.append(Block(language, info, match[2], page.count("\n", 0, match.start()) + 1, follows))
+        result.append(Block(language, info, match[2], page.count("\n", 0, match.start()) + 1, follows))
         end = match.end()
-    return found
+    return result
 
 
 def run(text, folder):
-    """Run the blocks of a page in a folder that has the project's examples in it: how many ran."""
+    """Run the blocks of a page in a folder with the project's examples, and return how many ran."""
     count, namespace, printed = 0, {"__name__": "page"}, None
     (folder / "examples").symlink_to(ROOT / "examples")
     for block in blocks(text):
         if block.language == "python":
             code = compile("\n" * block.line + block.text, "page", "exec")
             with contextlib.redirect_stdout(io.StringIO()) as stream:
-                exec(code, namespace)  # noqa: S102  what the project's own pages say
+                exec(code, namespace)  # noqa: S102  code of the project's own pages
             count, printed = count + 1, stream.getvalue()
         elif block.language == "text" and block.follows and printed is not None:
             checker = doctest.OutputChecker()
@@ -79,15 +79,15 @@ def run(text, folder):
 
 
 def commands(text):
-    """The commands of a shell block as lists of words, comments left out."""
+    """The commands of a shell block as lists of words, without comments."""
     lines = text.replace("\\\n", " ").splitlines()
     return [words for line in lines for part in line.split("&&") if (words := shlex.split(part, comments=True))]
 
 
 def shell(words):
-    """Run or check one command: whether it ran.
+    """Run or check one command, and return whether it ran.
 
-    **Raises:** AssertionError where it fails, names what does not exist, or is of an unknown kind.
+    **Raises:** AssertionError if it fails, names missing files, or is unknown.
     """
     name, *arguments = words
     match (Path(name).name, arguments):
@@ -106,12 +106,12 @@ def shell(words):
         case ("pip" | "cd" | "jupytext" | "mkdocs" | "pre-commit" | "jupyter", _):
             pass
         case _:
-            raise AssertionError(f"a command of an unknown kind: {shlex.join(words)}")
+            raise AssertionError(f"unknown command: {shlex.join(words)}")
     return False
 
 
 def qtraj(arguments):
-    """Run the command line, or look its option up: whether it ran."""
+    """Run the command line, or check that its option exists; return whether it ran."""
     runner = CliRunner()
     if WITHOUT_EFFECT & set(arguments):
         assert arguments[0] in runner.invoke(app, ["--help"], prog_name="qtraj").output
@@ -132,7 +132,7 @@ SLOW = {
     "docs/howto/own_data.md",
     "docs/howto/tune_batch.md",
 }
-"""Pages that compute a lot."""
+"""Pages with long computations."""
 
 
 def test_slow_pages_are_pages():
@@ -147,22 +147,22 @@ def test_slow_pages_are_pages():
         if has_something_to_run(file)
     ],
 )
-def test_what_the_page_shows_runs(name, tmp_path, monkeypatch):
+def test_the_blocks_of_a_page_run(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run(PAGES[name].read_text(encoding="utf-8"), tmp_path)
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_no_block_hides(name):
-    """A fence that is indented, or of another kind, would not be run."""
+def test_no_block_is_overlooked(name):
+    """A fence that is indented, or of another language, would not be run."""
     text = PAGES[name].read_text(encoding="utf-8")
     assert re.findall(r"(?m)^(?:[ \t]+```|~~~)", text) == []
-    known = {"", "python", "sh", "text", "toml", "csv", "yaml"}
-    assert {block.language for block in blocks(text)} <= known
+    languages = {"", "python", "sh", "text", "toml", "csv", "yaml"}
+    assert {block.language for block in blocks(text)} <= languages
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_every_link_leads_somewhere(name):
+def test_every_link_has_a_target(name):
     text = FENCE.sub("", PAGES[name].read_text(encoding="utf-8"))
     for target in re.findall(r"\]\(([^)\s]+)\)", text):
         file, _, heading = target.partition("#")
@@ -175,7 +175,7 @@ def test_every_link_leads_somewhere(name):
 
 
 def anchors(file):
-    """What headings of a page are called in links; names of the reference keep theirs."""
+    """The anchors of the headings of a page, and the names of the reference."""
     text = FENCE.sub("", file.read_text(encoding="utf-8"))
     headings = re.findall(r"(?m)^#+ (.*)$", text)
     names = re.findall(r"(?m)^::: (\S+)$", text)
@@ -194,13 +194,13 @@ def anchors(file):
         ("```python\nimport warnings\nwarnings.warn('old', DeprecationWarning)\n```", DeprecationWarning),
     ],
 )
-def test_the_check_sees_a_fault(page, fault, tmp_path, monkeypatch):
+def test_the_check_detects_a_fault(page, fault, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(fault):
         run(page, tmp_path)
 
 
-def test_the_check_lets_good_pages_pass(tmp_path, monkeypatch):
+def test_the_check_accepts_good_pages(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     page = (
         '```python\nx = 1\nprint("length", 1.23456)\n```\n\n```text\nlength 1.2...\n```\n\n'
@@ -212,7 +212,7 @@ def test_the_check_lets_good_pages_pass(tmp_path, monkeypatch):
     assert run(page, tmp_path) == 3
 
 
-def test_the_recording_of_the_quick_start_is_that_of_the_examples():
+def test_the_recording_of_the_quick_start_is_in_the_examples():
     shown = [
         block.text for block in blocks(PAGES["docs/quickstart.md"].read_text("utf-8")) if "drive.csv" in block.info
     ]

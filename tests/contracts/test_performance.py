@@ -1,4 +1,4 @@
-"""The tables of docs/performance.md are those of the committed results."""
+"""The tables of docs/performance.md agree with the committed results."""
 
 import json
 import re
@@ -19,7 +19,7 @@ def test_the_tables_are_the_results():
 
 def test_every_race_has_results_and_a_place():
     assert KNOWN["races"].keys() <= set(RACES)
-    assert len(KNOWN["races"]) >= len(RACES) - 2  # some need what not every machine has
+    assert len(KNOWN["races"]) >= len(RACES) - 2  # some need hardware or programs that not every machine has
     assert sorted(re.findall(r"<!-- end (\w+) -->", TEXT)) == sorted(RACES)
 
 
@@ -33,23 +33,23 @@ def test_every_race_says_how_it_was_made():
     for race in KNOWN["races"].values():
         made = race["made"]
         assert made["command"].startswith("python -m benchmarks")
-        assert "--quick" not in made["command"]  # small sizes and few rounds say whether it runs, and no more
+        assert "--quick" not in made["command"]  # small sizes and few rounds are not measurements
         assert {"processor", "cores", "python", "versions", "load_before"} <= made["machine"].keys()
         assert made["device"] in body(race)
 
 
-def test_a_changed_number_is_seen():
+def test_a_changed_number_is_detected():
     changed = json.loads(json.dumps(KNOWN))
     changed["races"]["sizes"]["rows"][0]["stored [ms]"] = 123.0
     assert written(TEXT, changed) != TEXT
 
 
 @pytest.mark.parametrize("arguments", [["--quick"], ["--name", "mine"], ["--folder", "."]])
-def test_documents_are_of_full_results_alone(arguments, monkeypatch, capsys):
+def test_only_full_results_are_written_into_documents(arguments, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["benchmarks", "--write", *arguments])
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as error:
         command.main()
-    assert ended.value.code == 2
+    assert error.value.code == 2
     assert "--write takes no --quick" in capsys.readouterr().err
 
 
@@ -60,7 +60,7 @@ def test_a_race_that_records_nothing_is_reported(written, tmp_path, monkeypatch,
             Path(options[options.index("--benchmark-json") + 1]).write_text(written)
         return 1
 
-    monkeypatch.chdir(tmp_path)  # and back again, whatever the command does
+    monkeypatch.chdir(tmp_path)  # restored after the test, whatever the command does
     monkeypatch.setattr(command.pytest, "main", nothing)
     monkeypatch.setattr("sys.argv", ["benchmarks", "sizes", "--folder", "."])
     assert command.main() == 1

@@ -1,4 +1,4 @@
-"""The reference of scenario keys is what the models say, and says something of every key."""
+"""The reference of scenario keys agrees with the models, and describes every key."""
 
 import re
 import runpy
@@ -15,7 +15,7 @@ def written():
 
 
 def test_the_page_is_up_to_date(written):
-    """Where it is not: .venv/bin/python docs/scenarios.py"""
+    """If it is not, run .venv/bin/python docs/scenarios.py"""
     assert (DOCS / "scenarios.md").read_text(encoding="utf-8") == written
 
 
@@ -25,6 +25,6 @@ def test_every_key_has_a_meaning_a_value_and_a_default(written):
     assert [row[0] for row in rows if len(row) != 4 or not all(cell.strip() for cell in row)] == []
 
 
-def test_every_table_of_every_command_is_there(written):
-    for header in ("[limits]", "[[via]]", "[program.turn]", "[program.turn.law]", "[law.weights]", "[simulation]"):
+def test_every_table_of_every_command_is_listed(written):
+    for header in ("[limits]", "[[via]]", "[program.slew]", "[program.slew.law]", "[law.weights]", "[simulation]"):
         assert f"`{header}`" in written

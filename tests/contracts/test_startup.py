@@ -1,4 +1,4 @@
-"""`import qtraj` brings in nothing that is not asked for, and its lazy names are those that the type checker sees."""
+"""`import qtraj` imports nothing before it is needed, and its lazy names agree with those for the type checker."""
 
 import ast
 import importlib
@@ -28,26 +28,26 @@ def test_the_import_is_lazy():
     assert loaded("import qtraj", ("jax", "equinox", *HEAVY, *EXTRAS)) == []
 
 
-def test_every_public_name_leaves_solvers_and_extras_alone():
+def test_public_names_import_no_solvers_and_extras():
     assert loaded("import qtraj as qt; [getattr(qt, name) for name in qt.__all__]", HEAVY + EXTRAS) == []
 
 
-def test_the_check_sees_an_import():
+def test_the_check_detects_an_import():
     assert loaded("import qtraj, optax", HEAVY) == ["optax"]
 
 
-def test_the_names_are_those_that_the_type_checker_sees():
+def test_the_names_agree_with_those_for_the_type_checker():
     [block] = [node for node in TREE.body if isinstance(node, ast.If) and isinstance(node.test, ast.Name)]
     seen = {alias.name: node.module for node in block.body for alias in node.names}
     lazy = {name: home for home, names in qt._HOMES.items() for name in names}
-    modules = {name: home.rpartition(".")[0] for name, home in qt._MODULES.items() if name not in qt._ROOMS}
+    modules = {name: home.rpartition(".")[0] for name, home in qt._MODULES.items() if name not in qt._PACKAGES}
     assert lazy | modules == seen
     assert {*seen, "__version__"} == set(qt.__all__) <= set(dir(qt))
     assert all(getattr(qt, name) is getattr(importlib.import_module(lazy[name]), name) for name in lazy)
 
 
-def test_the_rooms_are_the_folders():
-    assert set(qt._ROOMS) == {file.parent.name for file in Path(inspect.getfile(qt)).parent.glob("*/__init__.py")}
+def test_the_packages_are_the_folders():
+    assert set(qt._PACKAGES) == {file.parent.name for file in Path(inspect.getfile(qt)).parent.glob("*/__init__.py")}
 
 
 def test_an_unknown_name_is_refused():
@@ -55,7 +55,7 @@ def test_an_unknown_name_is_refused():
         qt.evaluated  # noqa: B018
 
 
-def test_all_that_can_be_stored_can_be_loaded():
+def test_every_storable_class_can_be_loaded():
     """The list of `io.stored` has every module with a storable class."""
     root = Path(inspect.getfile(qt)).parent
     files = [file for file in root.rglob("*.py") if "\n@storable\n" in file.read_text(encoding="utf-8")]

@@ -1,4 +1,4 @@
-"""The constraints of tuning: limits in unit time, their derivatives, and peaks that move with the variables."""
+"""The constraints of tuning: limits in unit time, and their derivatives."""
 
 import jax
 import jax.numpy as jnp
@@ -7,9 +7,9 @@ import pytest
 
 import qtraj as qt
 from qtraj.design.tuning import constraints
-from qtraj.design.tuning.curves import changes, given
+from qtraj.design.tuning.curves import curve_derivatives, reference_cubics
 from qtraj.design.tuning.expansions import expansions, slopes
-from qtraj.design.tuning.model import setting
+from qtraj.design.tuning.model import make_setting
 from qtraj.design.tuning.motions.registry import MOTIONS
 from qtraj.design.tuning.objectives.registry import OBJECTIVES
 from qtraj.design.tuning.problem import pose
@@ -20,11 +20,11 @@ START = qt.BoundaryState([20.0, 0.0, 0.0], [-3.0, 7.0, 0.3])
 END = qt.BoundaryState([0.0, 28.0, 1.5], [-9.8, -3.0, 0.1])
 AXIS = qt.Placement([1.0, -2.0, 0.5], [0.99, 0.02, -0.03, 0.1])
 LIMIT = jnp.asarray(1.7)
-PLACE = {name: k for k, name in enumerate(QUANTITIES)} | {"corridor": constraints.CORRIDOR_AT}
+INDEX = {name: k for k, name in enumerate(QUANTITIES)} | {"corridor": constraints.CORRIDOR_INDEX}
 PLACES = jnp.asarray([0.0, 0.3, 1.0])
 
 
-def posed(motion, placement=None, objective="nearest"):
+def make_problem(motion, placement=None, objective="nearest"):
     duration = 4.0 if objective == "smoothest" else None
     problem = pose(START, END, OBJECTIVES[objective], MOTIONS[motion], duration, 0, placement)
     return problem, 0.01 * jnp.asarray(np.random.default_rng(5).normal(size=problem.size))
@@ -32,12 +32,12 @@ def posed(motion, placement=None, objective="nearest"):
 
 @pytest.mark.parametrize("placement", [None, AXIS], ids=["upright", "tilted"])
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_values_are_those_of_the_definition(motion, placement):
-    problem, z = posed(motion, placement)
-    of = jax.jit(lambda index: constraints.values(setting(problem, z), index, LIMIT, PLACES))
-    for name, index in PLACE.items():
+def test_values_match_the_definition(motion, placement):
+    problem, z = make_problem(motion, placement)
+    constraint_values = jax.jit(lambda index: constraints.values(make_setting(problem, z), index, LIMIT, PLACES))
+    for name, index in INDEX.items():
         exact = [constraint(problem, z, u, name, LIMIT) for u in PLACES]
-        np.testing.assert_allclose(of(index), exact, rtol=1e-9, atol=1e-12, err_msg=name)
+        np.testing.assert_allclose(constraint_values(index), exact, rtol=1e-9, atol=1e-12, err_msg=name)
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def test_values_are_those_of_the_definition(motion, placement):
     [
         ("hermite", AXIS, "nearest", ["curvature", "angular_acceleration", "yaw_acceleration", "corridor"]),
         *(
-            pytest.param(motion, placement, objective, list(PLACE), marks=pytest.mark.slow)
+            pytest.param(motion, placement, objective, list(INDEX), marks=pytest.mark.slow)
             for motion, placement, objective in [
                 ("uniform", None, "nearest"),
                 ("hermite", None, "smoothest"),
@@ -54,18 +54,18 @@ def test_values_are_those_of_the_definition(motion, placement):
         ),
     ],
 )
-def test_derivatives_are_those_of_the_definition(motion, placement, objective, names):
-    problem, z = posed(motion, placement, objective)
+def test_derivatives_match_the_definition(motion, placement, objective, names):
+    problem, z = make_problem(motion, placement, objective)
 
     @jax.jit
-    def found(index):
-        at, changed = changes(problem, z, problem.slopes(z)[0])
-        here = constraints.Setting(at, problem.slopes(z)[1], problem.axes, given(problem))
-        parts = here, changed, index, LIMIT, PLACES
-        return expansions(*parts), slopes(*parts)
+    def compute(index):
+        at, derivatives = curve_derivatives(problem, z, problem.slopes(z)[0])
+        here = constraints.Setting(at, problem.slopes(z)[1], problem.axes, reference_cubics(problem))
+        arguments = here, derivatives, index, LIMIT, PLACES
+        return expansions(*arguments), slopes(*arguments)
 
     for name in names:
-        index = PLACE[name]
+        index = INDEX[name]
         g = lambda z, u, name=name: constraint(problem, z, u, name, LIMIT)  # noqa: E731
         exact = jax.jit(
             jax.vmap(
@@ -80,9 +80,9 @@ def test_derivatives_are_those_of_the_definition(motion, placement, objective, n
                 out_axes=-1,
             )
         )(PLACES)
-        expansion, (value, slope) = found(index)
-        for field, mine, theirs in zip(expansion._fields, expansion, exact, strict=True):
-            scale = 1e-9 * (1 + np.abs(theirs).max())
-            np.testing.assert_allclose(mine, theirs, rtol=1e-8, atol=scale, err_msg=f"{name} {field}")
+        expansion, (value, slope) = compute(index)
+        for field, ours, expected in zip(expansion._fields, expansion, exact, strict=True):
+            scale = 1e-9 * (1 + np.abs(expected).max())
+            np.testing.assert_allclose(ours, expected, rtol=1e-8, atol=scale, err_msg=f"{name} {field}")
         np.testing.assert_allclose(value, exact[0], rtol=1e-8, atol=1e-9, err_msg=name)
         np.testing.assert_allclose(slope, exact[1], rtol=1e-8, atol=1e-9 * (1 + np.abs(exact[1]).max()), err_msg=name)

@@ -1,4 +1,4 @@
-"""The fit of a spiral-helix: a real turn, known turns found again, and windows that are refused."""
+"""The fit of a spiral-helix: a real turn, known turns that are recovered, and windows that raise."""
 
 import importlib.resources
 import re
@@ -21,13 +21,13 @@ from qtraj.path.track import Track
 DATA = Path(__file__).parents[1] / "data"
 
 SAMPLES = 58
-"""As many as the real window holds, so that all fits share their compilations."""
+"""The number of samples in the real window, so that all fits share their compilations."""
 
-RECOVERED = 1e-5
-"""[m] Largest distance from a known noise-free path, about 20 m in size at coordinates of 5e6 m."""
+TOLERANCE = 1e-5
+"""[m] Largest distance from a known, noise-free path with a size of 20 m at coordinates of 5e6 m."""
 
-SINGLE = 2e-4
-"""[m] float32 resolves 150 m to 1.5e-5 m; polynomials and squares cost some of it."""
+FLOAT32_TOLERANCE = 2e-4
+"""[m] float32 resolves 150 m to 1.5e-5 m; polynomials and squares lose some digits."""
 
 NOISE = 0.02
 """[m] Standard deviation of synthetic noise per coordinate."""
@@ -94,7 +94,7 @@ def test_a_real_turn_hermite(fitted):
 
 
 @pytest.mark.parametrize("motion", ["uniform", "hermite"])
-def test_the_axis_of_a_real_turn_stays_inside_the_bend(fitted, turn, motion):
+def test_the_axis_of_a_real_turn_is_inside_the_bend(fitted, turn, motion):
     path, residual = fitted[motion].path, fitted[motion].residual
     assert float(residual.radius_min) > 5.0
     assert float(residual.radius_max) < 25.0
@@ -106,7 +106,7 @@ def test_a_polynomial_angle_is_the_default(turn, fitted):
     assert eqx.tree_equal(fit(turn), fitted["hermite"])
 
 
-def test_real_bends_are_followed_best_with_a_polynomial_angle():
+def test_a_polynomial_angle_fits_real_bends_better():
     """Two bends of a drive in windows of every length: the median error is less than half that at a constant rate."""
     drive = read_track(DATA / "boreas_bends.csv")
     windows = [drive.window(t0, t0 + length) for length in (5.0, 6.0, 7.0) for t0 in (70.0, 71.0, 79.5, 80.5)]
@@ -115,13 +115,13 @@ def test_real_bends_are_followed_best_with_a_polynomial_angle():
 
 
 def test_the_fit_is_a_minimum(fitted, turn):
-    """No small change of axis, ρ or φ comes nearer to the recording, in the fit's own measure."""
+    """No small change of axis, ρ or φ reduces the cost."""
     path = fitted["uniform"].path
 
     def cost(p):
         states = np.asarray(_states(p, turn.elapsed))
-        off = np.sum((states[:, 0] - np.asarray(turn.positions)) ** 2) / 0.005**2
-        return off + np.sum((states[:, 1] - np.asarray(turn.velocities)) ** 2) / 0.08**2
+        error = np.sum((states[:, 0] - np.asarray(turn.positions)) ** 2) / 0.005**2
+        return error + np.sum((states[:, 1] - np.asarray(turn.velocities)) ** 2) / 0.08**2
 
     best = cost(path)
     for where, steps in (
@@ -138,50 +138,50 @@ def test_the_fit_is_a_minimum(fitted, turn):
 def test_the_uniform_fit_follows_from_its_boundary_states(fitted):
     path = fitted["uniform"].path
     start, end = path.state(0.0), path.state(path.duration)
-    again = SpiralHelix.from_boundary(start, end, placement=path.placement)
-    np.testing.assert_allclose(again.duration, path.duration, rtol=1e-9)
+    rebuilt = SpiralHelix.from_boundary(start, end, placement=path.placement)
+    np.testing.assert_allclose(rebuilt.duration, path.duration, rtol=1e-9)
     for name in ("radius", "angle", "height"):
-        np.testing.assert_allclose(getattr(again, name), getattr(path, name), rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(getattr(rebuilt, name), getattr(path, name), rtol=1e-6, atol=1e-7)
 
 
 def test_the_hermite_fit_follows_from_its_boundary_states(fitted):
     path = fitted["hermite"].path
     start, end = path.state(0.0), path.state(path.duration)
-    again = SpiralHelix.hermite(start, end, path.duration, placement=path.placement)
+    rebuilt = SpiralHelix.hermite(start, end, path.duration, placement=path.placement)
     for name in ("radius", "angle", "height"):
-        np.testing.assert_allclose(getattr(again, name), getattr(path, name), rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(getattr(rebuilt, name), getattr(path, name), rtol=1e-6, atol=1e-7)
 
 
 @pytest.mark.parametrize("motion", ["uniform", "hermite"])
 @pytest.mark.parametrize("sense", [1.0, -1.0], ids=["left", "right"])
 @pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (EAST, NORTH, 0.0)], ids=["near", "far"])
-def test_a_known_path_is_found_again(motion, sense, origin):
+def test_a_known_path_is_recovered(motion, sense, origin):
     path = known_path(motion, sense, origin)
     solution = fit(recorded(path), motion)
-    found = solution.path
+    result = solution.path
     assert solution.successful
-    assert distance(found, path) < RECOVERED
-    np.testing.assert_allclose(found.placement.origin, path.placement.origin, atol=100 * RECOVERED)
-    np.testing.assert_allclose(found.radius[0], 18.0, atol=100 * RECOVERED)
-    np.testing.assert_allclose(found.turn, path.turn, rtol=1e-4)
+    assert distance(result, path) < TOLERANCE
+    np.testing.assert_allclose(result.placement.origin, path.placement.origin, atol=100 * TOLERANCE)
+    np.testing.assert_allclose(result.radius[0], 18.0, atol=100 * TOLERANCE)
+    np.testing.assert_allclose(result.turn, path.turn, rtol=1e-4)
 
 
 @pytest.mark.parametrize("motion", ["uniform", "hermite"])
-def test_a_known_path_is_found_again_from_positions_alone(motion):
+def test_a_known_path_is_recovered_from_positions_alone(motion):
     path = known_path(motion)
-    found = fit(recorded(path, velocities=False), motion)
-    assert distance(found.path, path) < RECOVERED
-    assert found.residual.velocity_rms is None
-    assert found.residual.direction_rms is None
+    result = fit(recorded(path, velocities=False), motion)
+    assert distance(result.path, path) < TOLERANCE
+    assert result.residual.velocity_rms is None
+    assert result.residual.direction_rms is None
 
 
 @pytest.mark.parametrize("whole_turns", [1.2, -3.4])
 def test_more_than_a_whole_turn(whole_turns):
     rate = 2 * np.pi * whole_turns / 4.0
     path = SpiralHelix([9.0, 0.3], [-1.0, rate], [0.0, 2.0], 4.0, placement=Placement([40.0, -70.0, 0.0]))
-    found = fit(recorded(path, velocities=False), "uniform").path
-    assert distance(found, path) < RECOVERED
-    np.testing.assert_allclose(found.turn, path.turn, rtol=1e-8)
+    result = fit(recorded(path, velocities=False), "uniform").path
+    assert distance(result, path) < TOLERANCE
+    np.testing.assert_allclose(result.turn, path.turn, rtol=1e-8)
 
 
 def noisy_errors(motion, noise, seeds):
@@ -190,18 +190,18 @@ def noisy_errors(motion, noise, seeds):
     errors = []
     for seed in seeds:
         shift = noise * np.random.default_rng(seed).normal(size=(SAMPLES, 3))
-        found = fit(Track(clean.times, clean.positions + shift), motion)
+        result = fit(Track(clean.times, clean.positions + shift), motion)
         times = clean.elapsed
-        gap = np.asarray(_states(found.path, times) - _states(path, times))[:, 0]
-        errors.append((np.mean(np.sum(gap[:, :2] ** 2, axis=1)), float(found.residual.horizontal_rms) ** 2))
+        gap = np.asarray(_states(result.path, times) - _states(path, times))[:, 0]
+        errors.append((np.mean(np.sum(gap[:, :2] ** 2, axis=1)), float(result.residual.horizontal_rms) ** 2))
     return np.mean(errors, axis=0)
 
 
 @pytest.mark.parametrize(("motion", "unknowns"), [("uniform", 8), ("hermite", 10)])
-def test_noise_averages_out_as_least_squares_says(motion, unknowns):
-    """Of 2n noisy coordinates p unknowns take up p σ²: the path errs by that much, and the rest stays as residual.
+def test_the_error_and_the_residual_have_the_expected_variance(motion, unknowns):
+    """With 2n noisy coordinates and p unknowns, the squared path error is p σ², and the squared residual (2n − p) σ².
 
-    Each mean over 12 windows is within four standard errors, sqrt(2/(12 p)) and sqrt(2/(12 (2n − p))) relatively.
+    Each mean over 12 windows is within four standard errors, which are sqrt(2/(12 p)) and sqrt(2/(12 (2n − p))).
     """
     error, remaining = noisy_errors(motion, NOISE, range(12))
     np.testing.assert_allclose(error, unknowns * NOISE**2 / SAMPLES, rtol=4 * np.sqrt(2 / (12 * unknowns)))
@@ -209,11 +209,11 @@ def test_noise_averages_out_as_least_squares_says(motion, unknowns):
     np.testing.assert_allclose(remaining, expected, rtol=4 * np.sqrt(2 / (12 * (2 * SAMPLES - unknowns))))
 
 
-def test_velocities_count_by_their_sigma(turn, fitted):
-    """Trusting the velocities more lessens their misfit at the positions' cost."""
-    trusting = fit(turn, "uniform", velocity_sigma=0.005).residual
-    assert float(trusting.velocity_rms) < float(fitted["uniform"].residual.velocity_rms) - 0.01
-    assert float(trusting.horizontal_rms) > float(fitted["uniform"].residual.horizontal_rms) + 0.01
+def test_the_velocity_sigma_weights_the_velocities(turn, fitted):
+    """A smaller velocity sigma reduces the misfit of velocities and increases that of positions."""
+    refitted = fit(turn, "uniform", velocity_sigma=0.005).residual
+    assert float(refitted.velocity_rms) < float(fitted["uniform"].residual.velocity_rms) - 0.01
+    assert float(refitted.horizontal_rms) > float(fitted["uniform"].residual.horizontal_rms) + 0.01
 
 
 def straight(bend=0.0, wobble=0.0):
@@ -224,23 +224,40 @@ def straight(bend=0.0, wobble=0.0):
 
 
 @pytest.mark.parametrize(("bend", "words"), [(0.0, r"0\.00°"), (np.radians(6.0), r"6\.0\d°"), (-0.1, r"-5\.\d\d°")])
-def test_a_nearly_straight_window_is_refused_with_its_turn(bend, words):
+def test_a_nearly_straight_window_raises(bend, words):
     with pytest.raises(ValueError, match=rf"nearly straight: over 40.* turns by {words}.*at least 10°.*window"):
         fit(straight(bend))
 
 
-def test_a_standing_vehicle_is_refused():
+def test_a_vehicle_that_stands_still_raises():
     with pytest.raises(ValueError, match=r"stands still in this window: all .* within 0\.1 m.*in which it dr"):
         fit(Track(np.arange(10.0), np.ones((10, 3)), np.zeros((10, 3))))
 
 
-def test_a_parked_car_is_refused():
-    """The noise of its velocities turns by thousands of degrees."""
+def test_a_parked_car_raises():
+    """The direction of its noisy velocities turns by thousands of degrees."""
     with pytest.raises(ValueError, match=r"stands still.* no direction of travel.*track\.window"):
         fit(read_track(DATA / "boreas_standing.csv"))
 
 
-def test_a_window_with_hardly_any_travel_is_refused():
+def test_a_parked_car_whose_position_drifts_raises():
+    """A random walk of the position, and velocities that are noise alone."""
+    rng = np.random.default_rng(18)
+    positions = np.cumsum(rng.normal(0.0, 0.01, (300, 3)), axis=0)
+    positions *= 0.8 / np.hypot(*(positions - positions.mean(axis=0))[:, :2].T).max()
+    track = Track(np.arange(300) / 10, positions, rng.normal(0.0, 0.03, (300, 3)))
+    with pytest.raises(ValueError, match=r"stands still.*no more than velocity_sigma = 0\.08.*only drift"):
+        fit(track)
+
+
+def test_a_vertical_climb_raises():
+    times = np.linspace(0.0, 8.0, 50)
+    track = Track(times, np.stack([0 * times, 0 * times, 3 * times], axis=1))
+    with pytest.raises(ValueError, match=r"vertical climb: the height changes by 24 m"):
+        fit(track)
+
+
+def test_a_window_that_is_too_short_raises():
     path = SpiralHelix([0.5], [0.0, 0.3], [0.0], 4.0)
     with pytest.raises(ValueError, match=r"too short: the vehicle travels 0\.6 m .* at least 1 m, 200 times .*Widen"):
         fit(recorded(path))
@@ -248,8 +265,8 @@ def test_a_window_with_hardly_any_travel_is_refused():
 
 
 @pytest.mark.parametrize("velocities", [True, False], ids=["velocities", "positions"])
-def test_bends_that_cancel_are_refused_as_such(velocities):
-    """An S-bend of 50° to the left and back: no straight road, though it ends in the direction in which it began."""
+def test_bends_that_cancel_raise(velocities):
+    """An S-bend of 50° to the left and back is not straight, although its net turn is zero."""
     times = np.linspace(0.0, 8.0, 200)
     heading = np.radians(50.0) * np.sin(np.pi * times / 8.0) ** 2
     speed = 8.0 * np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
@@ -260,7 +277,7 @@ def test_bends_that_cancel_are_refused_as_such(velocities):
         fit(track)
 
 
-def test_a_real_drive_through_two_bends_is_refused_with_the_larger():
+def test_two_real_bends_raise_and_the_larger_is_reported():
     drive = read_track(DATA / "boreas_bends.csv")
     with pytest.raises(ValueError, match=r"holds 2 bends.*the largest, from about .* s, turns by -10") as caught:
         fit(drive)
@@ -278,38 +295,44 @@ def test_a_real_drive_through_two_bends_is_refused_with_the_larger():
         ({"max_steps": 0}, r"max_steps must be positive"),
     ],
 )
-def test_arguments_that_are_refused(turn, arguments, words):
+def test_invalid_arguments_raise(turn, arguments, words):
     with pytest.raises(ValueError, match=words):
         fit(turn, **arguments)
 
 
-def test_too_few_samples_are_refused(turn):
-    with pytest.raises(ValueError, match="at least 8 samples, but the window holds 5"):
+def test_too_few_samples_raise(turn):
+    with pytest.raises(ValueError, match="at least 8 samples, but the window has 5"):
         fit(turn.window(1094.0, 1094.5))
 
 
-def test_a_search_that_does_not_end_says_so(turn):
-    found = fit(turn, max_steps=2)
-    assert found.code == ResultCode.not_converged
-    assert not found.successful
-    assert "not converged after 2 steps" in found.result
-    assert "max_steps" in found.result
-    assert np.isfinite(float(found.residual.horizontal_rms))
+def test_a_search_that_does_not_converge_is_reported(turn):
+    result = fit(turn, max_steps=2)
+    assert result.code == ResultCode.not_converged
+    assert not result.successful
+    assert "not converged after 2 steps" in result.result
+    assert "max_steps" in result.result
+    assert np.isfinite(float(result.residual.horizontal_rms))
     with pytest.raises(RuntimeError, match=r"not converged after 2 steps.*max_steps"):
         fit(turn, max_steps=2, throw=True)
 
 
-def test_a_radius_held_by_its_bounds_says_so(turn):
-    found = fit(turn, "uniform", radius_bounds=(18.0, 22.0), throw=True)
-    assert found.code == ResultCode.held_by_bounds
-    assert found.successful
-    assert "held by its bounds, 18 to 22 m" in found.result
-    least, largest = whole_radius(found.path)
-    assert (least, largest) == (pytest.approx(18.0, abs=1e-4), pytest.approx(20.378, abs=1e-3))
+def test_a_poor_fit_is_told_whether_the_search_converged_or_not(turn):
+    result = fit(turn, radius_bounds=(3.0, 4.0), max_steps=2)
+    assert result.code == ResultCode.poor_fit
+    assert "of the turn's radius" in result.result
 
 
-def whole_radius(path):
-    """The least and the largest radius of a path [m], by sampling it densely."""
+def test_a_radius_at_a_bound_is_reported(turn):
+    result = fit(turn, "uniform", radius_bounds=(18.0, 22.0), throw=True)
+    assert result.code == ResultCode.held_by_bounds
+    assert result.successful
+    assert "at one of its bounds, 18 to 22 m" in result.result
+    minimum, maximum = radius_range(result.path)
+    assert (minimum, maximum) == (pytest.approx(18.0, abs=1e-4), pytest.approx(20.378, abs=1e-3))
+
+
+def radius_range(path):
+    """The minimum and maximum radius of a path [m], by dense sampling."""
     times = np.linspace(0.0, float(path.duration), 20001)
     radius = np.polynomial.Polynomial(np.asarray(path.radius))(times)
     return radius.min(), radius.max()
@@ -318,82 +341,82 @@ def whole_radius(path):
 @pytest.mark.parametrize("motion", ["uniform", "hermite"])
 @pytest.mark.parametrize("bounds", [None, (8.0, 30.0), (15.0, 25.0), (60.0, 70.0)], ids=str)
 @pytest.mark.parametrize("window", [(69.0, 77.9), (78.4, 87.6)], ids=["right", "left"])
-def test_bounds_hold_on_the_whole_path(motion, bounds, window):
-    """Real bends whose best axis lies elsewhere: the radius stays inside, and the result says by what it is held."""
-    found = fit(read_track(DATA / "boreas_bends.csv").window(*window), motion, radius_bounds=bounds)
-    low, high = map(float, found.radius_bounds)
+def test_the_bounds_are_satisfied_on_the_whole_path(motion, bounds, window):
+    """Real bends whose unbounded optimum violates the bounds: the radius stays inside, and the result says so."""
+    result = fit(read_track(DATA / "boreas_bends.csv").window(*window), motion, radius_bounds=bounds)
+    low, high = map(float, result.radius_bounds)
     assert bounds is None or (low, high) == bounds
-    least, largest = whole_radius(found.path)
-    assert low <= least < largest <= high
-    held = least < 1.001 * low or largest > 0.999 * high
-    assert held == ("held by its bounds, " in found.result) or found.code == ResultCode.not_converged
+    minimum, maximum = radius_range(result.path)
+    assert low <= minimum < maximum <= high
+    at_bound = minimum < 1.001 * low or maximum > 0.999 * high
+    assert at_bound == ("at one of its bounds, " in result.result) or result.code == ResultCode.not_converged
 
 
-def test_a_bounded_fit_is_the_best_one_inside(turn):
-    """No small change of axis, ρ or φ that keeps the radius in its bounds comes nearer, to first order.
-
-    Along random directions the least cost inside the bounds is the fit's.
-    """
-    found = fit(turn, "uniform", radius_bounds=(18.0, 22.0))
+def test_a_bounded_fit_is_a_minimum_inside_its_bounds(turn):
+    """No small random change of axis, ρ or φ that keeps the radius in its bounds reduces the cost."""
+    result = fit(turn, "uniform", radius_bounds=(18.0, 22.0))
     rng = np.random.default_rng(5)
-    at = np.concatenate([np.asarray(found.path.placement.origin)[:2], found.path.radius, found.path.angle])
+    at = np.concatenate([np.asarray(result.path.placement.origin)[:2], result.path.radius, result.path.angle])
     scale = np.array([0.1, 0.1, 0.1, 0.05, 0.01, 0.002, 0.005, 0.001])
 
-    def moved(numbers):
+    def path_from(numbers):
         origin = [*numbers[:2], 0.0]
-        return SpiralHelix(numbers[2:6], numbers[6:], found.path.height, found.path.duration, Placement(origin))
+        return SpiralHelix(numbers[2:6], numbers[6:], result.path.height, result.path.duration, Placement(origin))
 
     def cost(path):
         states = np.asarray(_states(path, turn.elapsed))
-        off = np.sum((states[:, 0] - np.asarray(turn.positions)) ** 2) / 0.005**2
-        return off + np.sum((states[:, 1] - np.asarray(turn.velocities)) ** 2) / 0.08**2
+        error = np.sum((states[:, 0] - np.asarray(turn.positions)) ** 2) / 0.005**2
+        return error + np.sum((states[:, 1] - np.asarray(turn.velocities)) ** 2) / 0.08**2
 
-    best, inside = cost(found.path), 0
+    best, n_inside = cost(result.path), 0
     for _ in range(300):
-        other = moved(at + 10 ** rng.uniform(-3, 0) * scale * rng.normal(size=8))
-        least, largest = whole_radius(other)
-        if least >= 18.0 and largest <= 22.0:
-            inside += 1
+        other = path_from(at + 10 ** rng.uniform(-3, 0) * scale * rng.normal(size=8))
+        minimum, maximum = radius_range(other)
+        if minimum >= 18.0 and maximum <= 22.0:
+            n_inside += 1
             assert cost(other) > best * (1 - 1e-6)
-    assert inside > 50
+    assert n_inside > 50
 
 
 @pytest.mark.parametrize("velocities", [True, False], ids=["velocities", "positions"])
 @pytest.mark.parametrize("size", [0.0, 0.02, 0.06, 0.2])
-def test_a_loose_fit_and_a_poor_one_say_so(size, velocities):
-    """A circle of 20 m on which a wave of `size` radii is laid, which no cubic follows."""
+def test_loose_and_poor_fits_are_reported(size, velocities):
+    """A circle of 20 m with a superimposed wave of `size` radii, which a cubic cannot follow."""
     angle = np.linspace(0.0, 3.0, SAMPLES)
     radius = 20.0 * (1.0 + np.sqrt(2.0) * size * np.sin(12 * angle))
     slope = 20.0 * np.sqrt(2.0) * size * 12 * np.cos(12 * angle)
     cos, sin = np.cos(angle), np.sin(angle)
     position = np.stack([radius * cos, radius * sin, 0 * angle], axis=1)
     velocity = np.stack([slope * cos - radius * sin, slope * sin + radius * cos, 0 * angle], axis=1)
-    found = fit(Track(angle, position, velocity if velocities else None), "uniform", velocity_sigma=1e3)
-    beyond = [float(found.relative_rms) > most or float(found.relative_speed) > fast for most, fast in THRESHOLDS]
-    expected = ResultCode.poor_fit if beyond[1] else ResultCode.loose_fit if beyond[0] else ResultCode.successful
-    assert found.code == expected
-    assert found.successful == (not beyond[1])
-    assert (size > 0) == beyond[0]
+    result = fit(Track(angle, position, velocity if velocities else None), "uniform", velocity_sigma=1e3)
+    exceeds = [
+        float(result.relative_rms) > max_rms or float(result.relative_speed) > max_speed
+        for max_rms, max_speed in THRESHOLDS
+    ]
+    expected = ResultCode.poor_fit if exceeds[1] else ResultCode.loose_fit if exceeds[0] else ResultCode.successful
+    assert result.code == expected
+    assert result.successful == (not exceeds[1])
+    assert (size > 0) == exceeds[0]
     if size == 0.2:
         with pytest.raises(RuntimeError, match=r"% of the turn's radius, more than 10%.*does not follow its recording"):
             fit(Track(angle, position, velocity if velocities else None), "uniform", velocity_sigma=1e3, throw=True)
 
 
 THRESHOLDS = ((0.03, 0.25), (0.10, 0.50))
-"""Documented: beyond the first a fit is loose, beyond the second poor."""
+"""As documented: above the first thresholds a fit is loose, above the second poor."""
 
 
 @pytest.mark.parametrize("motion", ["uniform", "hermite"])
 def test_the_quality_of_a_fit_follows_from_the_recording(motion):
     window = read_track(DATA / "boreas_bends.csv").window(78.4, 87.6)
-    found = fit(window, motion)
-    states = np.asarray(_states(found.path, window.elapsed))
+    result = fit(window, motion)
+    states = np.asarray(_states(result.path, window.elapsed))
     recorded = np.linalg.norm(window.velocities, axis=1)
-    off = np.abs(np.linalg.norm(states[:, 1], axis=1) - recorded).max() / np.sqrt(np.mean(recorded**2))
-    np.testing.assert_allclose(found.relative_speed, off, rtol=1e-9)
-    apart = np.asarray(states[:, 0] - window.positions)[:, :2]
+    error = np.abs(np.linalg.norm(states[:, 1], axis=1) - recorded).max() / np.sqrt(np.mean(recorded**2))
+    np.testing.assert_allclose(result.relative_speed, error, rtol=1e-9)
+    deviation = np.asarray(states[:, 0] - window.positions)[:, :2]
     radius = np.linalg.norm(np.diff(np.asarray(window.positions)[:, :2], axis=0), axis=1).sum() / float(window.turn)
-    np.testing.assert_allclose(found.relative_rms, np.sqrt(np.mean(np.sum(apart**2, axis=1))) / radius, rtol=0.02)
+    np.testing.assert_allclose(result.relative_rms, np.sqrt(np.mean(np.sum(deviation**2, axis=1))) / radius, rtol=0.02)
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
@@ -404,7 +427,7 @@ def test_a_fit_and_its_path_are_stored(tmp_path, fitted, suffix):
 
 
 def test_windows_of_other_lengths_share_their_executables(turn, fitted):
-    """Samples are padded, so nothing is compiled again."""
+    """Samples are padded, so nothing is recompiled."""
     compiled = []
 
     def listen(event, *_, **__):
@@ -420,16 +443,16 @@ def test_windows_of_other_lengths_share_their_executables(turn, fitted):
     assert compiled == []
 
 
-def single(track):
+def as_float32(track):
     return Track(*(np.asarray(x, np.float32) for x in (track.times, track.positions, track.velocities)))
 
 
 @pytest.mark.parametrize("x64", [True, False])
 def test_float32_near_the_origin(x64):
-    """A float32 recording is fitted to what float32 resolves, in either session; the path is float32."""
+    """A float32 recording is fitted to the accuracy of float32, with and without x64; the path is float32."""
     track = recorded(known_path("uniform", origin=(0.0, 0.0, 0.0)), clock=0.0)
     with jax.enable_x64(x64):
-        found = fit(single(track))
-        assert found.path.radius.dtype == jnp.float32
-        assert found.successful
-        assert float(found.residual.distance_rms) < SINGLE
+        result = fit(as_float32(track))
+        assert result.path.radius.dtype == jnp.float32
+        assert result.successful
+        assert float(result.residual.distance_rms) < FLOAT32_TOLERANCE

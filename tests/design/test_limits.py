@@ -1,4 +1,4 @@
-"""Limited path quantities against their definitions, margins, peaks and their gradients."""
+"""Limits: path quantities against their definitions, margins, peaks and their gradients."""
 
 import math
 import re
@@ -25,7 +25,7 @@ def helix(placement=None) -> qt.SpiralHelix:
 
 
 @pytest.mark.parametrize("placement", PLACEMENTS, ids=["axis z", "moved", "tilted"])
-def test_quantities_are_what_their_names_say(placement):
+def test_quantities_match_their_definitions(placement):
     path, t = helix(placement), 1.3
     r = np.asarray(path.derivatives(t, 3))
     v, a = r[1], r[2]
@@ -52,7 +52,7 @@ def test_quantities_are_what_their_names_say(placement):
         np.testing.assert_allclose(values[name], value, rtol=1e-11)
 
 
-def test_margins_are_limit_less_value_for_the_given_limits_only():
+def test_margins_are_limit_minus_value_of_the_limits_that_are_set():
     limits = qt.Limits(speed=9.0, slope=0.01)
     margins = limits.margins(helix(), 1.0)
     assert set(margins) == {"speed", "slope"}
@@ -60,7 +60,7 @@ def test_margins_are_limit_less_value_for_the_given_limits_only():
     assert float(margins["slope"]) < 0
 
 
-def test_what_divides_by_a_vanishing_speed_is_infinite_or_zero_never_nan():
+def test_quantities_at_a_standstill_are_infinite_or_zero_not_nan():
     stop = qt.SpiralHelix([2.0, 0.0, 1.0], [0.3], [1.0], 2.0)
     climb = qt.SpiralHelix([2.0], [0.3], [0.0, 1.0], 2.0)
     assert np.isinf(value_of(climb, 1.0, "slope"))
@@ -71,7 +71,7 @@ def test_what_divides_by_a_vanishing_speed_is_infinite_or_zero_never_nan():
 
 
 @pytest.mark.parametrize("name", ["curvature", "torsion", "longitudinal_acceleration", "angular_acceleration"])
-def test_peaks_are_those_of_a_bounded_search(name):
+def test_peaks_agree_with_a_bounded_search(name):
     path = helix()
     time, value = jax.jit(lambda path: qt.peak(path, name))(path)
     f = jax.jit(lambda t: -value_of(path, t, name))
@@ -94,7 +94,7 @@ def test_peaks_are_those_of_a_bounded_search(name):
         (lambda: qt.peak(helix(), "colour"), "unknown path quantity 'colour'"),
     ],
 )
-def test_bad_limits_are_refused_with_a_reason(make, fragment):
+def test_invalid_limits_raise_with_a_reason(make, fragment):
     with pytest.raises(ValueError) as caught:
         make()
     assert fragment in str(caught.value)
@@ -104,10 +104,10 @@ def test_bad_limits_are_refused_with_a_reason(make, fragment):
 
 GRADIENT = 1e-7  # relative to the largest component
 STATES = np.array([[20.0, 1.0, 0.5], [-0.4, 7.0, 0.3], [-2.0, 24.0, 1.5], [-8.9, 0.6, 0.8]])
-# Uniform rotation takes V_φ/ρ from the start; inside a trace the disagreement of the end's is a number, no error.
+# Uniform rotation takes V_φ/ρ from the start. Inside a trace, a different rate at the end is not an error.
 
 
-def built(x, motion):
+def make_path(x, motion):
     start, end = qt.BoundaryState(x[0], x[1]), qt.BoundaryState(x[2], x[3])
     if motion == "uniform":
         return qt.SpiralHelix.from_boundary(start, end)
@@ -115,19 +115,19 @@ def built(x, motion):
 
 
 def largest_curvature(x, motion):
-    return qt.peak(built(x, motion), "curvature")[1][None]
+    return qt.peak(make_path(x, motion), "curvature")[1][None]
 
 
 def quaternion(x, motion):
-    return qt.trihedral(built(x, motion), 1.7).quaternion()
+    return qt.trihedral(make_path(x, motion), 1.7).quaternion()
 
 
 def rate(x, motion):
-    return qt.trihedral(built(x, motion), 1.7).rate
+    return qt.trihedral(make_path(x, motion), 1.7).rate
 
 
 def central(f, x, step):
-    """Fourth-order central differences, for steps in proportion to the size of each number."""
+    """Fourth-order central differences, with steps proportional to the size of each number."""
     columns = []
     for k in range(x.size):
         h = step * max(1.0, abs(x.flat[k]))
@@ -156,8 +156,8 @@ def test_float32_keeps_its_dtype():
     assert {v.dtype for v in values.values()} == {jnp.dtype(jnp.float32)}
 
 
-def test_a_path_that_is_no_number_somewhere_has_no_peak():
-    """t ** [0., 1., …] has no derivative at 0 by JAX's rules: the largest of the other values is no answer."""
+def test_a_path_with_nan_has_a_nan_peak():
+    """JAX's derivative of t ** [0., 1., …] at 0 is NaN: the maximum of the other values is not the peak."""
     coefficients = jnp.asarray([[0.0, 5.0, 0.4, -0.1], [1.0, 0.3, 0.8, 0.0], [0.0, 0.2, 0.0, 0.05]])
     time, size = qt.peak(qt.Curve(lambda t: coefficients @ t ** jnp.arange(4.0), 3.0), "curvature")
     assert float(time) == 0.0
@@ -180,14 +180,14 @@ class Degree(int):
 
 
 def degree(entry, turning):
-    """Of an entry's inequality on cubic ρ and h, where φ̇ is a polynomial of the degree `turning`."""
-    row = (3, 3, 3)
-    derivatives = [row]
+    """The degree of an entry's inequality for cubic ρ and h, where φ̇ has the degree `turning`."""
+    degrees = (3, 3, 3)
+    derivatives = [degrees]
     for _ in range(4):
-        x, y, z = row
-        row = (max(x - 1, y + turning), max(y - 1, x + turning), max(z - 1, 0))
-        derivatives.append(row)
-    invariants = Invariants([tuple(map(Degree, row)) for row in derivatives])
+        x, y, z = degrees
+        degrees = (max(x - 1, y + turning), max(y - 1, x + turning), max(z - 1, 0))
+        derivatives.append(degrees)
+    invariants = Invariants([tuple(map(Degree, vector)) for vector in derivatives])
     return max(entry.numerator(invariants), entry.denominator(invariants) if entry.denominator else 0)
 
 

@@ -1,4 +1,4 @@
-"""Tuning by optimisers of optax: the same paths, proofs and derivatives as "sqp"; refusals say what was expected."""
+"""Tuning by optimisers of optax: the same paths, proofs and derivatives as "sqp"."""
 
 import equinox as eqx
 import jax
@@ -15,16 +15,16 @@ START = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, RATE * 20, 0.3])
 END = qt.BoundaryState([0.0, 28.0, 1.5], [-RATE * 28, -1.0, 0.1])
 LIMITS = qt.Limits(curvature=0.048, lateral_acceleration=2.2)
 
-# One object each for all tests: what is compiled belongs to the object.
+# One object each for all tests: compiled code is cached per object.
 ADAM = optax.adam(1e-2)
 CHAIN = optax.chain(optax.clip_by_global_norm(1.0), optax.sgd(1e-2, momentum=0.9))
 OPTIMISERS = {"lbfgs": "lbfgs", "adam": ADAM, "chain": CHAIN}
 
-AGREES = 1e-5
+RTOL = 1e-5
 """Relative difference of objectives: active constraints may lie 1e-6 inside their limits, times the multipliers."""
 
-FIRST_ORDER = 2e-4
-"""Relative difference of derivatives of the solution, which amplify that of the solutions."""
+DERIVATIVE_RTOL = 2e-4
+"""Relative difference of derivatives of the solution, which amplify the difference of the solutions."""
 
 
 def tuned(method, objective="nearest", motion="uniform", duration=None, **more):
@@ -32,13 +32,13 @@ def tuned(method, objective="nearest", motion="uniform", duration=None, **more):
 
 
 @pytest.mark.parametrize("name", OPTIMISERS)
-def test_every_optimiser_ends_where_sqp_does(name):
+def test_every_optimiser_agrees_with_sqp(name):
     best, reference = tuned(OPTIMISERS[name]), tuned("sqp")
     assert best.converged, best.result
     assert best.certificate.holds
-    assert float(best.objective) == pytest.approx(float(reference.objective), rel=AGREES)
-    assert float(best.objective) >= float(reference.objective) * (1 - AGREES / 100)
-    assert max(COMPLEMENTARY, STATIONARY) < AGREES
+    assert float(best.objective) == pytest.approx(float(reference.objective), rel=RTOL)
+    assert float(best.objective) >= float(reference.objective) * (1 - RTOL / 100)
+    assert max(COMPLEMENTARY, STATIONARY) < RTOL
 
 
 @pytest.mark.parametrize(
@@ -56,23 +56,23 @@ def test_every_objective_and_motion_is_tuned(name, objective, motion, duration):
     reference = tuned("sqp", objective, motion, duration)
     assert best.converged, best.result
     assert best.certificate.met
-    assert float(best.objective) == pytest.approx(float(reference.objective), rel=AGREES)
+    assert float(best.objective) == pytest.approx(float(reference.objective), rel=RTOL)
 
 
-def test_a_batch_ends_where_its_elements_do():
+def test_a_batch_equals_its_elements():
     curvatures = jnp.asarray([0.046, 0.048, 0.052])
     starts = jax.tree.map(lambda x: jnp.stack([x] * 3), START)
-    many = qt.tune(starts, END, jax.vmap(lambda k: qt.Limits(curvature=k))(curvatures), method="lbfgs", starts=1)
-    assert many.converged.all(), str(many)
+    batch = qt.tune(starts, END, jax.vmap(lambda k: qt.Limits(curvature=k))(curvatures), method="lbfgs", starts=1)
+    assert batch.converged.all(), str(batch)
     for k, curvature in enumerate(curvatures):
         one = qt.tune(START, END, qt.Limits(curvature=curvature), method="lbfgs", starts=1)
-        np.testing.assert_allclose(many.objective[k], one.objective, rtol=1e-12)
-        np.testing.assert_allclose(many.path.radius[k], one.path.radius, rtol=1e-9)
+        np.testing.assert_allclose(batch.objective[k], one.objective, rtol=1e-12)
+        np.testing.assert_allclose(batch.path.radius[k], one.path.radius, rtol=1e-9)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["lbfgs", "adam"])
-def test_derivatives_of_the_solution_are_those_of_sqp(name):
+def test_derivatives_of_the_solution_agree_with_sqp(name):
     """Forward and reverse, under jit and vmap."""
 
     def slopes(method):
@@ -85,57 +85,57 @@ def test_derivatives_of_the_solution_are_those_of_sqp(name):
             jnp.asarray([0.047, 0.049]), START.velocity
         )
 
-    found, expected = slopes(OPTIMISERS[name]), slopes("sqp")
-    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
-        np.testing.assert_allclose(a, b, rtol=FIRST_ORDER, atol=FIRST_ORDER * float(jnp.max(jnp.abs(b))))
+    ours, expected = slopes(OPTIMISERS[name]), slopes("sqp")
+    for a, b in zip(jax.tree.leaves(ours), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(a, b, rtol=DERIVATIVE_RTOL, atol=DERIVATIVE_RTOL * float(jnp.max(jnp.abs(b))))
 
 
 @pytest.mark.slow
-def test_a_bound_is_reached_and_the_derivative_knows_it():
-    least = 1.03 * float(tuned("sqp").path.duration)
+def test_an_active_bound_enters_the_derivative():
+    min_duration = 1.03 * float(tuned("sqp").path.duration)
 
     def reached(method):
         def radial(curvature):
             limits = qt.Limits(curvature=curvature, lateral_acceleration=2.2)
-            bounds = {"duration": (least, 8.0)}
+            bounds = {"duration": (min_duration, 8.0)}
             best = qt.tune(START, END, limits, bounds=bounds, method=method, starts=1)
             return best.start.velocity[0], best.path.duration
 
         return jax.jit(lambda k: (radial(k), jax.jacrev(radial)(k)))(0.048)
 
     ((radial, duration), slopes), expected = reached("lbfgs"), reached("sqp")
-    assert float(duration) == pytest.approx(least, rel=1e-9), "the bound is active"
-    assert float(radial) == pytest.approx(float(expected[0][0]), rel=AGREES)
+    assert float(duration) == pytest.approx(min_duration, rel=1e-9), "the bound is active"
+    assert float(radial) == pytest.approx(float(expected[0][0]), rel=RTOL)
     assert float(slopes[1]) == pytest.approx(0.0, abs=1e-9)
-    assert float(slopes[0]) == pytest.approx(float(expected[1][0]), rel=FIRST_ORDER)
+    assert float(slopes[0]) == pytest.approx(float(expected[1][0]), rel=DERIVATIVE_RTOL)
 
 
-class Climb(eqx.Module):
-    """A callable objective that holds an array."""
+class ClimbRate(eqx.Module):
+    """A callable objective that contains an array."""
 
-    wanted: jax.Array
+    target: jax.Array
 
     def __call__(self, path):
-        return (path.rotating_derivatives(0.5 * path.duration, 1)[1, 2] - self.wanted) ** 2 + 1e-3 * path.duration
+        return (path.rotating_derivatives(0.5 * path.duration, 1)[1, 2] - self.target) ** 2 + 1e-3 * path.duration
 
 
 @pytest.mark.filterwarnings("ignore:A JAX array is being set as static")
-def test_a_callable_may_hold_arrays_and_be_traced():
-    best = qt.tune(START, END, LIMITS, Climb(jnp.asarray(0.5)), starts=1)
+def test_a_callable_may_contain_arrays_and_be_traced():
+    best = qt.tune(START, END, LIMITS, ClimbRate(jnp.asarray(0.5)), starts=1)
     assert best.converged, best.result
 
-    def climb(path):
-        return Climb(jnp.asarray(0.5))(path)
+    def climb_rate(path):
+        return ClimbRate(jnp.asarray(0.5))(path)
 
     @jax.jit
     def traced(curvature):
         limits = qt.Limits(curvature=curvature, lateral_acceleration=2.2)
-        return qt.tune(START, END, limits, climb, starts=1).objective
+        return qt.tune(START, END, limits, climb_rate, starts=1).objective
 
-    assert float(traced(0.048)) == pytest.approx(float(best.objective), rel=AGREES)
+    assert float(traced(0.048)) == pytest.approx(float(best.objective), rel=RTOL)
 
 
-def test_what_cannot_be_met_is_said_to_be_infeasible():
+def test_an_impossible_limit_is_infeasible():
     best = qt.tune(START, END, qt.Limits(curvature=0.02), bounds={"duration": (2.0, 8.0)}, method="lbfgs", starts=1)
     assert best.status == "infeasible"
     assert "What would help" in best.result
@@ -147,11 +147,11 @@ def test_what_cannot_be_met_is_said_to_be_infeasible():
         ({"method": optax.adam}, "an optimiser of optax such as optax.adam(1e-2)"),
         ({"method": "adagrad"}, "'sqp' or 'lbfgs', or an optimiser of optax"),
         ({"method": 3}, "but 3 was given"),
-        ({"inner_steps": 0}, "inner_steps must be a whole number, 1 or more, but 0 was given"),
-        ({"max_steps": 2.5}, "max_steps must be a whole number, 1 or more, but 2.5 was given"),
+        ({"inner_steps": 0}, "inner_steps must be an integer, 1 or more, but 0 was given"),
+        ({"max_steps": 2.5}, "max_steps must be an integer, 1 or more, but 2.5 was given"),
     ],
 )
-def test_what_is_no_optimiser_is_refused(change, fragment):
+def test_an_invalid_method_raises(change, fragment):
     with pytest.raises(ValueError) as caught:
         qt.tune(START, END, LIMITS, **change)
     assert fragment in str(caught.value)

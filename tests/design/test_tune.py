@@ -1,4 +1,4 @@
-"""Tuning: limits met, objectives at their least, infeasible problems explained, bad ones refused."""
+"""Tuning: limits are met, objectives minimal, infeasible problems explained, and invalid input raises."""
 
 import itertools
 import math
@@ -19,48 +19,50 @@ from qtraj.design.tuning.objectives.registry import OBJECTIVES
 from qtraj.design.tuning.problem import pose
 from qtraj.path.boundary import cylindrical
 from qtraj.path.quantity import QUANTITIES
-from qtraj.path.values import value as magnitude
+from qtraj.path.values import value as path_value
 
 RATE = 0.35
 START = qt.BoundaryState([20.0, 0.0, 0.0], [1.0, RATE * 20, 0.3])
 END = qt.BoundaryState([0.0, 28.0, 1.5], [-RATE * 28, -1.0, 0.1])
 LIMITS = qt.Limits(curvature=0.048, lateral_acceleration=2.2)
 
-SOON = {"duration": (2.0, 8.0)}  # [s]: slow paths that loop far out would meet almost any curvature
+SHORT_DURATION = {"duration": (2.0, 8.0)}  # [s]: without it, slow paths with wide loops meet almost any curvature
 
-AGREES = 1e-6  # relative difference of objectives
+RTOL = 1e-6  # of objectives
 
 
-def best_of_slsqp(objective, motion, limits=LIMITS, duration=None, starts=3):
-    """The least objective that SciPy's SLSQP finds from several starts, with the limits at 300 fixed instants."""
+def minimum_by_slsqp(objective, motion, limits=LIMITS, duration=None, starts=3):
+    """The minimum objective by SciPy's SLSQP from several starts, with the limits at 300 fixed instants."""
     problem = pose(START, END, OBJECTIVES[objective], MOTIONS[motion], duration, 0, None)
-    given = limits.given()
+    bounds = limits.given()
 
-    def both(z):
+    def values(z):
         path = problem.path(z)
         times = jnp.linspace(0.0, 1.0, 300) * path.duration
-        rows = [1.0 - jax.vmap(lambda t, n=name: magnitude(path, t, n))(times) / given[name] for name in given]
-        return problem.cost(z), jnp.concatenate(rows)
+        margins = [1.0 - jax.vmap(lambda t, n=name: path_value(path, t, n))(times) / bounds[name] for name in bounds]
+        return problem.cost(z), jnp.concatenate(margins)
 
-    compiled = jax.jit(lambda z: (both(z), jax.jacfwd(both)(z)))  # values and derivatives in one compilation
+    compiled = jax.jit(lambda z: (values(z), jax.jacfwd(values)(z)))  # values and derivatives in one compilation
 
     @lru_cache(maxsize=1)
-    def at(z):
-        (cost, excess), (slope, jacobian) = jax.device_get(compiled(np.asarray(z)))
-        return float(cost), excess, slope, jacobian
+    def evaluate(z):
+        (cost, margins), (slope, jacobian) = jax.device_get(compiled(np.asarray(z)))
+        return float(cost), margins, slope, jacobian
 
     rng, best = np.random.default_rng(0), math.inf
     for k in range(starts):
-        found = minimize(
-            lambda z: at(tuple(z))[0],
+        result = minimize(
+            lambda z: evaluate(tuple(z))[0],
             0.1 * k * rng.normal(size=problem.size),
-            jac=lambda z: at(tuple(z))[2],
-            constraints=NonlinearConstraint(lambda z: at(tuple(z))[1], 0.0, np.inf, jac=lambda z: at(tuple(z))[3]),
+            jac=lambda z: evaluate(tuple(z))[2],
+            constraints=NonlinearConstraint(
+                lambda z: evaluate(tuple(z))[1], 0.0, np.inf, jac=lambda z: evaluate(tuple(z))[3]
+            ),
             method="SLSQP",
             options={"ftol": 1e-13, "maxiter": 300},
         )
-        if np.min(at(tuple(found.x))[1]) > -1e-7:
-            best = min(best, float(found.fun))
+        if np.min(evaluate(tuple(result.x))[1]) > -1e-7:
+            best = min(best, float(result.fun))
     return best * float(problem.scale)
 
 
@@ -74,13 +76,13 @@ CASES = [
 
 
 @pytest.mark.parametrize(("objective", "motion", "duration"), CASES)
-def test_limits_are_met_at_the_least_objective(objective, motion, duration):
+def test_limits_are_met_at_the_minimum_objective(objective, motion, duration):
     best = qt.tune(START, END, LIMITS, objective=objective, motion=motion, duration=duration)
     assert best.status == "converged", best.result
     assert best.certificate.met
     assert all(best.certificate.margin(name) >= 0 for name in LIMITS.given())
-    reference = best_of_slsqp(objective, motion, duration=duration)
-    assert best.objective <= reference * (1 + AGREES), "no worse than SciPy's SLSQP"
+    reference = minimum_by_slsqp(objective, motion, duration=duration)
+    assert best.objective <= reference * (1 + RTOL), "no worse than SciPy's SLSQP"
     for state, given, t in ((best.start, START, 0.0), (best.end, END, best.path.duration)):
         np.testing.assert_array_equal(state.position, given.position)
         np.testing.assert_allclose(best.path.position(t), given.position, atol=1e-12)
@@ -114,15 +116,15 @@ def test_a_callable_objective_is_minimised():
     assert best.objective < float(climb_rate(nearest.path))
 
 
-def test_wide_limits_leave_the_given_states_alone():
+def test_wide_limits_do_not_change_the_states():
     best = qt.tune(START, END, qt.Limits(curvature=1.0, lateral_acceleration=50.0))
     assert best.status == "converged"
     assert best.objective == pytest.approx(0.0, abs=1e-15)
-    assert "No limit binds" in best.result
+    assert "No limit is active" in best.result
     np.testing.assert_allclose(best.start.velocity, START.velocity, atol=1e-9)
 
 
-def test_disagreeing_rates_are_no_obstacle():
+def test_the_rates_of_the_states_may_differ():
     end = qt.BoundaryState(END.position, 1.5 * END.velocity)
     with pytest.raises(ValueError, match="disagree"):
         qt.SpiralHelix.from_boundary(START, end)
@@ -146,7 +148,7 @@ def test_sense_and_whole_turns(sense, turns):
 
 
 @pytest.mark.slow
-def test_a_placement_changes_nothing_but_the_place():
+def test_the_result_does_not_depend_on_the_placement():
     placement = qt.Placement([623000.0, 4848000.0, 150.0])
     start = qt.BoundaryState(START.position + placement.origin, START.velocity)
     end = qt.BoundaryState(END.position + placement.origin, END.velocity)
@@ -157,7 +159,7 @@ def test_a_placement_changes_nothing_but_the_place():
 FAR = jnp.asarray([414_000.0, 4_874_000.0, 0.0])
 
 
-def test_an_axis_far_away_is_not_taken_by_itself():
+def test_a_far_axis_needs_a_placement():
     """States in UTM coordinates: the world's z axis is 4900 km away."""
     start, end = (qt.BoundaryState(state.position + FAR, state.velocity) for state in (START, END))
     with pytest.raises(
@@ -167,12 +169,21 @@ def test_an_axis_far_away_is_not_taken_by_itself():
     best = qt.tune(start, end, LIMITS, placement=qt.axis_between(start, end))
     near = qt.tune(START, END, LIMITS, placement=qt.axis_between(START, END))
     assert best.objective == pytest.approx(float(near.objective), rel=1e-6)
-    both = jax.tree.map(lambda *x: jnp.stack(x), START, start), jax.tree.map(lambda *x: jnp.stack(x), END, end)
-    assert qt.tune(*both, LIMITS).code.tolist() == [qt.ResultCode.successful, qt.ResultCode.axis_far_away]
+    values = jax.tree.map(lambda *x: jnp.stack(x), START, start), jax.tree.map(lambda *x: jnp.stack(x), END, end)
+    assert qt.tune(*values, LIMITS).code.tolist() == [qt.ResultCode.successful, qt.ResultCode.axis_far_away]
+
+
+@pytest.mark.parametrize("options", [{}, {"motion": "hermite"}, {"motion": "hermite", "duration": 4.0}])
+def test_local_coordinates_far_from_their_origin_need_a_placement(options):
+    """34 m apart and 49 km from the axis, about which one of them seems to turn forwards and one backwards."""
+    start = qt.BoundaryState([6253.5, 48488.1, 1.5], [1.0, 7.0, 0.3])
+    end = qt.BoundaryState([6233.5, 48516.1, 3.0], [-9.8, -1.0, 0.1])
+    with pytest.raises(ValueError, match=r"m away from the world's z axis.*axis_between"):
+        qt.tune(start, end, qt.Limits(curvature=0.05), **options)
 
 
 @pytest.mark.parametrize("motion", ["uniform", "hermite"])
-def test_a_fixed_heading_stays_while_the_speed_moves(motion):
+def test_a_fixed_heading_leaves_the_speed_free(motion):
     slow = qt.Limits(curvature=0.06, lateral_acceleration=1.2)
     best = qt.tune(START, END, slow, motion=motion, fixed=("start.heading", "end.heading"))
     assert best.converged, best.result
@@ -180,8 +191,8 @@ def test_a_fixed_heading_stays_while_the_speed_moves(motion):
         before, after = (np.arctan2(*np.asarray(x.velocity)[1::-1]) for x in (given, tuned))
         assert after == pytest.approx(before, abs=1e-12)
         assert np.hypot(*tuned.velocity[:2]) < 0.95 * np.hypot(*given.velocity[:2])
-    free = qt.tune(START, END, slow, motion=motion)
-    assert best.objective > free.objective
+    unbounded = qt.tune(START, END, slow, motion=motion)
+    assert best.objective > unbounded.objective
 
     def objective(limit):
         limits = qt.Limits(curvature=0.06, lateral_acceleration=limit)
@@ -193,7 +204,7 @@ def test_a_fixed_heading_stays_while_the_speed_moves(motion):
 
 
 def test_a_fixed_heading_needs_a_velocity_about_the_axis():
-    with pytest.raises(ValueError, match=r"leaves no choice of start\.V_rho"):
+    with pytest.raises(ValueError, match=r"a fixed heading determines start\.V_rho"):
         qt.tune(START, END, LIMITS, fixed=("start.heading", "start.V_rho"))
     with pytest.raises(ValueError, match=r"'start\.heading' is no variable"):
         qt.tune(START, END, LIMITS, bounds={"start.heading": (0.0, 1.0)})
@@ -202,48 +213,48 @@ def test_a_fixed_heading_needs_a_velocity_about_the_axis():
         qt.tune(START, outwards, LIMITS, motion="hermite", duration=4.0, fixed=("end.heading",))
 
 
-def test_progress_is_told():
-    told = []
-    qt.tune(START, END, LIMITS, progress=told.append)
-    assert str(told[0]).endswith(" of 8 searches")
-    assert 0 < told[0].fraction <= 1
+def test_progress_is_reported():
+    reports = []
+    qt.tune(START, END, LIMITS, progress=reports.append)
+    assert str(reports[0]).endswith(" of 8 searches")
+    assert 0 < reports[0].fraction <= 1
 
 
-def test_progress_of_many_is_told_a_few_times_a_second():
-    told = []
-    begun = time.monotonic()
-    qt.tune(*stacked(40), starts=4, progress=told.append)
-    assert 1 <= len(told) <= 2 + (time.monotonic() - begun) / 0.25
+def test_progress_of_a_batch_is_reported_a_few_times_a_second():
+    reports = []
+    started = time.monotonic()
+    qt.tune(*stacked(40), starts=4, progress=reports.append)
+    assert 1 <= len(reports) <= 2 + (time.monotonic() - started) / 0.25
 
 
 def test_an_impossible_limit_is_explained():
     limits = qt.Limits(curvature=0.02, lateral_acceleration=2.2)
-    best = qt.tune(START, END, limits, bounds=SOON)
+    best = qt.tune(START, END, limits, bounds=SHORT_DURATION)
     assert best.status == "infeasible"
     assert not best.converged
     assert not best.certificate.met
-    assert "curvature can be met alone, but not with the others" in best.result
-    assert qt.tune(START, END, qt.Limits(curvature=0.02), bounds=SOON).certificate.met
+    assert "curvature can be met alone, but was not met with the others" in best.result
+    assert qt.tune(START, END, qt.Limits(curvature=0.02), bounds=SHORT_DURATION).certificate.met
     assert "What would help: raise curvature to" in best.result
-    # The remedy it names does help.
+    # The remedy does help.
     needed = float(best.result.split("raise curvature to ")[1].split(" ")[0])
-    again = qt.tune(START, END, qt.Limits(curvature=needed, lateral_acceleration=2.2), bounds=SOON)
-    assert again.certificate.met, again.result
+    solved = qt.tune(START, END, qt.Limits(curvature=needed, lateral_acceleration=2.2), bounds=SHORT_DURATION)
+    assert solved.certificate.met, solved.result
 
 
 @pytest.mark.slow
-def test_limits_that_quarrel_are_told_apart_from_impossible_ones():
-    """With the time held, curvature alone could be met, and lateral acceleration could not."""
+def test_conflicting_limits_are_distinguished_from_impossible_ones():
+    """At fixed duration, curvature alone can be met, and lateral acceleration cannot."""
     best = qt.tune(START, END, LIMITS, objective="smoothest", duration=math.pi / 2 / RATE)
     assert best.status == "infeasible"
-    assert "curvature can be met alone, but not with the others" in best.result
-    assert "lateral_acceleration was not met even alone" in best.result
+    assert "curvature can be met alone, but was not met with the others" in best.result
+    assert "lateral_acceleration: tuned alone from 8 starts it was not met either" in best.result
     assert "longer duration" in best.result
 
 
 @pytest.mark.slow
-def test_advice_holds_when_it_is_taken():
-    """Where the binormal would flip between the samples, near the end, no search may overlook it."""
+def test_the_advised_limits_can_be_met():
+    """The binormal flips near the end, between the samples: the search must not miss that peak."""
 
     def state(radius, azimuth, height, velocity):
         c, s = math.cos(azimuth), math.sin(azimuth)
@@ -257,12 +268,25 @@ def test_advice_holds_when_it_is_taken():
     best = qt.tune(start, end, qt.Limits(**given), **options)
     assert best.status == "infeasible"
     assert np.all(np.asarray(best.certificate.values) < 1.2 * np.asarray(best.certificate.limits))
-    assert "angular_rate can be met alone, but not with the others" in best.result
+    assert "angular_rate can be met alone, but was not met with the others" in best.result
     assert qt.tune(start, end, qt.Limits(angular_rate=given["angular_rate"]), **options).certificate.met
     advised = {name: float(number) for name, number in re.findall(r"(\w+) to (\S+) (?:1/m|m/s²|rad/s)", best.result)}
     assert set(advised) <= set(given)
     assert advised
     assert qt.tune(start, end, qt.Limits(**{**given, **advised}), **options).certificate.met
+    # Nothing false is said about a limit that only a longer search can meet.
+    curvature = qt.Limits(curvature=0.04894123934727429)
+    alone = qt.tune(start, end, curvature, **options)
+    more = qt.tune(start, end, curvature, **options, starts=32)
+    assert alone.status == "infeasible"
+    assert "curvature: tuned alone from 8 starts it was not met either; the smallest peak found is" in alone.result
+    assert "More starts may find a path: pass starts=32." in alone.result
+    assert more.status == "converged", more.result
+    for text in (best.result, alone.result):
+        assert not re.search("cannot|even alone|not with the others", text.replace("was not met with the others", ""))
+    for name in given:
+        if f"{name} can be met alone" in best.result:
+            assert qt.tune(start, end, qt.Limits(**{name: given[name]}), **options).certificate.met
 
 
 FAR_APART = (
@@ -272,26 +296,26 @@ FAR_APART = (
 
 
 @pytest.mark.parametrize("limit", [*(pytest.param(x, marks=pytest.mark.slow) for x in (1e-3, 1e-6)), 1e-300])
-def test_a_limit_far_out_of_reach_is_infeasible_not_a_runaway(limit):
+def test_a_limit_far_out_of_reach_is_infeasible(limit):
     best = qt.tune(*FAR_APART, qt.Limits(curvature=limit))
     assert best.status == "infeasible", best.result
     assert np.all(np.isfinite(best.path.radius))
     assert "raise curvature to 0." in best.result
 
 
-def test_a_search_that_ends_as_far_as_it_goes_says_so():
-    """So low a curvature takes a loop far out; a bound of the user's own is no such wall."""
+def test_a_default_bound_that_is_reached_is_reported():
+    """A very low curvature needs a wide loop. A bound set by the user gives no warning."""
     best = qt.tune(*FAR_APART, qt.Limits(curvature=0.01))
     assert best.status == "converged", best.result
-    assert "duration went as far as the search goes" in best.result
+    assert "duration reached the default bounds of the search" in best.result
     bounded = qt.tune(*FAR_APART, qt.Limits(curvature=0.06), bounds={"duration": (None, 2.0)})
     assert float(bounded.path.duration) == pytest.approx(2.0, rel=1e-6)
-    assert "as far as the search goes" not in bounded.result
+    assert "default bounds" not in bounded.result
 
 
 @pytest.mark.parametrize("weight", [1.0, 10.0])
-def test_a_search_that_no_limit_holds_ends_at_the_weighted_mean_rate(weight):
-    """ω = Σ w ρ V_φ / Σ w ρ²: from the given states alone, and from where the first step leads but nearly there."""
+def test_without_active_limits_the_rate_is_the_weighted_mean(weight):
+    """ω = Σ w ρ V_φ / Σ w ρ², which the first step reaches exactly, or only nearly."""
     start = qt.BoundaryState([10.0, 0.0, 0.0], [0.0, 5.0, 1.0])
     end = qt.BoundaryState([0.0, 10.0, 2.0], [-5.122, 0.0, 1.0])
     best = qt.tune(start, end, qt.Limits(curvature=1.0), weights={"start.V_phi": weight}, starts=1)
@@ -300,7 +324,7 @@ def test_a_search_that_no_limit_holds_ends_at_the_weighted_mean_rate(weight):
     assert float(best.path.angle[1]) == pytest.approx(rate, rel=1e-11)
 
 
-def test_a_known_turn_is_kept_against_the_sense_of_the_start():
+def test_a_user_turn_may_oppose_the_sense_of_the_start():
     start = qt.BoundaryState([10.0, 0.0, 0.0], [0.0, -0.5, 1.0])
     end = qt.BoundaryState([0.0, 10.0, 2.0], [-6.0, 0.0, 1.0])
     given = qt.SpiralHelix.hermite(start, end, 3.0)
@@ -311,7 +335,7 @@ def test_a_known_turn_is_kept_against_the_sense_of_the_start():
     assert float(qt.tune(start, end, wide, motion="hermite", duration=3.0).path.turn) < 0
 
 
-def test_a_path_through_its_own_axis_is_remarked_on():
+def test_a_path_through_its_own_axis_gives_a_warning():
     start = qt.BoundaryState([10.0, 0.0, 0.0], [-30.0, 5.0, 0.0])
     end = qt.BoundaryState([0.0, 10.0, 0.0], [-5.0, 30.0, 0.0])
     best = qt.tune(start, end, qt.Limits(curvature=1e3, lateral_acceleration=1e4))
@@ -324,7 +348,7 @@ def test_the_outcome_passes_through_jit():
     assert jax.jit(lambda best: best)(best).certificate.status == best.certificate.status
 
 
-def test_too_few_steps_are_said():
+def test_too_few_steps_are_reported():
     best = qt.tune(START, END, LIMITS, starts=1, max_steps=1)
     assert best.status == "not converged"
     assert "max_steps" in best.result
@@ -337,7 +361,7 @@ def test_too_few_steps_are_said():
         ({"objective": "cheapest"}, "'nearest', 'fastest', 'smoothest'"),
         ({"limits": qt.Limits()}, "no limit was given"),
         ({"objective": "fastest", "limits": qt.Limits(curvature=0.05)}, "nothing bounds the fastest path"),
-        ({"duration": 5.0}, "uniform motion lasts as long as its rate says"),
+        ({"duration": 5.0}, "the tuned rate of uniform motion determines the duration"),
         ({"duration": -5.0, "motion": "hermite"}, "must be positive"),
         ({"turns": -1}, "turns must be 0 or more"),
         ({"turn": 1.0}, "does not lead from the start's azimuth"),
@@ -351,14 +375,14 @@ def test_too_few_steps_are_said():
         ({"bounds": {"end.V_h": (1.0, -1.0)}}, "the bounds of end.V_h contradict"),
         ({"bounds": {"duration": (-1.0, 5.0)}}, "must be positive"),
         ({"weights": {"end.V_h": -1.0}}, "must be a finite number of 0 or more"),
-        ({"weights": {"end.V_h": 1.0}, "objective": "smoothest"}, "weights belong to objective='nearest'"),
-        ({"weights": {"duration": 2.0}}, "'duration' cannot be weighed"),
+        ({"weights": {"end.V_h": 1.0}, "objective": "smoothest"}, "weights apply to objective='nearest'"),
+        ({"weights": {"duration": 2.0}}, "'duration' cannot be weighted"),
         ({"method": "newton"}, "'sqp' or 'lbfgs'"),
         ({"starts": 0}, "must be 1 or more"),
         ({"objective": lambda path: path.duration * jnp.nan}, "must be finite there"),
     ],
 )
-def test_what_makes_no_problem_is_refused_with_a_reason(change, fragment):
+def test_invalid_arguments_raise_with_a_reason(change, fragment):
     arguments = {"start": START, "end": END, "limits": LIMITS} | change
     with pytest.raises(ValueError) as caught:
         qt.tune(**arguments)
@@ -368,21 +392,22 @@ def test_what_makes_no_problem_is_refused_with_a_reason(change, fragment):
 def test_the_outcome_is_stored_exactly(tmp_path):
     best = qt.tune(START, END, LIMITS)
     best.save(tmp_path / "best.json")
-    again = qt.load(tmp_path / "best.json")
-    for a, b in zip(jax.tree.leaves(again), jax.tree.leaves(best), strict=True):
+    solved = qt.load(tmp_path / "best.json")
+    for a, b in zip(jax.tree.leaves(solved), jax.tree.leaves(best), strict=True):
         assert np.all(np.asarray(a) == np.asarray(b))
 
 
-def test_the_move_that_is_advised_helps():
+def test_the_advised_change_of_a_number_helps():
     limits = qt.Limits(curvature=0.02, lateral_acceleration=2.2)
-    best = qt.tune(START, END, limits, bounds=SOON)
+    best = qt.tune(START, END, limits, bounds=SHORT_DURATION)
     assert best.status == "infeasible"
-    turn = float(best.result.split("move the turn from 1.571 to ")[1].split(" ")[0]) - 0.01  # it has four digits
+    advised = float(best.result.split("change the turn from 1.571 to ")[1].split(" ")[0])
+    turn = advised - 0.01  # printed with four digits
     cos, sin = math.cos(turn), math.sin(turn)
     position = jnp.asarray([28.0 * cos, 28.0 * sin, 1.5])
     velocity = jnp.asarray([-cos - RATE * 28 * sin, -sin + RATE * 28 * cos, 0.1])
-    again = qt.tune(START, qt.BoundaryState(position, velocity), limits, bounds=SOON)
-    assert again.converged, again.result
+    solved = qt.tune(START, qt.BoundaryState(position, velocity), limits, bounds=SHORT_DURATION)
+    assert solved.converged, solved.result
 
 
 def velocities(path):
@@ -398,23 +423,23 @@ def velocities(path):
 COMPONENTS = ("V_rho", "V_phi", "V_h")
 
 
-def test_variables_are_fixed_bounded_and_weighed_by_name():
+def test_variables_are_fixed_bounded_and_weighted_by_name():
     given = {"start.V_rho": 1.0, "end.V_h": 0.1}
-    free = velocities(qt.tune(START, END, LIMITS, starts=2).path)
-    assert free["start.V_rho"] != pytest.approx(1.0, abs=1e-3)
+    unbounded = velocities(qt.tune(START, END, LIMITS, starts=2).path)
+    assert unbounded["start.V_rho"] != pytest.approx(1.0, abs=1e-3)
     best = qt.tune(START, END, LIMITS, starts=2, fixed=tuple(given), bounds={"duration": (None, 5.7)})
     assert best.converged, best.result
-    held = velocities(best.path)
+    tuned = velocities(best.path)
     for name, value in given.items():
-        assert held[name] == pytest.approx(value, abs=1e-12)
-    assert held["duration"] == pytest.approx(5.7, abs=1e-7)
-    assert free["duration"] > 5.7
-    dear = velocities(qt.tune(START, END, LIMITS, starts=2, weights={"end.V_rho": 100.0}).path)
-    assert abs(dear["end.V_rho"] + 1.0) < 0.5 * abs(free["end.V_rho"] + 1.0)
+        assert tuned[name] == pytest.approx(value, abs=1e-12)
+    assert tuned["duration"] == pytest.approx(5.7, abs=1e-7)
+    assert unbounded["duration"] > 5.7
+    weighted = velocities(qt.tune(START, END, LIMITS, starts=2, weights={"end.V_rho": 100.0}).path)
+    assert abs(weighted["end.V_rho"] + 1.0) < 0.5 * abs(unbounded["end.V_rho"] + 1.0)
 
 
 def stacked(count):
-    """Problems that differ in the end's place and in the limit."""
+    """Problems that differ in the end's position and in the limits."""
     shifts = jnp.linspace(0.0, 3.0, count)
     ends = jax.vmap(lambda s: qt.BoundaryState(END.position + jnp.stack([s * 0, s, s / 3]), END.velocity))(shifts)
     starts = jax.vmap(lambda s: qt.BoundaryState(START.position + 0 * s, START.velocity))(shifts)
@@ -428,7 +453,7 @@ def many():
     return qt.tune(*stacked(5), starts=2)
 
 
-def test_a_batch_is_what_its_lanes_are(many):
+def test_a_batch_equals_its_elements(many):
     starts, ends, limits = stacked(5)
     assert len(many) == 5
     assert list(many.status) == ["converged"] * 5, many.result
@@ -438,13 +463,13 @@ def test_a_batch_is_what_its_lanes_are(many):
         np.testing.assert_allclose(many[k].path.radius, one.path.radius, atol=1e-9)
         assert float(many.objective[k]) == pytest.approx(float(one.objective), rel=1e-9)
         assert many[k].certificate.status == one.certificate.status
-    with pytest.raises(ValueError, match="does not go into one document"):
+    with pytest.raises(ValueError, match=r"one document holds one outcome, but these are 5"):
         many.save("many.toml")
     with pytest.raises(ValueError, match="stack the states likewise"):
         qt.tune(starts, ends, jax.vmap(lambda k: qt.Limits(curvature=k, lateral_acceleration=k))(jnp.ones(3)))
 
 
-def test_advice_on_one_of_many_is_worked_out_when_it_is_asked_for():
+def test_advice_on_an_element_is_computed_on_request():
     starts, ends, limits = stacked(2)
     limits = jax.tree.map(lambda x: x.at[1].set(0.4 * x[1]), limits)
     many = qt.tune(starts, ends, limits, starts=2)
@@ -454,13 +479,13 @@ def test_advice_on_one_of_many_is_worked_out_when_it_is_asked_for():
     assert many[1].result == many.result[1]
     assert re.sub(r"[\d.]+", "", many.result[1]) == re.sub(r"[\d.]+", "", one.result)
     assert jax.tree.map(lambda x: x[::-1], many).result[0] == many.result[1]
-    # Batches can be joined; of what another one found there is no advice any more.
-    both = jax.tree.map(lambda *x: jnp.concatenate(x), many, qt.tune(starts, ends, limits, starts=2))
-    assert both.result[1] == many.result[1]
-    assert "Tune this problem alone" in both.result[3]
+    # Batches can be joined, but only the elements of the first keep their advice.
+    values = jax.tree.map(lambda *x: jnp.concatenate(x), many, qt.tune(starts, ends, limits, starts=2))
+    assert values.result[1] == many.result[1]
+    assert "Tune this problem alone" in values.result[3]
 
 
-def test_what_is_ill_posed_in_a_batch_is_a_result_of_its_element():
+def test_an_ill_posed_element_of_a_batch_has_its_own_result():
     starts, ends, limits = stacked(6)
     positions = starts.position.at[1].set(0.0).at[2, 1].set(jnp.nan)
     velocities = starts.velocity.at[3].set(0.0).at[4].set(jnp.asarray([1.0, 0.0, 0.0]))
@@ -489,29 +514,29 @@ def test_what_is_ill_posed_in_a_batch_is_a_result_of_its_element():
 
 @pytest.mark.slow
 def test_the_solution_is_differentiable_in_its_data():
-    """By the implicit function theorem, against differences of problems solved again."""
+    """The derivatives by the implicit function theorem agree with finite differences."""
 
     def duration(radius, rate, curvature):
         start = qt.BoundaryState(START.position.at[0].set(radius), START.velocity.at[1].set(rate * 20))
         return qt.tune(start, END, qt.Limits(curvature=curvature), starts=1).path.duration
 
-    at = (20.0, RATE, 0.048)
+    evaluate = (20.0, RATE, 0.048)
 
     @jax.jit
-    def both(*at):
-        """The value, and the derivatives of one linearisation: transposed, and pushed forward."""
-        value, push = jax.linearize(duration, *at)
-        return value, jax.linear_transpose(push, *at)(jnp.ones_like(value)), push(1.0, 0.0, 0.0)
+    def values(*evaluate):
+        """The value, and reverse-mode and forward-mode derivatives from one linearisation."""
+        value, push = jax.linearize(duration, *evaluate)
+        return value, jax.linear_transpose(push, *evaluate)(jnp.ones_like(value)), push(1.0, 0.0, 0.0)
 
-    value, gradient, forward = both(*at)
-    assert float(value) == pytest.approx(float(duration(*at)), rel=1e-12)
+    value, gradient, forward = values(*evaluate)
+    assert float(value) == pytest.approx(float(duration(*evaluate)), rel=1e-12)
     for k, (slope, size) in enumerate(zip(gradient, (1e-3, 1e-5, 1e-6), strict=True)):
-        higher, lower = (both(*at[:k], at[k] + sign * size, *at[k + 1 :])[0] for sign in (1, -1))
+        higher, lower = (values(*evaluate[:k], evaluate[k] + sign * size, *evaluate[k + 1 :])[0] for sign in (1, -1))
         assert float(slope) == pytest.approx(float(higher - lower) / (2 * size), rel=2e-5)
     assert float(forward) == pytest.approx(float(gradient[0]), rel=1e-9)
 
 
-def test_a_batch_ends_where_its_lanes_do(many):
+def test_a_batch_has_a_length_and_shares_unbatched_data(many):
     starts, _, limits = stacked(5)
     assert len(list(many)) == 5
     with pytest.raises(IndexError, match="there are 5 problems"):
@@ -522,33 +547,33 @@ def test_a_batch_ends_where_its_lanes_do(many):
     np.testing.assert_array_equal(shared.end.position[1], END.position)
 
 
-def test_velocities_that_all_vanish_are_refused():
+def test_velocities_that_all_vanish_raise():
     still = qt.BoundaryState(START.position, [0.0, 0.0, 0.0])
     with pytest.raises(ValueError, match="not all zero"):
         qt.tune(still, qt.BoundaryState(END.position, [0.0, 0, 0]), LIMITS, motion="hermite", duration=4.0, turn=1.0)
 
 
-@pytest.mark.parametrize(("steps", "said"), [(1, "1 step"), (2, "2 steps"), (0, "0 steps")])
+@pytest.mark.parametrize(("steps", "steps_text"), [(1, "1 step"), (2, "2 steps"), (0, "0 steps")])
 @pytest.mark.parametrize("status", ["converged", "not converged"])
-def test_one_step_is_no_steps(status, steps, said):
+def test_the_plural_of_step(status, steps, steps_text):
     path = qt.SpiralHelix([10.0], [0.0, 0.4], [0.0, 0.5], 5.0)
     ends = path.state(0.0), path.state(path.duration)
     code = {"converged": qt.ResultCode.successful, "not converged": qt.ResultCode.not_converged}[status]
-    found = qt.Tuned(path, *ends, 0.0, qt.certify(path, qt.Limits(speed=9.0)), code, steps)
-    assert f"{status} {'after' if ' ' in status else 'in'} {said}: " in found.result
-    assert f", {said};" in repr(found)
+    result = qt.Tuned(path, *ends, 0.0, qt.certify(path, qt.Limits(speed=9.0)), code, steps)
+    assert f"{status} {'after' if ' ' in status else 'in'} {steps_text}: " in result.result
+    assert f", {steps_text};" in repr(result)
 
 
-@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="only Linux tells how much memory is mapped")
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="only Linux lists memory maps")
 @pytest.mark.parametrize("motion", ["uniform", pytest.param("hermite", marks=pytest.mark.slow)])
 def test_other_sets_of_limits_compile_nothing(motion):
-    """A dozen sets of one, two and three limits: each used to keep 1500 memory maps, until there were none left."""
+    """A dozen sets of one, two and three limits: each compilation would keep about 1500 memory maps."""
     loose = {"curvature": 0.06, "speed": 12.0, "acceleration": 9.0, "jerk": 20.0, "slope": 0.5, "yaw_rate": 1.0}
     sets = [given for k in (1, 2, 3) for given in list(itertools.combinations(loose, k))[:4]]
 
     def tuned(given):
         limits = qt.Limits(**{name: loose[name] for name in given})
-        return qt.tune(START, END, limits, motion=motion, bounds=SOON, starts=1)
+        return qt.tune(START, END, limits, motion=motion, bounds=SHORT_DURATION, starts=1)
 
     tuned(sets[0])
     before = len(Path("/proc/self/maps").read_text().splitlines())

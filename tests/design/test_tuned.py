@@ -1,4 +1,4 @@
-"""What a tuning says of how it ended: texts of one problem and of a batch, errors on request, older files."""
+"""The outcome of a tuning: texts of one problem and of a batch, errors on request, older files."""
 
 import tomllib
 
@@ -26,81 +26,81 @@ def tuned(code=qt.ResultCode.successful, radius=10.0):
 
 
 @pytest.fixture(scope="module")
-def many():
+def batch():
     return jax.tree.map(lambda *x: jnp.stack(x), *(tuned(code, 2.0 + k) for k, code in enumerate(CODES)))
 
 
-def test_texts_of_a_batch_are_those_of_its_elements(many):
-    assert list(many.status) == ["converged", "infeasible", "not converged", "ill-posed"]
-    assert str(many).startswith("4 tunings: 1 converged, 1 infeasible, 1 not converged, 1 ill-posed\n")
-    assert list(many.result) == [many[k].result for k in range(len(CODES))]
-    assert many.result[3] == f"ill-posed: {qt.ResultCode.azimuths_equal.text}"
-    assert "curvature is broken: 0.227758" in many[2].result
-    assert "Tune this problem alone for advice" in many.result[1]
+def test_the_texts_of_a_batch_are_those_of_its_elements(batch):
+    assert list(batch.status) == ["converged", "infeasible", "not converged", "ill-posed"]
+    assert str(batch).startswith("4 tunings: 1 converged, 1 infeasible, 1 not converged, 1 ill-posed\n")
+    assert list(batch.result) == [batch[k].result for k in range(len(CODES))]
+    assert batch.result[3] == f"ill-posed: {qt.ResultCode.azimuths_equal.text}"
+    assert "curvature is broken: 0.227758" in batch[2].result
+    assert "Tune this problem alone for advice" in batch.result[1]
 
 
-def test_an_element_that_failed_is_a_result_and_an_error_only_on_request(many):
-    assert many.successful.tolist() == [True, False, False, False]
-    assert many.converged.tolist() == [True, False, False, False]
+def test_a_failed_element_raises_only_on_request(batch):
+    assert batch.successful.tolist() == [True, False, False, False]
+    assert batch.converged.tolist() == [True, False, False, False]
     with pytest.raises(RuntimeError, match=r"element 1 of the batch: infeasible: .*curvature is 0\.284"):
-        many.check()
-    assert many[0].check().status == "converged"
+        batch.check()
+    assert batch[0].check().status == "converged"
 
 
-def test_what_is_not_met_is_an_error_on_request(many):
-    assert qt.certify(many[3].path, LIMITS, throw=True).met
+def test_a_violated_limit_raises_on_request(batch):
+    assert qt.certify(batch[3].path, LIMITS, throw=True).met
     with pytest.raises(RuntimeError, match="curvature is broken"):
-        qt.certify(many[0].path, LIMITS, throw=True)
+        qt.certify(batch[0].path, LIMITS, throw=True)
     start, end = qt.BoundaryState([12.0, 0.0, 0.0], [0.0, 5.0, 0.0]), qt.BoundaryState([0.0, 12.0, 1.5], [-4.5, 0, 0.2])
     with pytest.raises(RuntimeError, match=r"infeasible: .* What would help"):
         qt.tune(start, end, qt.Limits(curvature=0.02, lateral_acceleration=0.1), starts=1, throw=True)
 
 
-def test_a_certificate_says_what_its_findings_come_to(many):
-    codes = many.certificate.code
+def test_the_result_of_a_certificate_is_its_worst_finding(batch):
+    codes = batch.certificate.code
     assert codes.tolist() == [qt.ResultCode.limits_broken] * 3 + [qt.ResultCode.successful]
-    assert many.certificate.result[3] == "every limit is proved on the whole path."
-    assert "curvature is broken: 0.359551" in many.certificate.result[0]
-    assert jax.jit(lambda c: c.successful)(many.certificate).tolist() == [False, False, False, True]
-    with pytest.raises(RuntimeError, match="element 0 of the batch: a limit is broken"):
-        many.certificate.check()
+    assert batch.certificate.result[3] == "every limit is proved on the whole path."
+    assert "curvature is broken: 0.359551" in batch.certificate.result[0]
+    assert jax.jit(lambda c: c.successful)(batch.certificate).tolist() == [False, False, False, True]
+    with pytest.raises(RuntimeError, match="element 0 of the batch: a limit is violated"):
+        batch.certificate.check()
 
 
-def test_a_limit_missed_by_a_hair_says_by_how_much():
+def test_a_tiny_violation_is_printed():
     path = tuned().path
     _, peak, _ = qt.certify(path, LIMITS).worst["curvature"]
-    hair = qt.certify(path, qt.Limits(curvature=peak * (1 - 2e-9)))
-    assert hair.status == {"curvature": "broken"}
-    assert "(above it by a part of 2.0e-09)" in hair.result
-    assert "above it" not in qt.certify(path, qt.Limits(curvature=0.9 * peak)).result
+    certificate = qt.certify(path, qt.Limits(curvature=peak * (1 - 2e-9)))
+    assert certificate.status == {"curvature": "broken"}
+    assert "(relative violation 2.0e-09)" in certificate.result
+    assert "relative violation" not in qt.certify(path, qt.Limits(curvature=0.9 * peak)).result
 
 
-def test_a_stop_is_named_where_a_limit_divides_by_the_speed():
+def test_a_standstill_gives_a_warning_if_a_limit_divides_by_the_speed():
     start, end = (
         qt.BoundaryState([12.0, 0.0, 0.0], [0.0, 5.0, 0.0]),
         qt.BoundaryState([0.0, 12.0, 1.5], [0.0, 0.0, 0.0]),
     )
     best = qt.tune(start, end, qt.Limits(curvature=0.1), motion="hermite", duration=4.0, starts=1)
     assert not best.converged
-    assert "The given end stands still, where curvature may grow without bound" in best.result
+    assert "The velocity at the end is zero, where curvature may grow without bound" in best.result
     assert "max_steps" not in best.result
 
 
 @pytest.mark.parametrize(("old", "code"), [(0, "successful"), (1, "infeasible"), (2, "not_converged")])
-def test_older_files_keep_their_meaning(tmp_path, old, code):
+def test_older_files_load_with_their_meaning(tmp_path, old, code):
     file = tmp_path / "tuned.toml"
-    today = tuned(qt.ResultCode[code])
-    today.save(file)
-    assert eqx.tree_equal(qt.load(file), today)
+    current = tuned(qt.ResultCode[code])
+    current.save(file)
+    assert eqx.tree_equal(qt.load(file), current)
     file.write_text(tomli_w.dumps(tomllib.loads(file.read_text()) | {"code": old}))
-    assert eqx.tree_equal(qt.load(file), today)
+    assert eqx.tree_equal(qt.load(file), current)
 
 
 @pytest.mark.parametrize("old", range(5))
-def test_older_files_of_motions_keep_their_meaning(tmp_path, old):
+def test_older_motion_files_load_with_their_meaning(tmp_path, old):
     names = ("successful", "max_steps_reached", "step_too_small", "near_zero_error", "wrong_sign")
-    today = qt.Solution(np.arange(3.0), np.ones((3, 4)), np.ones((3, 4)), qt.ResultCode[names[old]])
-    today.save(tmp_path / "motion.toml")
+    current = qt.Solution(np.arange(3.0), np.ones((3, 4)), np.ones((3, 4)), qt.ResultCode[names[old]])
+    current.save(tmp_path / "motion.toml")
     text = tomllib.loads((tmp_path / "motion.toml").read_text()) | {"code": old}
     (tmp_path / "motion.toml").write_text(tomli_w.dumps(text))
-    assert eqx.tree_equal(qt.load(tmp_path / "motion.toml"), today)
+    assert eqx.tree_equal(qt.load(tmp_path / "motion.toml"), current)

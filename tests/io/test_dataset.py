@@ -1,4 +1,4 @@
-"""Datasets of paths: complete, labelled, exact on disk, and true to closed forms."""
+"""Datasets of paths: complete, labelled, exact on disk, and equal to closed forms."""
 
 import jax
 import numpy as np
@@ -7,7 +7,7 @@ import xarray
 from scipy.spatial.transform import Rotation
 
 import qtraj as qt
-from qtraj.io.dataset import MAGNITUDES, path_dataset, write_netcdf
+from qtraj.io.dataset import LIMIT_VARIABLES, path_dataset, write_netcdf
 
 R, RATE, CLIMB, DURATION = 10.0, 0.4, 0.5, 20.0
 SAMPLES = 65
@@ -47,10 +47,10 @@ def dataset():
     return path_dataset(paths, limits, track, samples=SAMPLES, attributes={"title": "helices"}, frame=qt.Natural())
 
 
-def test_everything_is_there_with_its_unit(dataset):
+def test_every_variable_has_its_unit(dataset):
     assert {name: dataset[name].attrs["units"] for name in UNITS} == UNITS
     assert all(v.attrs.get("units") and v.attrs.get("long_name") for v in dataset.data_vars.values())
-    assert set(MAGNITUDES.values()) <= set(dataset.data_vars)
+    assert set(LIMIT_VARIABLES.values()) <= set(dataset.data_vars)
     for name in ("quaternion_convention", "frame_convention", "rate_convention", "layout", "source"):
         assert dataset.attrs[name]
     assert dataset.attrs["title"] == "helices"
@@ -91,7 +91,7 @@ def test_attitudes_agree_and_the_quaternion_is_continuous(dataset):
         path = dataset.sel(path=name)
         q = path["quaternion"].values
         assert np.all(np.sum(q[1:] * q[:-1], axis=1) > 0)
-        assert q.min() < -0.5  # the helix turns far enough for the sign to matter
+        assert q.min() < -0.5  # the helix rotates far enough for the sign to matter
         world = Rotation.from_quat(q, scalar_first=True).as_matrix()
         assert np.swapaxes(path["dcm"].values, 1, 2) == pytest.approx(world, abs=ROUND_OFF)
         assert path["gibbs"].values == pytest.approx(q[:, 1:] / q[:, :1], rel=1e-9)
@@ -108,7 +108,7 @@ def test_limits_and_recording_are_kept(dataset):
     assert np.array_equal(dataset["recorded_position"].values.ravel(), np.arange(12.0))
 
 
-def test_a_file_gives_back_the_same_dataset(dataset, tmp_path):
+def test_a_file_restores_the_dataset(dataset, tmp_path):
     write_netcdf(dataset, tmp_path / "paths.nc")
     with xarray.open_dataset(tmp_path / "paths.nc") as again:
         xarray.testing.assert_identical(again.load(), dataset)
@@ -116,15 +116,15 @@ def test_a_file_gives_back_the_same_dataset(dataset, tmp_path):
             assert again[name].values.tobytes() == dataset[name].values.tobytes() or dataset[name].dtype.kind in "UOT"
 
 
-def test_the_same_numbers_as_the_library(dataset):
+def test_the_numbers_are_those_of_the_library(dataset):
     path = helix(R, DURATION)
     times = dataset.sel(path="before")["time"].values
     rates = jax.jit(jax.vmap(lambda t: qt.trihedral(path, t).rate))(times)
     assert np.max(np.abs(rates - dataset.sel(path="before")["rate"].values)) < ROUND_OFF
 
 
-def test_nothing_makes_no_dataset():
-    with pytest.raises(ValueError, match="a dataset needs a path"):
+def test_missing_paths_and_samples_are_refused():
+    with pytest.raises(ValueError, match="expected at least one path"):
         path_dataset({})
     with pytest.raises(ValueError, match="at least 2 samples"):
         path_dataset({"a": helix(R, DURATION)}, samples=1)

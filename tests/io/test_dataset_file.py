@@ -1,4 +1,4 @@
-"""Datasets as files: everything comes back, floats bit by bit, and other tools read them."""
+"""Datasets as files: everything is restored, floats bit by bit, and other tools read them."""
 
 import json
 import os
@@ -25,9 +25,9 @@ SUFFIXES = [".nc", ".zarr", ".parquet", ".csv"]
 FLAT = [".parquet", ".csv"]
 SMALLEST, LARGEST = 5e-324, np.finfo(float).max
 AWKWARD = [0.1, -0.0, 1 / 3, SMALLEST, LARGEST, np.nan, np.inf, -np.inf, 2**53 + 1.0, np.pi]
-"""Numbers that a careless writer changes."""
+"""Numbers that a careless writer would change."""
 EXACTLY = {} if tuple(map(int, pandas.__version__.split(".")[:2])) >= (3, 1) else {"float_precision": "round_trip"}
-"""How pandas is told to read every digit; from 3.1 on it does so by itself."""
+"""The option with which pandas reads every digit; since 3.1 it is the default."""
 
 
 def helix(radius, duration):
@@ -36,7 +36,7 @@ def helix(radius, duration):
 
 @pytest.fixture(scope="module")
 def paths():
-    """What `qtraj tune` writes: two paths with durations of their own, a limit, a recording."""
+    """A dataset like that of `qtraj tune`: two paths of different durations, a limit, a recording."""
     track = qt.Track([5.0, 6.0, 7.0, 8.0], np.arange(12.0).reshape(4, 3) / 7)
     both = {"before, 1": helix(10.0, 20.0), 'after "#2"\n<b>': helix(20.0, 10 / 3)}
     notes = {"title": "ω², a comma, and a #", "scenario_sha256": "bc9c8deead6c1bda"}
@@ -45,7 +45,7 @@ def paths():
 
 @pytest.fixture(scope="module")
 def awkward():
-    """Awkward numbers, all kinds of values, and a variable whose components come first."""
+    """Awkward numbers, values of all types, and a variable with components first."""
     n = len(AWKWARD)
     variables = {
         "x": ("time", np.array(AWKWARD), {"units": "m s-2", "limit": 1 / 3, "count": 7, "range": [0.1, 0.2]}),
@@ -62,7 +62,7 @@ def awkward():
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("name", ["paths", "awkward"])
-def test_everything_comes_back_bit_by_bit(name, suffix, request, tmp_path):
+def test_everything_is_restored_bit_by_bit(name, suffix, request, tmp_path):
     dataset = request.getfixturevalue(name)
     qt.save_dataset(dataset, tmp_path / f"result{suffix}")
     again = qt.load_dataset(tmp_path / f"result{suffix}")
@@ -77,15 +77,15 @@ def test_everything_comes_back_bit_by_bit(name, suffix, request, tmp_path):
 
 @pytest.fixture(scope="module")
 def batch():
-    """Three unnamed paths at common instants, as `evaluate` gives them."""
+    """Three unnamed paths at common instants, as `evaluate` returns them."""
     three = [helix(radius, 10.0) for radius in (10.0, 20.0, 40.0)]
     stacked = jax.tree.map(lambda *x: jnp.stack(x), *three)
     return qt.evaluate(stacked, np.linspace(0.0, 10.0, 5), outputs=("position", "curvature")).to_xarray()
 
 
 @pytest.mark.parametrize("suffix", FLAT)
-def test_rows_of_unnamed_paths_say_whose_they_are(batch, suffix, tmp_path):
-    """Other tools can group the rows, and what `load_dataset` reads is what was saved."""
+def test_rows_of_unnamed_paths_have_the_number_of_the_path(batch, suffix, tmp_path):
+    """Other tools can group the rows, and `load_dataset` restores the dataset."""
     file = tmp_path / f"batch{suffix}"
     qt.save_dataset(batch, file)
     table = pandas.read_parquet(file) if suffix == ".parquet" else pandas.read_csv(file, comment="#", **EXACTLY)
@@ -135,6 +135,16 @@ def test_pandas_reads_the_table(paths, tmp_path):
         assert not [name for name in frame.columns if name.startswith("recorded")]
 
 
+@pytest.mark.parametrize("suffix", FLAT)
+def test_a_batch_of_results_has_a_column_of_their_numbers(tmp_path, suffix):
+    attitudes = jax.vmap(qt.EulerTurn([1.0, 0, 0, 0], [0.0, 1.0, 0, 0], qt.Quintic(duration=2.0)))(np.linspace(0, 2, 4))
+    dataset = attitudes.to_xarray()
+    qt.save_dataset(dataset, tmp_path / f"a{suffix}")
+    read = pandas.read_parquet if suffix == ".parquet" else lambda file: pandas.read_csv(file, comment="#")
+    assert list(read(tmp_path / f"a{suffix}")["batch"]) == [0, 1, 2, 3]
+    assert qt.load_dataset(tmp_path / f"a{suffix}").identical(dataset)
+
+
 KILLED = """
 import os, signal, sys
 import qtraj as qt
@@ -147,7 +157,7 @@ qt.save_dataset(paths, sys.argv[1])
 @pytest.mark.skipif(not Path("/proc/sys/kernel/random/boot_id").exists(), reason="staging folders are swept on Linux")
 @pytest.mark.parametrize("suffix", [".csv", ".zarr"])
 def test_saving_after_a_killed_process_leaves_only_the_file(paths, tmp_path, suffix):
-    """Killed after the whole file was staged, before it was moved."""
+    """The process is killed after writing the temporary file, before moving it."""
     qt.save_dataset(paths, tmp_path / "a.nc")
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")} | {"PYTHONPATH": str(SOURCE)}
     done = subprocess.run([sys.executable, "-c", KILLED, f"b{suffix}"], cwd=tmp_path, env=environment)
@@ -189,7 +199,7 @@ def test_pyarrow_sees_the_units(paths, tmp_path):
     assert json.loads(schema.metadata[b"qtraj"])["attributes"]["frame_convention"].startswith("upright frame")
 
 
-def test_a_saved_path_is_a_recording_like_any_other(paths, tmp_path):
+def test_a_saved_path_can_be_read_as_a_recording(paths, tmp_path):
     path = paths.isel(path=0, drop=True)
     qt.save_dataset(path, tmp_path / "a.csv")
     track = qt.read_track(tmp_path / "a.csv")
@@ -198,7 +208,7 @@ def test_a_saved_path_is_a_recording_like_any_other(paths, tmp_path):
     assert np.array_equal(track.attitudes, path["quaternion"])
 
 
-def test_a_table_of_evaluate_saves_itself(tmp_path):
+def test_a_table_of_evaluate_can_be_saved_directly(tmp_path):
     table = qt.evaluate(helix(10.0, 2.0), np.linspace(0, 2, 5), outputs=("position", "quaternion", "defined"))
     for suffix in SUFFIXES:
         qt.save_dataset(table, tmp_path / f"a{suffix}")
@@ -206,7 +216,7 @@ def test_a_table_of_evaluate_saves_itself(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_second_save_takes_the_place_of_the_first(paths, awkward, suffix, tmp_path):
+def test_a_second_save_replaces_the_first(paths, awkward, suffix, tmp_path):
     for dataset in (paths, awkward):
         qt.save_dataset(dataset, tmp_path / f"a{suffix}")
     xarray.testing.assert_identical(qt.load_dataset(tmp_path / f"a{suffix}"), awkward)
@@ -214,7 +224,7 @@ def test_a_second_save_takes_the_place_of_the_first(paths, awkward, suffix, tmp_
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_failure_leaves_what_was_there(paths, suffix, tmp_path, monkeypatch):
+def test_a_failure_leaves_the_existing_file(paths, suffix, tmp_path, monkeypatch):
     qt.save_dataset(paths, tmp_path / f"a{suffix}")
     write = dataset_file._WRITERS[suffix]
 
@@ -229,27 +239,27 @@ def test_a_failure_leaves_what_was_there(paths, suffix, tmp_path, monkeypatch):
     xarray.testing.assert_identical(qt.load_dataset(tmp_path / f"a{suffix}"), paths)
 
 
-def test_a_folder_that_is_no_store_is_left_alone(paths, tmp_path):
+def test_a_folder_that_is_not_a_store_is_not_replaced(paths, tmp_path):
     (tmp_path / "a.zarr").mkdir()
     (tmp_path / "a.zarr" / "mine").write_text("")
-    with pytest.raises(IsADirectoryError, match="is no Zarr store"):
+    with pytest.raises(IsADirectoryError, match="is not a Zarr store"):
         qt.save_dataset(paths, tmp_path / "a.zarr")
     assert (tmp_path / "a.zarr" / "mine").exists()
 
 
-def test_wrong_names_and_files_are_told(paths, tmp_path):
+def test_wrong_names_and_files_are_reported(paths, tmp_path):
     with pytest.raises(ValueError, match=r"must end in \.nc, \.zarr, \.parquet, \.csv"):
         qt.save_dataset(paths, tmp_path / "a.mat")
     with pytest.raises(FileNotFoundError, match="there is no such file"):
         qt.load_dataset(tmp_path / "a.nc")
-    for suffix, fragment in ((".nc", "no netCDF-4"), (".parquet", "no Parquet"), (".csv", "no header of a dataset")):
+    for suffix, fragment in ((".nc", "not a netCDF-4"), (".parquet", "not a Parquet"), (".csv", "no dataset header")):
         file = tmp_path / f"b{suffix}"
         file.write_text("x,y\n1,2\n")
         with pytest.raises(ValueError, match=fragment) as caught:
             qt.load_dataset(file)
         assert str(file) in str(caught.value)
     (tmp_path / "b.zarr").mkdir()
-    with pytest.raises(ValueError, match=r"b\.zarr: no Zarr store"):
+    with pytest.raises(ValueError, match=r"b\.zarr: not a Zarr store"):
         qt.load_dataset(tmp_path / "b.zarr")
     pandas.DataFrame({"x": [1.0]}).to_parquet(tmp_path / "c.parquet")
     with pytest.raises(ValueError, match=r"pandas\.read_parquet reads its columns"):
@@ -260,12 +270,12 @@ def test_wrong_names_and_files_are_told(paths, tmp_path):
     ("part", "change", "fragment"),
     [
         (2, lambda table: table.rstrip("\n") + ",7\n", "row 10 has"),
-        (2, lambda table: table.rstrip("\n").rpartition("\n")[0] + "\n", "do not belong together"),
-        (2, lambda table: table.replace("0.1,", "a tenth,", 1), "does not fit its header"),
+        (2, lambda table: table.rstrip("\n").rpartition("\n")[0] + "\n", "do not match"),
+        (2, lambda table: table.replace("0.1,", "a tenth,", 1), "does not match its header"),
         (0, lambda header: header.replace("{", "{{", 1), "header cannot be read"),
     ],
 )
-def test_a_damaged_csv_is_told(awkward, part, change, fragment, tmp_path):
+def test_a_damaged_csv_is_reported(awkward, part, change, fragment, tmp_path):
     file = tmp_path / "a.csv"
     qt.save_dataset(awkward, file)
     parts = list(file.read_text().partition("}}\n"))
@@ -276,11 +286,11 @@ def test_a_damaged_csv_is_told(awkward, part, change, fragment, tmp_path):
     assert str(file) in str(caught.value)
 
 
-def test_what_a_table_cannot_hold_is_told(tmp_path):
+def test_values_that_a_table_cannot_store_are_reported(tmp_path):
     complex_values = xarray.Dataset({"z": ("time", np.array([1j]))}, {"time": [0.0]})
     strange = xarray.Dataset({"x": ("time", [1.0], {"note": object()})}, {"time": [0.0]})
     for suffix in FLAT:
-        with pytest.raises(ValueError, match="'z' holds complex128 values"):
+        with pytest.raises(ValueError, match="'z' has complex128 values"):
             qt.save_dataset(complex_values, tmp_path / f"a{suffix}")
         with pytest.raises(ValueError, match="an attribute of x cannot be written"):
             qt.save_dataset(strange, tmp_path / f"a{suffix}")

@@ -1,4 +1,4 @@
-"""Exchange with SciPy and jaxlie: the same attitudes, the order of components as the names say."""
+"""Exchange with SciPy and jaxlie: equal attitudes, and components in the order that the names state."""
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,7 @@ def units(q):
     return q / np.linalg.norm(q, axis=-1, keepdims=True)
 
 
-def test_plain_arrays_change_their_order_and_nothing_else():
+def test_plain_arrays_change_only_their_order():
     assert exchange.xyzw_from_wxyz([1.0, 2.0, 3.0, 4.0]).tolist() == [2, 3, 4, 1]
     assert exchange.wxyz_from_xyzw([1.0, 2.0, 3.0, 4.0]).tolist() == [4, 1, 2, 3]
     many = Q.reshape(4, 5, 4)
@@ -31,7 +31,7 @@ def test_plain_arrays_change_their_order_and_nothing_else():
     assert exchange.xyzw_from_wxyz(np.float32([1, 0, 0, 0])).dtype == jnp.float32
 
 
-def test_scipy_turns_as_we_do():
+def test_scipy_rotates_vectors_equally():
     rotation = exchange.scipy_from_wxyz(Q)
     assert rotation.apply(V) == pytest.approx(np.asarray(TURN(Q, V)), abs=ROUND_OFF)
     assert np.asarray(exchange.xyzw_from_wxyz(units(Q))) == pytest.approx(rotation.as_quat(), abs=ROUND_OFF)
@@ -39,7 +39,7 @@ def test_scipy_turns_as_we_do():
     assert rotation.as_matrix() == pytest.approx(np.swapaxes(dcm, 1, 2), abs=ROUND_OFF)
 
 
-def test_jaxlie_turns_as_we_do():
+def test_jaxlie_rotates_vectors_equally():
     rotation = exchange.jaxlie_from_wxyz(Q)
     assert isinstance(rotation, jaxlie.SO3)
     with jax.numpy_dtype_promotion("standard"):  # jaxlie multiplies by integers
@@ -51,7 +51,7 @@ def test_jaxlie_turns_as_we_do():
 
 
 @pytest.mark.parametrize("q", [Q[3], -Q[3], Q, Q[:1]], ids=["one", "negative", "many", "one of many"])
-def test_signs_and_shapes_survive_the_way_there_and_back(q):
+def test_signs_and_shapes_survive_a_round_trip(q):
     for there, back in (
         (exchange.scipy_from_wxyz, exchange.wxyz_from_scipy),
         (exchange.jaxlie_from_wxyz, exchange.wxyz_from_jaxlie),
@@ -61,15 +61,15 @@ def test_signs_and_shapes_survive_the_way_there_and_back(q):
         assert again == pytest.approx(units(q), abs=ROUND_OFF)
 
 
-def test_rotations_made_by_the_others_are_read():
+def test_rotations_from_the_other_libraries_are_read():
     half = Rotation.from_rotvec([[0.0, 0.0, 0.0], [0.0, 0.0, np.pi / 2]])
     assert exchange.wxyz_from_scipy(half) == pytest.approx(np.array([[1, 0, 0, 0], [0.5**0.5, 0, 0, 0.5**0.5]]))
     quarter = jaxlie.SO3.from_x_radians(np.pi / 2)
     assert np.asarray(exchange.wxyz_from_jaxlie(quarter)) == pytest.approx([0.5**0.5, 0.5**0.5, 0, 0], abs=ROUND_OFF)
 
 
-def test_an_exchange_with_jaxlie_is_differentiated():
-    """The logarithm of a turn about z by Φ has the derivative 1 in Φ, through qtraj, jaxlie, and the length of λ."""
+def test_an_exchange_with_jaxlie_can_be_differentiated():
+    """The logarithm of a rotation about z by Φ has the derivative 1 in Φ, for any length of λ."""
 
     def angle(phi):
         return exchange.jaxlie_from_wxyz(3.0 * qt.rotation.from_rotation_vector(jnp.array([0.0, 0.0, 1.0]) * phi)).log()
@@ -83,9 +83,9 @@ def test_tiny_quaternions_keep_their_attitude():
     assert np.asarray(exchange.jaxlie_from_wxyz(tiny).wxyz) == pytest.approx(units(Q), abs=ROUND_OFF)
 
 
-def test_wrong_shapes_and_missing_packages_are_told():
+def test_wrong_shapes_and_missing_packages_are_reported():
     for function in (exchange.xyzw_from_wxyz, exchange.scipy_from_wxyz, exchange.jaxlie_from_wxyz):
-        with pytest.raises(ValueError, match=r"four components on the last axis, but the shape \(3,\) was given"):
+        with pytest.raises(ValueError, match=r"four components on the last axis, but got the shape \(3,\)"):
             function([1.0, 0.0, 0.0])
     with pytest.raises(ValueError, match=r"shape \(4,\) or \(n, 4\)"):
         exchange.scipy_from_wxyz(Q.reshape(4, 5, 4))

@@ -1,4 +1,4 @@
-"""Roll, pitch and heading, latitude and longitude: read by a convention that is said, against SciPy and mpmath."""
+"""Roll, pitch and heading, latitude and longitude: read by an explicit convention, compared with SciPy and mpmath."""
 
 import importlib.resources
 import itertools
@@ -33,12 +33,12 @@ def random_angles(count=COUNT):
 
 
 def same(quaternions, rotation):
-    """Whether quaternions (n, 4), scalar first, are those of a SciPy rotation."""
+    """Whether quaternions (n, 4), scalar first, equal a SciPy rotation."""
     wxyz = rotation.as_quat(scalar_first=True)
     np.testing.assert_allclose(np.abs(np.sum(np.asarray(quaternions) * wxyz, axis=1)), 1.0, atol=EXACT)
 
 
-def test_angles_of_aircraft_are_those_of_the_textbook(tmp_path):
+def test_angles_of_aircraft_agree_with_the_textbook(tmp_path):
     """Z-Y-X from north, east, down, written as matrices: body forward, right, down to NED, then to east, north, up."""
     angles = random_angles()
     rows = np.column_stack([np.arange(COUNT), np.zeros((COUNT, 3)), angles])
@@ -58,7 +58,7 @@ def test_angles_named_in_another_order_are_refused(tmp_path):
 @pytest.mark.parametrize("sequence", SEQUENCES)
 @pytest.mark.parametrize("heading", HEADINGS)
 @pytest.mark.parametrize("body", BODIES)
-def test_every_convention_is_that_of_scipy(sequence, heading, body):
+def test_every_convention_agrees_with_scipy(sequence, heading, body):
     angles = random_angles()
     by_letter = dict(zip("xyz", angles.T, strict=True))
     if (body == "forward-right-down") != (heading == "north-clockwise"):
@@ -74,7 +74,7 @@ def test_every_convention_is_that_of_scipy(sequence, heading, body):
 
 @pytest.mark.parametrize(("heading", "expected"), [("north-clockwise", [1, 0, 0]), ("x-anticlockwise", [0, 1, 0])])
 @pytest.mark.parametrize("body", BODIES)
-def test_a_heading_of_ninety_degrees_points_where_it_says(heading, expected, body):
+def test_a_heading_of_ninety_degrees_has_the_right_direction(heading, expected, body):
     q = qt.AttitudeAngles(sequence="ZYX", heading=heading, unit="deg", body=body).quaternions(np.array([[0, 0, 90.0]]))
     np.testing.assert_allclose(qt.quaternion.rotate(q[0], np.array([1.0, 0, 0])), expected, atol=EXACT)
     np.testing.assert_allclose(qt.quaternion.rotate(q[0], np.array([0.0, 0, 1])), [0, 0, 1], atol=EXACT)
@@ -109,17 +109,17 @@ def test_angles_without_a_convention_are_refused_with_the_options(tmp_path):
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("sequence", "ZYZ", "must be x, y and z in some order"),
+        ("sequence", "ZYZ", "must be x, y and z in any order"),
         ("sequence", "ZyX", "of one case"),
         ("heading", "north", "'north-clockwise' or 'x-anticlockwise'"),
         ("unit", "degrees", "'deg' or 'rad'"),
         ("body", "frd", "'forward-right-down' or 'forward-left-up'"),
     ],
 )
-def test_a_convention_that_is_none_is_explained(name, value, words):
-    given = {"sequence": "ZYX", "heading": "north-clockwise", "unit": "deg", "body": "forward-left-up", name: value}
+def test_an_invalid_convention_is_explained(name, value, words):
+    options = {"sequence": "ZYX", "heading": "north-clockwise", "unit": "deg", "body": "forward-left-up", name: value}
     with pytest.raises(ValueError, match=words):
-        qt.AttitudeAngles(**given)
+        qt.AttitudeAngles(**options)
     with pytest.raises(TypeError):
         qt.AttitudeAngles(sequence="ZYX")
 
@@ -134,7 +134,7 @@ def precise(latitude, longitude, height):
         return [level * mpmath.cos(q), level * mpmath.sin(q), (n * (1 - e2) + height) * mpmath.sin(p)]
 
 
-def test_earth_fixed_positions_are_those_of_the_ellipsoid():
+def test_earth_fixed_positions_agree_with_the_ellipsoid():
     rng = np.random.default_rng(3)
     places = rng.uniform([-90, -180, -100], [90, 180, 9000], (20, 3))
     places = np.concatenate([places, [[0, 0, 0], [90, 0, 0], [-90, 33, 0], [0, 180, 0]]])
@@ -144,7 +144,7 @@ def test_earth_fixed_positions_are_those_of_the_ellipsoid():
 
 
 def test_a_drive_on_the_globe_becomes_metres(tmp_path):
-    """East, north and up by 40-digit arithmetic; a metre stays a metre; velocities turn with the local axes."""
+    """East, north and up with 40-digit arithmetic; lengths are kept; velocities rotate with the local axes."""
     places = np.array([[43.78, -79.47, 150.0], [43.79, -79.47, 150.0], [43.78, -79.40, 150.0], [44.5, -79.0, 900.0]])
     speeds = np.array([[3.0, 4.0, 0.5]] * 4)
     angles = np.array([[1.0, 2.0, 30.0]] * 4)
@@ -161,7 +161,7 @@ def test_a_drive_on_the_globe_becomes_metres(tmp_path):
     np.testing.assert_allclose(track.positions, expected, atol=5e-9)
     np.testing.assert_allclose(np.linalg.norm(track.velocities, axis=1), np.linalg.norm(speeds[0]))
     np.testing.assert_allclose(track.velocities[0], speeds[0], rtol=1e-15 * 4)
-    # The forward axis keeps its angle to the velocity, which both turned with the local axes: 0.6 degrees here.
+    # The angle of the forward axis to the velocity is unchanged, as both rotate with the local axes: here 0.6 degrees.
     forward = np.array([qt.quaternion.rotate(q, np.array([1.0, 0, 0])) for q in track.attitudes])
     np.testing.assert_allclose(np.sum(forward * np.asarray(track.velocities), axis=1), forward[0] @ speeds[0])
     assert np.degrees(np.arccos(forward[3] @ forward[0])) == pytest.approx(0.8, abs=0.2)
@@ -169,18 +169,18 @@ def test_a_drive_on_the_globe_becomes_metres(tmp_path):
     np.testing.assert_allclose(other.positions[0], [0, 0, 50.0], atol=1e-8)
 
 
-def test_what_is_no_place_on_the_globe_is_refused(tmp_path):
+def test_invalid_places_on_the_globe_are_refused(tmp_path):
     rows = np.column_stack([range(4), np.full(4, -79.0), np.full(4, 43.0), np.zeros(4)])
     file = table(tmp_path, "t,longitude,latitude,altitude", rows)
     with pytest.raises(ValueError, match=r"position are incomplete.*projection='tangent-plane'.*TangentPlane"):
         qt.read_track(file)
-    with pytest.raises(ValueError, match=r"'longitude' seems to hold angles.*projection='tangent-plane'"):
+    with pytest.raises(ValueError, match=r"'longitude' seems to contain angles.*projection='tangent-plane'"):
         qt.read_track(file, {"position": ["longitude", "latitude", "altitude"]})
     assert qt.read_track(file, projection="tangent-plane").positions.shape == (4, 3)
     with pytest.raises(ValueError, match="latitude comes before longitude"):
         qt.read_track(file, {"position": ["longitude", "latitude", "altitude"]}, projection="tangent-plane")
     swapped = table(tmp_path, "t,lat,lon,alt", rows - [0, 40, 0, 0], "swapped.csv")
-    with pytest.raises(ValueError, match=re.escape(str(swapped)) + r".*holds latitude -119° .*within ±90°"):
+    with pytest.raises(ValueError, match=re.escape(str(swapped)) + r".*has latitude -119° .*within ±90°"):
         qt.read_track(swapped, projection="tangent-plane")
     plain = table(tmp_path, "t,x,y,z", rows, "plain.csv")
     with pytest.raises(ValueError, match="no columns for latitude, longitude and height were found"):
@@ -193,8 +193,8 @@ def test_what_is_no_place_on_the_globe_is_refused(tmp_path):
         qt.TangentPlane((100.0, 2.0, 0.0))
 
 
-def test_a_real_recording_tells_its_convention():
-    """Of the bundled turn only headings clockwise from north follow the car; the lidar is mounted to the left."""
+def test_a_real_recording_reveals_its_convention():
+    """In the bundled turn only headings clockwise from north follow the car; the lidar is mounted to the left."""
     resource = importlib.resources.files("qtraj.io") / "data" / "boreas_right_angle.csv"
     found = {}
     for heading in HEADINGS:

@@ -1,4 +1,4 @@
-"""Every result is labelled data, a line of text and HTML: of one problem and of many."""
+"""Every result converts to labelled data, a line of text and HTML, for one problem and for a batch."""
 
 import re
 from html.parser import HTMLParser
@@ -18,29 +18,32 @@ from qtraj.io.flat import flatten, unflatten
 from qtraj.path.residual import compare
 
 EXACTLY = {} if tuple(map(int, pandas.__version__.split(".")[:2])) >= (3, 1) else {"float_precision": "round_trip"}
-"""How pandas is told to read every digit; from 3.1 on it does so by itself."""
+"""The option with which pandas reads every digit; since 3.1 it is the default."""
 SUFFIXES = [".nc", ".zarr", ".parquet", ".csv"]
 INSTANTS = np.array([0.0, 0.1, 1 / 3])
-LANES = 3
+BATCH = 3
 REACHED = qt.ResultCode.successful
 HOSTILE = "<script>alert(1)</script>&\"'"
+UNITS_IN_MEANING = ("objective", "bound", "worst_value", "segment_worst_value", "peak", "margin", "smallest", "missed")
+UNITS_IN_MEANING += ("joints", "joint_rates", "joint_accelerations")
+"""Numbers whose units depend on the case, such as angles and lengths of joints; the meaning contains them."""
 LONGEST = 240
-"""Characters of a summary that still is one."""
+"""Maximum number of characters of a summary."""
 
 
-def repeated(result, lanes=LANES):
-    """Many of one result."""
-    return jax.tree.map(lambda x: jnp.stack([x] * lanes), result)
+def repeated(result, batch=BATCH):
+    """A batch of copies of one result."""
+    return jax.tree.map(lambda x: jnp.stack([x] * batch), result)
 
 
-def uneven(result, lanes=LANES):
-    """Many of one result, each a little different."""
-    shift = np.arange(lanes) / 3
+def uneven(result, batch=BATCH):
+    """A batch of slightly different copies of one result."""
+    shift = np.arange(batch) / 3
     return jax.tree.map(lambda x: jnp.asarray((np.asarray(x) + shift.reshape(-1, *[1] * x.ndim)), x.dtype), result)
 
 
 def single():
-    """One of every result, built from its parts: here it matters how they are labelled, not how they are found."""
+    """One result of every type, built from its parts: these tests check labels, not solvers."""
     ends = [qt.BoundaryState([10.0, 0, 0], [1.0, 4.0, 1 / 3]), qt.BoundaryState([0, 10.0, 1], [-4.0, 0, 0.5])]
     path = qt.SpiralHelix([10.0, 0.1], [0.2, 0.4], [1.0, 1 / 3], 2.0, qt.Placement([1 / 7, 2, 3]))
     certificate = qt.Certificate(["curvature", "slope"], [0, 4], [0.1, 0.2], [1 / 3, np.nan], [0.5, 0.7])
@@ -50,20 +53,65 @@ def single():
     vectors = jnp.eye(3)
     return {
         "path": path,
+        "route": qt.Route(INSTANTS, *(np.arange(9.0).reshape(3, 3) / k for k in (3, 5, 7))),
         "fitted": qt.Fitted(path, compare(path, track), qt.ResultCode.held_by_bounds, 9, [5.0, 20.0]),
+        "fitted route": qt.FittedRoute(
+            qt.Route([0.0, 4 / 3], *np.zeros((3, 2, 3))),
+            compare(path, track),
+            1 / 3,
+            outliers=[2, 3],
+            stops=[[0.0, 1 / 3]],
+        ),
         "certificate": certificate,
+        "route certificate": qt.RouteCertificate(
+            certificate,
+            qt.Certificate(certificate.names, *np.arange(12.0).reshape(3, 2, 2) % 5, [0.5, 0.7]),
+            [0.0, 1.5],
+        ),
         "state": qt.BoundaryState([10.0, 0, 1 / 7], [1.0, 4.0, 1 / 3], [0.0, -1.6, 1 / 7]),
         "tuned": qt.Tuned(path, *ends, 1 / 3, certificate, 0, 7, "try less"),
         "table": qt.Table(jnp.asarray(INSTANTS), quaternion=jnp.asarray(quaternion), speed=jnp.asarray(INSTANTS)),
         "trihedral": qt.Trihedral(*vectors, *vectors[0] / 3, *vectors[:2] / 7, jnp.asarray(True)),
         "attitude": qt.Attitude(jnp.ones(4) / 2, jnp.ones(3) / 3, jnp.ones(3) / 7),
         "closed": qt.Solution(INSTANTS, quaternion, rate, 0, rate / 3, quaternion / 5, INSTANTS / 3),
+        "body": qt.BodyMotion(INSTANTS, rate[:, 1:] / 5, rate[:, 1:] / 9, rate / 3, rate / 11, quaternion / 13),
+        "arm": qt.ArmMotion(
+            INSTANTS, *[quaternion] * 3, rate[:, 1:], quaternion, rate, quaternion / 5, *[INSTANTS / 3] * 3, 0, INSTANTS
+        ),
+        "pose": qt.PoseMotion(
+            INSTANTS,
+            *[rate[:, 1:]] * 3,
+            quaternion,
+            rate,
+            rate / 3,
+            np.concatenate([quaternion, rate], axis=1),
+            INSTANTS,
+            INSTANTS / 3,
+            0,
+        ),
         "open": qt.Solution(INSTANTS, quaternion, rate, qt.ResultCode.max_steps_reached, axes="inertial"),
         "closed form": qt.control.ClosedMotion(INSTANTS, quaternion / 5, quaternion, INSTANTS / 3),
         "friction": qt.dynamics.FrictionDemand(jnp.asarray(1 / 3), jnp.asarray(0.5)),
         "propagation": qt.Propagation(*map(jnp.asarray, (INSTANTS, quaternion, 1e-13, 7, REACHED))),
         "track": track,
         "residual": compare(path, track),
+        **verdicts(path),
+    }
+
+
+def verdicts(path):
+    """What the commands find out: of a slew, of a closed loop, of a changed path."""
+    one, half = [1.0, 0, 0, 0], [1.0, 1 / 3, 0, 0]
+    program = qt.EulerTurn(one, half, qt.Quintic(duration=2.0))
+    law, still = qt.AccelerationLaw(2.0, 1.0), jnp.zeros(4)
+    solution = qt.simulate(program, law, half, still, INSTANTS)
+    history = qt.loop_history(program, law, half, still, solution)
+    return {
+        "slew history": qt.slew_history(program, INSTANTS, 2.0),
+        "slew verdict": qt.judge_slew(program, {"max_rate": 0.1}, inertia=2.0, max_torque=0.5),
+        "loop history": history,
+        "loop verdict": qt.judge_loop(history, law),
+        "path change": qt.compare_paths(path, path),
     }
 
 
@@ -78,7 +126,7 @@ def many():
         "propagations": repeated(one["propagation"]),
         "tuneds": tuned,
         "certificates": tuned.certificate,
-        "certificates of two lanes": repeated(tuned.certificate, 2),
+        "certificates, two batch dimensions": repeated(tuned.certificate, 2),
         "trihedrals": repeated(one["trihedral"]),
         "frictions, one in flight": jax.vmap(qt.dynamics.FrictionDemand)(
             jnp.array([1 / 3, np.inf]), jnp.array([0.5, np.inf])
@@ -101,7 +149,7 @@ def datasets(results):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_every_result_comes_back_from_its_file_bit_by_bit(results, suffix, tmp_path):
+def test_every_result_is_restored_from_its_file_bit_by_bit(results, suffix, tmp_path):
     for name, dataset in datasets(results).items():
         file = tmp_path / f"{name}{suffix}"
         qt.save_dataset(dataset, file)
@@ -113,7 +161,7 @@ def test_every_result_comes_back_from_its_file_bit_by_bit(results, suffix, tmp_p
                 assert again[key].values.tobytes() == variable.values.tobytes(), (name, key)
 
 
-def test_every_dataset_says_what_it_holds_and_where_it_is_from(results):
+def test_every_dataset_has_meanings_and_provenance(results):
     for name, dataset in datasets(results).items():
         assert dataset.attrs["quaternion_convention"].startswith("scalar first, Hamilton"), name
         assert dataset.attrs["frame_convention"].startswith("right-handed")
@@ -124,33 +172,33 @@ def test_every_dataset_says_what_it_holds_and_where_it_is_from(results):
         assert dataset.attrs["scenario_sha256"] == "bc9c"
         for key, variable in dataset.data_vars.items():
             assert variable.attrs["long_name"], (name, key)
-            worded = variable.dtype.kind in "UO" or key in ("objective", "bound", "worst_value")
+            worded = variable.dtype.kind in "UO" or key in UNITS_IN_MEANING
             assert worded or variable.attrs["units"], (name, key)
 
 
-def test_single_precision_is_told():
+def test_single_precision_is_reported():
     attitude = jax.tree.map(lambda x: x.astype(jnp.float32), single()["attitude"])
     dataset = attitude.to_xarray()
     assert dataset.attrs["dtype"] == "float32"
     assert dataset["rate"].dtype == np.float32
 
 
-def test_numbers_stand_where_their_labels_say(results):
+def test_numbers_agree_with_their_labels(results):
     data = datasets(results)
     tuned, one = data["tuneds"], results["tuned"]
-    assert tuned["worst_value"].sel(limit="curvature").values.tolist() == [1 / 3] * LANES
+    assert tuned["worst_value"].sel(limit="curvature").values.tolist() == [1 / 3] * BATCH
     assert tuned["limit_unit"].sel(limit="curvature").item() == "m-1"
     assert tuned["start_velocity"].sel(batch=1, world="z").item() == 1 / 3
-    assert tuned["outcome"].values.tolist() == ["converged"] * LANES
-    assert tuned["radius"].sel(radius_power=1).values.tolist() == [0.1] * LANES
+    assert tuned["outcome"].values.tolist() == ["converged"] * BATCH
+    assert tuned["radius"].sel(radius_power=1).values.tolist() == [0.1] * BATCH
     assert data["tuned"]["objective"].item() == float(one.objective)
     assert data["tuned"]["status"].values.tolist() == ["proved", "undefined"]
-    assert data["certificates of two lanes"]["status"].dims == ("batch_1", "batch_2", "limit")
+    assert data["certificates, two batch dimensions"]["status"].dims == ("batch_1", "batch_2", "limit")
     closed = data["closeds"]
     assert closed["quaternion"].dims == ("batch", "sample", "component")
     assert closed["time"].dims == ("batch", "sample")
     assert closed["command"].attrs["units"] == "rad s-2"
-    for word in ("quaternion", "error", "angle"):  # the closed form is named as the loop that it is compared with
+    for word in ("quaternion", "error", "angle"):  # the closed form has the same names as the loop
         xarray.testing.assert_identical(data["closed form"][word], data["closed"][word])
     assert data["closed forms"]["error"].dims == ("batch", "sample", "component")
     assert data["open"].attrs["frame"] == "inertial"
@@ -168,7 +216,7 @@ def test_numbers_stand_where_their_labels_say(results):
     assert data["frictions, one in flight"]["total"].dims == ("batch",)
     assert data["frictions, one in flight"]["total"].values.tolist() == [0.5, np.inf]
     assert "residual_horizontal_rms" in data["fitted"]
-    assert data["propagations"]["result"].shape == (LANES,)
+    assert data["propagations"]["result"].shape == (BATCH,)
 
 
 def test_a_rate_law_commands_rates():
@@ -177,7 +225,7 @@ def test_a_rate_law_commands_rates():
     assert law.to_xarray()["command"].attrs["units"] == "rad s-1"
 
 
-def test_an_integral_has_the_unit_of_one():
+def test_an_integral_has_its_own_unit():
     path = single()["path"]
     whole = qt.evaluate(path, INSTANTS, ("speed", "quaternion"), reduce="integral").to_xarray()
     assert (whole["speed"].attrs["units"], whole["quaternion"].attrs["units"]) == ("m", "s")
@@ -188,11 +236,11 @@ def test_pandas_and_pyarrow_read_one_row_for_each_problem_and_instant(results, t
         qt.save_dataset(results[name], tmp_path / f"{name}.parquet")
         qt.save_dataset(results[name], tmp_path / f"{name}.csv")
     tuned = pandas.read_parquet(tmp_path / "tuneds.parquet")
-    assert tuned["status_slope"].tolist() == ["undefined"] * LANES
-    assert tuned["end_position_y"].tolist() == [10.0] * LANES
+    assert tuned["status_slope"].tolist() == ["undefined"] * BATCH
+    assert tuned["end_position_y"].tolist() == [10.0] * BATCH
     closed = pandas.read_csv(tmp_path / "closeds.csv", comment="#", **EXACTLY)
     expected = np.asarray(results["closeds"].quaternion)[..., 2].ravel()
-    assert len(closed) == LANES * len(INSTANTS)
+    assert len(closed) == BATCH * len(INSTANTS)
     assert np.array_equal(closed["quaternion_y"], expected)
     assert pq.read_schema(tmp_path / "closeds.parquet").field("rate_x").metadata[b"units"] == b"rad s-1"
     assert len(pandas.read_csv(tmp_path / "residual.csv", comment="#")) == 1
@@ -205,7 +253,7 @@ def test_a_saved_track_is_read_as_a_recording(results, tmp_path):
     assert all(np.array_equal(x, y) for x, y in zip(jax.tree.leaves(again), jax.tree.leaves(track), strict=True))
 
 
-def test_every_result_says_in_a_line_what_it_is(results):
+def test_every_result_has_a_summary_of_one_line(results):
     for name, result in results.items():
         text = repr(result)
         assert text.startswith(f"{type(result).__name__}("), name
@@ -215,7 +263,7 @@ def test_every_result_says_in_a_line_what_it_is(results):
     one, lots = repr(results["tuned"]), repr(results["tuneds"])
     assert one == "Tuned(converged, objective 0.333333, 7 steps; curvature proved; slope undefined)"
     assert lots.startswith("Tuned(3 problems, all converged, objective 0.333333")
-    assert "2 × 3 paths" in repr(results["certificates of two lanes"])
+    assert "2 × 3 paths" in repr(results["certificates, two batch dimensions"])
     assert repr(results["open"]).startswith("Solution(3 instants, 0 … 0.333333 s: stopped")
     assert "turn 45.8366°" in repr(results["path"])
     vectors = "position (10, 0, 0.142857) m, velocity (1, 4, 0.333333) m/s, acceleration (0, -1.6, 0.142857) m/s²"
@@ -224,7 +272,7 @@ def test_every_result_says_in_a_line_what_it_is(results):
     assert "partly without contact with the road" in repr(results["frictions, one in flight"])
 
 
-def test_a_result_that_is_not_whole_still_shows_itself(results):
+def test_an_incomplete_result_is_still_shown(results):
     tuned = results["tuned"]
     shapes = jax.eval_shape(lambda x: x, tuned)
     half = jax.tree.map(lambda x: None, tuned.certificate)
@@ -237,7 +285,7 @@ def test_a_result_that_is_not_whole_still_shows_itself(results):
 
 
 class Tags(HTMLParser):
-    """The tags of a page, which must all be closed."""
+    """The tags of a page, all of which must be closed."""
 
     def __init__(self):
         super().__init__()
@@ -266,7 +314,7 @@ def test_every_result_is_a_small_table_in_a_notebook(results):
 
 
 class Hostile(AbstractResult):
-    """A result whose texts are all from outside."""
+    """A result whose texts all come from input."""
 
     value: jax.Array
 
@@ -275,7 +323,7 @@ class Hostile(AbstractResult):
         return record.Record(HOSTILE, texts)
 
 
-def test_texts_from_outside_are_escaped():
+def test_texts_from_input_are_escaped():
     hostile = Hostile(jnp.zeros(1))
     page = Tags()
     page.feed(hostile._repr_html_())
@@ -286,7 +334,7 @@ def test_texts_from_outside_are_escaped():
     assert "<script>" not in torn
 
 
-def test_traced_results_and_a_missing_xarray_are_told(monkeypatch):
+def test_traced_results_and_a_missing_xarray_are_reported(monkeypatch):
     one = single()
     for name in ("tuned", "table", "closed", "path", "certificate"):
         with pytest.raises(ValueError, match="a dataset needs concrete values"):
@@ -297,7 +345,7 @@ def test_traced_results_and_a_missing_xarray_are_told(monkeypatch):
         one["attitude"].to_xarray()
 
 
-def test_what_the_calls_give_back_are_results():
+def test_functions_return_results():
     named = {getattr(qt, name) for name in qt.__all__}
     named |= {getattr(qt.control, name) for name in qt.control.__all__} | {qt.dynamics.FrictionDemand}
     classes = {thing for thing in named if isinstance(thing, type) and issubclass(thing, AbstractResult)}
@@ -311,9 +359,20 @@ def test_what_the_calls_give_back_are_results():
         qt.Track,
         qt.Trihedral,
         qt.SpiralHelix,
+        qt.SlewHistory,
+        qt.SlewVerdict,
+        qt.LoopHistory,
+        qt.LoopVerdict,
+        qt.PathChange,
+        qt.Route,
+        qt.RouteCertificate,
+        qt.FittedRoute,
     }
     wanted |= {
+        qt.ArmMotion,
         qt.Attitude,
+        qt.BodyMotion,
+        qt.PoseMotion,
         qt.AttitudeResidual,
         qt.BoundaryState,
         qt.Residual,
@@ -337,7 +396,7 @@ def test_plain_arrays_are_labelled():
     assert dataset["angle"].dims == ("time",)
     assert dataset.attrs["title"] == "two"
     assert dataset.attrs["quaternion_convention"].startswith("scalar first")
-    square = qt.label(times, quaternion=np.eye(4), angle=np.eye(4))  # four instants, and four lanes of angles
+    square = qt.label(times, quaternion=np.eye(4), angle=np.eye(4))  # four instants, and a batch of four angles
     assert square["quaternion"].dims == ("time", "component")
     assert square["angle"].dims == ("batch", "time")
 
@@ -345,10 +404,10 @@ def test_plain_arrays_are_labelled():
 @pytest.mark.parametrize(
     ("wrong", "fragment"),
     [
-        ({"felt": np.zeros(4)}, "'felt' is not known"),
+        ({"felt": np.zeros(4)}, "'felt' has no predefined unit"),
         ({}, "at least one array"),
         *(
-            ({name: np.zeros(shape)}, f"{name} must be {expected}, but")
+            ({name: np.zeros(shape)}, f"{name} must have the shape {expected}, but")
             for name, shape, expected in [
                 ("rate", (3, 3), "(*batch, 4, 3) or (*batch, 4, 4)"),
                 ("acceleration", (4,), "(*batch, 4, 3) or (*batch, 4, 4)"),
@@ -360,26 +419,26 @@ def test_plain_arrays_are_labelled():
                 ("angle", (4, 3), "(*batch, 4)"),
             ]
         ),
-        ({"felt": (np.zeros((4, 5)), "m", "five")}, "felt must be (*batch, 4) or (*batch, 4, 3) or (*batch, 4, 4)"),
-        ({"time": (np.zeros(4), "s", "other times")}, "the name 'time' is that of a coordinate"),
-        ({"body": (np.zeros(4), "m", "a body")}, "the name 'body' is that of a coordinate"),
+        ({"felt": (np.zeros((4, 5)), "m", "five")}, "felt must have the shape (*batch, 4) or (*batch, 4, 3)"),
+        ({"time": (np.zeros(4), "s", "other times")}, "'time' is the name of a coordinate"),
+        ({"body": (np.zeros(4), "m", "a body")}, "'body' is the name of a coordinate"),
         ({"times": [0.0, np.nan, 2.0, 3.0], "angle": np.zeros(4)}, "some are NaN"),
     ],
 )
-def test_arrays_that_do_not_fit_their_names_are_refused(wrong, fragment):
+def test_arrays_of_wrong_shapes_are_refused(wrong, fragment):
     with pytest.raises(ValueError, match=re.escape(fragment)):
         qt.label(**({"times": np.arange(4.0)} | wrong))
 
 
-def test_lanes_of_findings_end():
+def test_certificates_of_a_batch_can_be_indexed_and_iterated():
     lots = repeated(single()["certificate"])
-    assert [found.status["slope"] for found in lots] == ["undefined"] * LANES
-    assert len(lots) == LANES
+    assert [found.status["slope"] for found in lots] == ["undefined"] * BATCH
+    assert len(lots) == BATCH
     assert lots[-1].worst["curvature"] == (0.1, 1 / 3, 0.5)
     assert lots[jnp.asarray(1)].status == lots[1].status
-    for lane in (LANES, -LANES - 1, np.int64(LANES), jnp.asarray(LANES), np.asarray(-LANES - 1)):
-        with pytest.raises(IndexError, match=f"there are 3 paths, so there is none with the index {lane}"):
-            lots[lane]
+    for index in (BATCH, -BATCH - 1, np.int64(BATCH), jnp.asarray(BATCH), np.asarray(-BATCH - 1)):
+        with pytest.raises(IndexError, match=f"there are 3 paths, so there is none with the index {index}"):
+            lots[index]
     with pytest.raises(TypeError, match="only the certificate of a batch can be indexed"):
         lots[0][0]
     with pytest.raises(TypeError, match="only the certificate of a batch has a length"):
@@ -395,13 +454,13 @@ def test_the_words_of_a_summary():
     assert counts_text(np.array(list("aabcdefg"))) == "2 a, 1 b, 1 c, 1 d, 3 others"
 
 
-def test_findings_are_true_whether_they_have_lanes_or_not():
+def test_results_are_true_with_and_without_a_batch():
     for result in (single()["tuned"], single()["certificate"]):
         assert bool(result)
         assert bool(repeated(result))
 
 
-def test_axes_and_commands_of_a_solution_are_known_words():
+def test_axes_and_commands_of_a_solution_are_checked():
     motion = (INSTANTS, np.ones((len(INSTANTS), 4)), np.ones((len(INSTANTS), 4)), 0)
     with pytest.raises(ValueError, match="axes must be 'body' or 'inertial', but 'earth' was given"):
         qt.Solution(*motion, axes="earth")
@@ -409,19 +468,19 @@ def test_axes_and_commands_of_a_solution_are_known_words():
         qt.Solution(*motion, commands="torque")
 
 
-def test_every_ending_of_a_propagation_has_its_own_words():
+def test_every_code_of_a_propagation_has_its_own_text():
     codes = [qt.ResultCode.successful, qt.ResultCode.tolerance_not_reached, qt.ResultCode.not_finite]
     quaternion = np.ones((len(INSTANTS), 4))
     each = [qt.Propagation(*map(jnp.asarray, (INSTANTS, quaternion, 1e-13, 7, code))) for code in codes]
-    lanes = jax.tree.map(lambda *x: jnp.stack(x), *each)
+    batch = jax.tree.map(lambda *x: jnp.stack(x), *each)
     texts = [one.result for one in each]
     assert len(set(texts)) == 3
-    assert list(lanes.result) == lanes.record().variables["result"].values.tolist() == texts
+    assert list(batch.result) == batch.record().variables["result"].values.tolist() == texts
     assert [one.record().variables["result"].values.item() for one in each] == texts
 
 
 @pytest.mark.parametrize("timed", [True, False])
-def test_rows_run_over_lanes_and_over_nothing_that_is_only_called_so(timed):
+def test_rows_are_batch_elements_but_not_dimensions_of_similar_names(timed):
     dims = ("batch_1", "batch_2", "batch_width", *(["time"] if timed else []))
     values = np.arange(2.0 * 3 * 2 * (4 if timed else 1)).reshape(2, 3, 2, *([4] if timed else []))
     dataset = xarray.Dataset({"x": (dims, values)}, {"time": ("time", np.arange(4.0))} if timed else {})

@@ -1,4 +1,4 @@
-"""Track files: what is recognised, and what each fault of a file is called."""
+"""Track files: recognised formats, and the message for each fault of a file."""
 
 import importlib.resources
 import re
@@ -10,7 +10,7 @@ import pytest
 from qtraj.io.track_file import read_track
 
 SECONDS_FOR_1E5_ROWS = 10.0
-"""Measured 0.75 s on an idle core; the bound only catches a reader that became quadratic."""
+"""It takes 0.75 s on an idle core; the bound only detects quadratic run time."""
 
 ROWS = [[0.0, 1.0, 2.0, 3.0], [0.1, 1.5, 2.5, 3.5], [0.2, 2.0, 3.0, 4.0], [0.35, 2.5, 3.25, 4.0], [0.4, 3.0, 3.5, 4.0]]
 TEXT = "\n".join(",".join(map(str, row)) for row in ROWS) + "\n"
@@ -95,7 +95,7 @@ def test_a_csv_file_may_be_called_txt(tmp_path):
     check(read_track(written(tmp_path, "time,x,y,z\n" + TEXT, "track.txt")))
 
 
-def test_a_part_that_is_not_whole_may_be_left_out(tmp_path):
+def test_an_incomplete_part_can_be_left_out(tmp_path):
     text = "time,x,y,z,vx\n" + "\n".join(",".join(map(str, [*row, 1.0])) for row in ROWS)
     track = read_track(written(tmp_path, text), {"velocity": None})
     check(track)
@@ -108,14 +108,14 @@ HEAD = "# first\ntime,x,y,z\n"
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (HEAD + TEXT.replace("2.5,3.5", "fast,3.5"), r"line 4: column 'y' must hold a finite number.*'fast'"),
-        (HEAD + TEXT.replace("2.5,3.5", "nan,3.5"), r"line 4: column 'y' must hold a finite number.*'nan'"),
-        (HEAD + TEXT.replace("2.5,3.5", "2.5,-inf"), r"line 4: column 'z' must hold a finite number.*'-inf'"),
+        (HEAD + TEXT.replace("2.5,3.5", "fast,3.5"), r"line 4: column 'y' must have finite numbers.*'fast'"),
+        (HEAD + TEXT.replace("2.5,3.5", "nan,3.5"), r"line 4: column 'y' must have finite numbers.*'nan'"),
+        (HEAD + TEXT.replace("2.5,3.5", "2.5,-inf"), r"line 4: column 'z' must have finite numbers.*'-inf'"),
         (HEAD + TEXT.replace("2.5,3.5", "2.5,"), r"line 4: the cell of column 'z' is missing"),
         (HEAD + TEXT.replace("2.5,3.5", "2.5"), r"line 4: the cell of column 'z' is missing"),
         (
             HEAD + TEXT.replace("0.2,", "0.1,"),
-            r"line 5: times must increase strictly, but column 'time' holds 0.1.* after",
+            r"line 5: times must increase strictly, but column 'time' has 0.1.* after",
         ),
         (HEAD + TEXT.replace("0.2,", "0.05,"), r"line 5: times must increase strictly"),
         (
@@ -129,16 +129,16 @@ HEAD = "# first\ntime,x,y,z\n"
         (
             "time,x,y,z,vx,vy\n",
             r"velocity are incomplete: found vx, vy, missing vz\. .*velocity = \[\"vx\", \"vy\", \"\.\.\.\"\] under "
-            r'\[track\.columns\].*To do without: velocity = \[\], in Python \{"velocity": None\}\.',
+            r'\[track\.columns\].*To leave the velocity out: velocity = \[\], in Python \{"velocity": None\}\.',
         ),
         ("time,x,y,z,vel_up [m/s]\n", r"velocity are incomplete: found vel_up \[m/s\], missing vel_east, vel_north\. "),
-        ("t [ms],x,y,z\n" + TEXT, r"the column 't \[ms\]' is in ms, but the time is read in s: convert it before"),
+        ("t [ms],x,y,z\n" + TEXT, r"the column 't \[ms\]' is in ms, but the time is read in s: convert it first"),
         ("time,x (km),y (km),z\n" + TEXT, r"the column 'x \(km\)' is in km, but the position is read in m"),
         ("time,x,y,z,vx [km/h],vy,vz\n", r"'vx \[km/h\]' is in km/h, but the velocity is read in m/s"),
         ("time,x (map) [km],y,z\n" + TEXT, r"is in km, but the position"),
         ("time,x,y,z,qw [rad],qx,qy,qz\n", r"is in rad, but the attitude is read as a quaternion"),
         ("time,x,y,z,qw,qx,qy\n", r"attitude are incomplete: found qw, qx, qy, missing qz"),
-        (TEXT, r"line 1: a header row with column names was expected"),
+        (TEXT, r"line 1: expected a header row with column names"),
         ("", r"the file is empty"),
         ("# only a comment\n\n", r"the file is empty"),
         (HEAD, r"at least 4 rows of numbers, but there are 0"),
@@ -157,8 +157,8 @@ def test_faults_of_a_csv_file(tmp_path, text, words):
     [
         ({"position": ["x", "y", "w"]}, r"no column 'w'. The columns are time, x, y, z"),
         ({"time": "clock"}, r"no column 'clock'"),
-        ({"position": ["x", "y"]}, r"must name 3 column\(s\), but \['x', 'y'\]"),
-        ({"speed": "x"}, r"the keys time, position, velocity, attitude, but 'speed'"),
+        ({"position": ["x", "y"]}, r"must name 3 column\(s\), but got \['x', 'y'\]"),
+        ({"speed": "x"}, r"the keys time, position, velocity, attitude, but got 'speed'"),
         ({"position": None}, r"no columns for the position"),
     ],
 )
@@ -167,10 +167,10 @@ def test_faults_of_the_column_names(tmp_path, columns, words):
         read_track(written(tmp_path, HEAD + TEXT), columns)
 
 
-def test_angles_on_the_globe_are_no_positions(tmp_path):
+def test_angles_on_the_globe_are_not_positions(tmp_path):
     file = written(tmp_path, HEAD.replace("x,y", "gps_lon,Lat") + TEXT)
     with pytest.raises(
-        ValueError, match=r"'gps_lon' seems to hold angles on the globe.*project latitude and longitude"
+        ValueError, match=r"'gps_lon' seems to contain angles on the globe.*convert latitude and longitude"
     ):
         read_track(file, {"position": ["gps_lon", "Lat", "z"]})
 
@@ -182,7 +182,7 @@ TUM = "\n".join(f"{k} {k} 2 3 0 0 0 1" for k in range(5))
     ("text", "words"),
     [
         (TUM.replace("3 3 2 3 0 0 0 1", "3 3 2 3 0 0 0"), r"line 4: the cell of column 'qw' is missing"),
-        (TUM.replace("3 3 2 3", "3 3 up 3"), r"line 4: column 'ty' must hold a finite number.*'up'"),
+        (TUM.replace("3 3 2 3", "3 3 up 3"), r"line 4: column 'ty' must have finite numbers.*'up'"),
         (TUM.replace("3 3 2", "2 3 2"), r"line 4: times must increase strictly, but column 'timestamp'"),
         (TUM.replace("3 0 0 0 1", "3 0 0 0 0"), r"quaternions other than zero, but sample 0"),
     ],

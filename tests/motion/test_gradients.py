@@ -1,4 +1,4 @@
-"""Both modes of differentiation through everything that moves an attitude, also where a turn vanishes (Φ → 0)."""
+"""Forward and reverse derivatives of slews, propagation, integration and simulation, also at Φ → 0."""
 
 import jax
 import jax.numpy as jnp
@@ -8,17 +8,17 @@ import pytest
 import qtraj as qt
 
 RELATIVE = 1e-6
-"""To the size of the gradient; of central differences with this step: """
+"""Error of central differences with STEP, relative to the size of the gradient."""
 STEP = 1e-5
 START = np.array([0.5, -0.5, 0.1, 0.7])
 TIMES = np.array([0.0, 0.7, 1.6])
 WEIGHTS = np.random.default_rng(6).normal(size=(2, 4))
 
-TURNS = {"no turn at all": START, "the far sign": -2 * START, "a turn": np.array([0.3, 0.2, -0.6, 0.4])}
+ENDS = {"equal attitudes": START, "the far sign": -2 * START, "a slew": np.array([0.3, 0.2, -0.6, 0.4])}
 
 
 def check_gradient(f, points):
-    """Reverse and forward mode of `f` against central differences in every variable."""
+    """Compare reverse and forward mode of `f` with central differences in every variable."""
 
     forward = jax.jit(lambda x, direction: jax.jvp(f, (x,), (direction,)))
     reverse = jax.jit(jax.grad(f))
@@ -33,14 +33,14 @@ def check_gradient(f, points):
             np.testing.assert_allclose(forward(x, direction)[1], slope, rtol=0, atol=len(x) * RELATIVE * size)
 
 
-def turn(end):
+def slew(end):
     return qt.EulerTurn(START, end, qt.Quintic(duration=2.0))
 
 
-@pytest.mark.parametrize("end", TURNS.values(), ids=TURNS)
+@pytest.mark.parametrize("end", ENDS.values(), ids=ENDS)
 def test_euler_turn(end):
     def goal(end):
-        at = turn(end)(0.9)
+        at = slew(end)(0.9)
         return WEIGHTS[0] @ at.quaternion + WEIGHTS[1, :3] @ at.rate + WEIGHTS[0, :3] @ at.acceleration
 
     check_gradient(goal, [end])
@@ -48,17 +48,17 @@ def test_euler_turn(end):
 
 def test_propagate():
     def goal(x):
-        program = turn(x[:4])
+        program = slew(x[:4])
         qs = qt.propagate(lambda t: program(t).rate, x[4:], TIMES, steps=2)
         return jnp.sum(qs[1:] * WEIGHTS)
 
-    check_gradient(goal, [np.concatenate([end, START]) for end in TURNS.values()])
+    check_gradient(goal, [np.concatenate([end, START]) for end in ENDS.values()])
 
 
 @pytest.mark.slow
 def test_integrate():
     def goal(x):
-        program = turn(x[:4])
+        program = slew(x[:4])
 
         def epsilon(t, quaternion, rate):
             return jnp.concatenate([jnp.sin(t)[None], program(t).acceleration])
@@ -67,16 +67,16 @@ def test_integrate():
         return jnp.sum(motion.quaternion[1:] * WEIGHTS) + jnp.sum(motion.rate[1:] * WEIGHTS[::-1])
 
     state = np.concatenate([START, [0.1, 0.2, -0.3, 0.4]])
-    check_gradient(goal, [np.concatenate([end, state]) for end in TURNS.values()])
+    check_gradient(goal, [np.concatenate([end, state]) for end in ENDS.values()])
 
 
 @pytest.mark.slow
 def test_simulate():
-    """In the program, the gains, the state, and a disturbance."""
+    """With respect to the program, the gains, the state, and a disturbance."""
 
     def goal(x):
         motion = qt.simulate(
-            turn(x[:4]),
+            slew(x[:4]),
             qt.AccelerationLaw(x[4], x[5]),
             x[6:10],
             x[10:14],
@@ -88,4 +88,4 @@ def test_simulate():
 
     away = START + np.array([0.05, 0.1, 0.2, -0.1])
     state = np.concatenate([[2.1, 1.3], away, [0.1, 0.2, -0.3, 0.4], [0.1, -0.2, 0.05]])
-    check_gradient(goal, [np.concatenate([end, state]) for end in (TURNS["no turn at all"], TURNS["a turn"])])
+    check_gradient(goal, [np.concatenate([end, state]) for end in (ENDS["equal attitudes"], ENDS["a slew"])])

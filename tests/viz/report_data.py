@@ -2,8 +2,7 @@
 
 import numpy as np
 import xarray
-
-from qtraj.io.instants import Column, instants_dataset
+from tests.viz.instants import Column, instants_dataset
 
 HOSTILE = "</script><script>window.hacked = 1</script>"
 IMAGE = "<img src=x onerror='window.hacked = 2'>&amp; <b>x</b> %{x} \u2028"

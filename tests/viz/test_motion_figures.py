@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from tests.viz.instants import Column, instants_dataset
 
-from qtraj.io.instants import Column, instants_dataset
 from qtraj.viz import figures
 from qtraj.viz.figures import save
 from qtraj.viz.simulation_figure import simulation_figure
@@ -111,7 +111,7 @@ def test_without_a_title_there_is_no_band_for_it(turn):
         titled, plain = draw(dataset), draw(dataset.drop_attrs(deep=False))
         assert plain.get_suptitle() == ""
         assert titled.get_figheight() - plain.get_figheight() == pytest.approx(BAND)
-        assert space_above(titled) - room_above(plain) == pytest.approx(BAND)
+        assert space_above(titled) - space_above(plain) == pytest.approx(BAND)
         heights = [[axes.get_position().height * f.get_figheight() for axes in f.axes] for f in (titled, plain)]
         assert heights[0] == pytest.approx(heights[1])
 

@@ -124,7 +124,8 @@ def test_tables_have_the_status_of_each_limit(paths):
 
 
 def test_names_of_limits_are_words():
-    result = "; ".join([*LIMIT_VARIABLES, "max_jerk by 3 %: larger max_steps, my_angular_rate, angular_rates of end.V_h"])
+    words = "max_jerk by 3 %: larger max_steps, my_angular_rate, angular_rates of end.V_h"
+    result = "; ".join([*LIMIT_VARIABLES, words])
     text = " ".join(Page(report_page(two_paths(tuning_result=result, rate_convention="angular_acceleration"))).text)
     for name in (*LIMIT_VARIABLES, "max_jerk"):
         assert name.replace("_", " ") in text
@@ -278,7 +279,7 @@ def test_a_closed_form_that_does_not_apply_is_not_drawn():
     assert [line["name"] for line in shown_panels(loop)["error angle"]["series"]] == ["angle"]
     assert "closed form" in [line["name"] for line in shown_panels(closed_loop())["error angle"]["series"]]
     text = " ".join(Page(report_page(loop)).text)
-    assert "The closed form is not drawn, as it does not apply: a disturbance acts on the body." in text
+    assert "The closed form is not drawn, because it does not apply: a disturbance acts on the body." in text
 
 
 def results():

@@ -14,6 +14,9 @@ R(p) x = x∘p, and ᾱ the conjugate:
 
 ᵗA is A with its first row and first column exchanged. Identities: Aᵗ·ᵗAᵗ = |α|² diag(1, direction cosines), and
 ½(Ṙ₀ − Ṙ₀′)(0, x) = (0, r × x), whose square and cube are the double and the triple product.
+
+Kinematics in the same matrices (Alpatov et al., 2021, doi 10.14738/tmlai.94.10523): 2λ̇ is
+ᵗAᵗ(ω_x) λ or A(ω_ξ) λ, and backwards (0, ω_x) = 2Aᵗλ̇, (0, ω_ξ) = 2 ᵗA λ̇ for a unit λ.
 """
 
 import jax.numpy as jnp
@@ -76,6 +79,55 @@ def cross_repeated(v: Vec3, x: Vec3, times: int = 1) -> Vec3:
     for _ in range(times):
         column = jnp.matmul(matrix, column, precision="highest")
     return column[1:]
+
+
+def double_product(a: Vec3, b: Vec3, c: Vec3) -> Vec3:
+    """a × (b × c) = b (a·c) − c (a·b): paper S's first vector identity, a determinant of the columns b, a·b; c, a·c."""
+    return b * _dot(a, c) - c * _dot(a, b)
+
+
+def triple_product(a: Vec3, b: Vec3, c: Vec3, d: Vec3) -> Vec3:
+    """a × [b × (c × d)] = (a × c)(b·d) − (a × d)(b·c): paper S's second vector identity."""
+    return jnp.cross(a, c) * _dot(b, d) - jnp.cross(a, d) * _dot(b, c)
+
+
+def rotation(q: Quat) -> Mat4:
+    """Aᵗ·ᵗAᵗ: |λ|² times a matrix with 1 and the direction cosines α, which takes (0, v_ξ) to (0, v_X)."""
+    return jnp.matmul(at(q), tat(q), precision="highest")
+
+
+def rotation_slope(q: Quat, q_dot: Quat) -> Mat4:
+    """The derivative of `rotation`, (Aᵗ)˙·ᵗAᵗ + Aᵗ·(ᵗAᵗ)˙: rows τ̇, ṅ, ḃ for the unit λ of a trihedral."""
+    first = jnp.matmul(at(q_dot), tat(q), precision="highest")
+    return first + jnp.matmul(at(q), tat(q_dot), precision="highest")
+
+
+def kinematic(omega: Vec3, axes: str = "body") -> Mat4:
+    """The matrix of 2λ̇ = Ωλ for a rate (3,) [rad/s]: ᵗAᵗ of ω_x in body axes, A of ω_ξ in inertial axes.
+
+    **Raises:** ValueError for other axes.
+    """
+    _require_axes(axes)
+    return _combine(omega, TAT_BASIS[1:] if axes == "body" else A_BASIS[1:])
+
+
+def rate(q: Quat, q_dot: Quat, axes: str = "body") -> Vec3:
+    """The angular rate (3,) [rad/s] of λ that changes at λ̇ [1/s]: 2Aᵗλ̇/|λ|² in body axes, 2 ᵗA λ̇/|λ|² in inertial ones.
+
+    **Raises:** ValueError for other axes.
+    """
+    _require_axes(axes)
+    matrix = at(q) if axes == "body" else ta(q)
+    return 2 * jnp.matmul(matrix, q_dot, precision="highest")[1:] / jnp.sum(q * q)
+
+
+def _require_axes(axes: str) -> None:
+    if axes not in ("body", "inertial"):
+        raise ValueError(f"axes must be 'body' or 'inertial', but {axes!r} was given")
+
+
+def _dot(a: Vec3, b: Vec3) -> Array:
+    return jnp.sum(a * b)
 
 
 def _combine(components: Float[Array, " n"], basis: np.ndarray) -> Mat4:

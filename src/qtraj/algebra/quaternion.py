@@ -27,6 +27,24 @@ from qtraj.algebra.polynomial import horner
 from qtraj.algebra.vector import balanced, norm, unit as unit_vector
 from qtraj.foundation.types import Mat4, Quat, Scalar, Vec3
 
+__all__ = [
+    "canonical",
+    "conjugate",
+    "derivative",
+    "exp",
+    "from_xyzw",
+    "inverse",
+    "left_matrix",
+    "log",
+    "log_norm",
+    "norm_squared",
+    "product",
+    "right_matrix",
+    "rotate",
+    "to_xyzw",
+    "unit",
+]
+
 _COS = [(-1) ** k / math.factorial(2 * k) for k in range(8)]
 _SINC = [(-1) ** k / math.factorial(2 * k + 1) for k in range(8)]
 _ATANC = [(-1) ** k / (2 * k + 1) for k in range(8)]
@@ -34,6 +52,10 @@ _ATANC = [(-1) ** k / (2 * k + 1) for k in range(8)]
 # their derivatives lose digits in proportion to 1/θ only.
 _SMALL_ANGLE_SQUARED = 0.05
 _SMALL_TANGENT_SQUARED = 0.0025
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 def product(p: Quat, q: Quat) -> Quat:

@@ -33,6 +33,10 @@ __all__ = [
 ]
 
 
+def __dir__() -> list[str]:
+    return __all__
+
+
 def to_rotation_vector(q: Quat) -> Vec3:
     """Φe [rad] of the shorter rotation, 0 ≤ Φ ≤ π; for Φ = π, the first non-zero component of e is positive."""
     return 2 * log(canonical(q))

@@ -1,5 +1,7 @@
 """`qtraj.evaluate`: many paths at many instants in one call."""
 
+from __future__ import annotations  # so that `help` shows short names
+
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,10 +18,12 @@ from qtraj.batch.task import Task
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing, require_initial
-from qtraj.path import frame_axes as axes
 from qtraj.path.channel import CHANNELS
+from qtraj.path.driving import usual_frame
+from qtraj.path.frame_axes import MINIMIZING
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.trihedral import AbstractFrame, Natural
+from qtraj.path.rate_axes import BODY, require_axes
+from qtraj.path.trihedral import AbstractFrame
 
 DEFAULT_OUTPUTS = ("position", "velocity", "acceleration", "quaternion", "curvature", "torsion", "rate")
 
@@ -34,15 +38,18 @@ def evaluate(
     reduce: str | None = None,
     devices: Sequence[Any] | None = None,
     reuse: Table | None = None,
+    axes: str = BODY,
 ) -> Any:
     """Evaluate one path, or a stack of paths from `jax.vmap`, at `times` [s], shared (n,) or per path (b, n).
 
     One path gives a `Table` of arrays (n, …), b paths (b, n, …); with `components="first"` the component axes come
     first. Each component is contiguous in memory, except for a rotation-minimizing frame. `outputs` are names of
-    `Table`: vectors, frames, and every path quantity. `frame` is the frame along the path: `Natural()` (the default),
-    `Upright()`, `ThrustAligned()`, or `RotationMinimizing()`. The labels of `to_xarray()` depend on it: tangent,
-    normal, binormal, or forward, left, up. The sign of a quaternion is arbitrary at each instant; with
-    `continuous=True` it is continuous in time.
+    `Table`: vectors, frames, and every path quantity. `frame` is the frame along the path: `Natural()` (the default,
+    but for a route `Upright()`, or `Driving` if it stops), `Upright()`, `ThrustAligned()`, or `RotationMinimizing()`.
+    The labels of `to_xarray()` depend on it: tangent, normal, binormal, or forward, left, up. The sign of a quaternion
+    is arbitrary at each instant; with `continuous=True` it is continuous in time.
+
+    `axes` are those of `rate` and `angular_acceleration`: "body", the frame's own, or "inertial", the world's.
 
     `reduce` "max", "min", "integral" (trapezoidal rule) or "mean" returns a `Reduced` over the instants instead, and
     stores no samples. `devices` are the devices to use, by default all local ones for large inputs. `reuse` is the
@@ -52,16 +59,18 @@ def evaluate(
     Paths with `polynomials` and a natural or upright frame are fastest. The call may be traced, and differentiated in
     forward and reverse mode.
 
-    **Raises:** ValueError for an input that is not a path, unknown outputs, components or reductions, times that are
-    neither (n,) nor (b, n), a table to reuse with other shapes or outputs, or a rotation-minimizing frame with `reduce`
-    or `reuse`.
+    **Raises:** ValueError for an input that is not a path, unknown outputs, components, axes or reductions, times that
+    are neither (n,) nor (b, n), a table to reuse with other shapes or outputs, or a rotation-minimizing frame with
+    `reduce` or `reuse`.
     """
+    require_axes(axes)
     task = Task(
         names=_names(outputs),
         components=_one_of(components, ("last", "first"), "components"),
         batched=_batched(paths),
         continuous=continuous,
         reduce=None if reduce is None else _one_of(reduce, REDUCTIONS, "reduce"),
+        axes=axes,
     )
     if frame is not None and not isinstance(frame, AbstractFrame | RotationMinimizing):
         raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
@@ -75,7 +84,7 @@ def evaluate(
         raise ValueError("times must have at least one instant")
     if isinstance(frame, RotationMinimizing):
         return _minimizing(task, paths, frame, instants, reuse, devices)
-    frame = Natural() if frame is None else frame
+    frame = usual_frame(paths) if frame is None else frame
     work = (paths, frame)
     traced = any(isinstance(x, Tracer) for x in (*jax.tree.leaves(work), instants))
     values = run(
@@ -86,9 +95,10 @@ def evaluate(
         traced,
         _reused_arrays(reuse, task, (*rows, instants.shape[-1])),
     )
+    form: Any = {"batched": task.batched, "components": components, "frame": frame.name, "axes": axes}
     if task.reduce is not None:
-        return Reduced(*values, reduction=task.reduce, batched=task.batched, components=components, frame=frame.name)
-    return Table(time=instants, **values, batched=task.batched, components=components, frame=frame.name)
+        return Reduced(*values, reduction=task.reduce, **form)
+    return Table(time=instants, **values, **form)
 
 
 def _minimizing(
@@ -113,7 +123,8 @@ def _minimizing(
     )
     values = other_outputs | frame_outputs(task, paths, frame, instants)
     ordered = {name: values[name] for name in task.names}
-    return Table(time=instants, **ordered, batched=task.batched, components=task.components, frame=axes.MINIMIZING)
+    form: Any = {"batched": task.batched, "components": task.components, "frame": MINIMIZING, "axes": task.axes}
+    return Table(time=instants, **ordered, **form)
 
 
 def _names(outputs: Sequence[str]) -> tuple[str, ...]:
@@ -147,8 +158,12 @@ def _reused_arrays(reuse: Table | None, task: Task, lead: tuple[int, ...]) -> di
     if reuse is None:
         return None
     arrays: dict[str, Any] = {name: getattr(reuse, name, None) for name in task.names}
-    form = (reuse.batched, reuse.components) if isinstance(reuse, Table) else None
-    if form != (task.batched, task.components) or any(x is None for x in arrays.values()) or task.reduce is not None:
+    form = (reuse.batched, reuse.components, reuse.axes) if isinstance(reuse, Table) else None
+    if (
+        form != (task.batched, task.components, task.axes)
+        or any(x is None for x in arrays.values())
+        or task.reduce is not None
+    ):
         raise ValueError("reuse must be the table of an earlier call with the same outputs, components and paths")
     shape = np.shape(next(iter(arrays.values())))
     reused_lead = shape[: len(lead)] if task.components == "last" else shape[-len(lead) :]

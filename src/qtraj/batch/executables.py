@@ -96,7 +96,7 @@ def _with_time_derivatives(instants: Array, times: Array) -> Array:
 
 
 def _stop_gradient(tree: Any) -> Any:
-    """The tree with constants for derivatives."""
+    """The tree, constant to differentiation."""
     return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, tree)
 
 
@@ -214,10 +214,10 @@ def _finished(task: Task, parts: Any, times: Array) -> Any:
 
 
 def _stacked(task: Task, work: Any) -> Any:
-    """The paths, with a leading axis, and the frame."""
+    """The paths, with a leading axis, and the frame with the axes of its rates."""
     paths, frame = work
     lead = lambda x: jnp.asarray(x)[None] if eqx.is_array_like(x) else x  # noqa: E731
-    return (paths if task.batched else jax.tree.map(lead, paths)), frame
+    return (paths if task.batched else jax.tree.map(lead, paths)), (frame, task.axes)
 
 
 def _worker(paths: Any, frame: Any, names: tuple[str, ...]) -> Any:

@@ -19,12 +19,13 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra import hamilton, polynomial, quaternion, rotation
 from qtraj.batch.cpu import DIVISION, cos_sin, derivatives_in_one_loop, inverse_root, root
-from qtraj.path.components import Triple, cross, dot, rotated_z, scaled, select
+from qtraj.path.components import Triple, add_vectors, cross, dot, rotated_z, scaled, select
 from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate, upright_rates
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials, in_moving_basis
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import PathQuantity
+from qtraj.path.rate_axes import BODY
 from qtraj.path.regularity import has_natural_frame, has_tangent, has_upright_frame
 from qtraj.path.trihedral import STEEP, AbstractFrame, Natural, Upright
 
@@ -53,8 +54,8 @@ class Instants:
     Vectors are triples of arrays. Each output is computed at its first use.
     """
 
-    def __init__(self, paths: AbstractHodograph, t: Times, frame: AbstractFrame):
-        self.frame, self.t = frame, t
+    def __init__(self, paths: AbstractHodograph, t: Times, frame: AbstractFrame, axes: str = BODY):
+        self.frame, self.t, self.axes = frame, t, axes
         polynomials = eqx.filter_vmap(lambda path: path.polynomials())(paths)
         if polynomials is None:
             self.basis, rows = Basis(), _world_derivatives(paths, t)
@@ -118,13 +119,20 @@ class Instants:
 
     @property
     def rate(self) -> Triple:
-        """Angular rate of the frame [rad/s], body axes."""
-        return self._frame.rate
+        """Angular rate of the frame [rad/s], in the requested axes."""
+        return self._in_axes(self._frame.rate)
 
     @property
     def acceleration(self) -> Triple:
-        """Angular acceleration of the frame [rad/s²], body axes."""
-        return self._frame.acceleration
+        """Angular acceleration of the frame [rad/s²], in the requested axes."""
+        return self._in_axes(self._frame.acceleration)
+
+    def _in_axes(self, v: Triple) -> Triple:
+        """A vector with components in the frame, in the requested axes."""
+        if self.axes == BODY:
+            return v
+        a, b, c = (scaled(axis, part) for axis, part in zip(self._frame.axes, v, strict=True))
+        return self.basis.world(add_vectors(add_vectors(a, b), c))
 
     @property
     def defined(self) -> Array:

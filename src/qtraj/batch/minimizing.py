@@ -30,9 +30,9 @@ def frame_outputs(
     if not names:
         return {}
     if not task.batched:
-        return _ordered(task, _along(FrameProgram(paths, frame), times, names), 1)
+        return _ordered(task, _along(FrameProgram(paths, frame), times, names, task.axes), 1)
     rows = jnp.broadcast_to(times, (paths.duration.shape[0], times.shape[-1]))
-    return _ordered(task, _many(paths, frame, rows, names), 2)
+    return _ordered(task, _many(paths, frame, rows, names, task.axes), 2)
 
 
 def _ordered(task: Task, values: dict[str, Array], lead: int) -> dict[str, Array]:
@@ -43,13 +43,15 @@ def _ordered(task: Task, values: dict[str, Array], lead: int) -> dict[str, Array
 
 
 @eqx.filter_jit
-def _many(paths: AbstractHodograph, frame: RotationMinimizing, times: Array, names: tuple[str, ...]) -> dict[str, Any]:
-    return eqx.filter_vmap(lambda path, t: _along(FrameProgram(path, frame), t, names))(paths, times)
+def _many(
+    paths: AbstractHodograph, frame: RotationMinimizing, times: Array, names: tuple[str, ...], axes: str
+) -> dict[str, Any]:
+    return eqx.filter_vmap(lambda path, t: _along(FrameProgram(path, frame), t, names, axes))(paths, times)
 
 
 @eqx.filter_jit
-def _along(program: FrameProgram, times: Float[Array, " n"], names: tuple[str, ...]) -> dict[str, Any]:
-    at = jax.vmap(program)(times)
+def _along(program: FrameProgram, times: Float[Array, " n"], names: tuple[str, ...], axes: str) -> dict[str, Any]:
+    at = jax.vmap(lambda t: program.at(t, axes))(times)
     formulas = {
         "dcm": lambda: jax.vmap(rotation.to_dcm)(at.quaternion),
         "quaternion": lambda: at.quaternion,

@@ -13,6 +13,7 @@ from qtraj.foundation.result import AbstractResult, batch_prefix
 from qtraj.foundation.units import integrated
 from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import framed, labels_of
+from qtraj.path.rate_axes import BODY, in_axes
 
 REDUCTIONS = ("max", "min", "integral", "mean")
 
@@ -39,6 +40,7 @@ class Reduced(AbstractResult):
     batched: bool = eqx.field(static=True)
     components: str = eqx.field(static=True)
     frame: str = eqx.field(static=True)
+    axes: str = eqx.field(static=True, default=BODY)
 
     def __getitem__(self, name: str) -> Array:
         return self.values[name]
@@ -47,7 +49,7 @@ class Reduced(AbstractResult):
         """The numbers over `path`, if there are many, and over components; `…_time` is the time of a peak."""
         variables = {}
         for name, values in self.values.items():
-            entry, paths = CHANNELS[name], ("path",) if self.batched else ()
+            entry, paths = in_axes(CHANNELS[name], self.axes), ("path",) if self.batched else ()
             dims = (*paths, *entry.axes) if self.components == "last" else (*entry.axes, *paths)
             unit = integrated(entry.unit) if self.reduction == "integral" else entry.unit
             meaning = f"{self.reduction} of {'each component of ' if entry.axes else ''}the {entry.meaning}"

@@ -11,6 +11,7 @@ from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, times_text
 from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import framed, labels_of
+from qtraj.path.rate_axes import BODY, in_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,7 +21,8 @@ class Table(AbstractResult):
     """Arrays over instants (n,) or over paths and instants (b, n), components on the last axis (or the first).
 
     Each output of `evaluate` is an attribute: `table.position`, `table.curvature`, `table.yaw_rate`; outputs that were
-    not requested are None. `time` [s], (n,) or (b, n), is measured from each path's own start.
+    not requested are None. `time` [s], (n,) or (b, n), is measured from each path's own start. `axes`, "body" or
+    "inertial", are those of `rate` and `angular_acceleration`.
 
     **Raises:** TypeError for unknown names of arrays.
     """
@@ -30,21 +32,23 @@ class Table(AbstractResult):
     batched: bool = eqx.field(static=True)
     components: str = eqx.field(static=True)
     frame: str = eqx.field(static=True)
+    axes: str = eqx.field(static=True)
 
     def __init__(
         self,
-        time: Array,
+        time: "Array",
         *,
         batched: bool = False,
         components: str = "last",
         frame: str = "natural",
-        **values: Array | None,
+        axes: str = BODY,
+        **values: "Array | None",
     ):
         if unknown := values.keys() - CHANNELS.keys():
             raise TypeError(f"unknown output {min(unknown)!r}; known are {', '.join(CHANNELS)}")
         self.time = time
         self.values = {name: x for name, x in values.items() if x is not None}
-        self.batched, self.components, self.frame = batched, components, frame
+        self.batched, self.components, self.frame, self.axes = batched, components, frame, axes
 
     def __getattr__(self, name: str) -> Any:
         if name in CHANNELS:
@@ -72,6 +76,7 @@ class Table(AbstractResult):
         variables = {}
         for name, entry in CHANNELS.items():
             if name in self.values:
+                entry = in_axes(entry, self.axes)
                 dims = (*instants, *entry.axes) if self.components == "last" else (*entry.axes, *instants)
                 variables[name] = Quantity(self.values[name], entry.unit, entry.meaning, dims)
         time = Quantity(self.time, "s", "time from the start of the path", instants[-self.time.ndim :])

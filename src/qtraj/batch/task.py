@@ -10,6 +10,7 @@ from jax.sharding import PartitionSpec
 from jaxtyping import Array
 
 from qtraj.path.channel import CHANNELS
+from qtraj.path.rate_axes import BODY
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class Task:
     batched: bool
     continuous: bool
     reduce: str | None
+    axes: str = BODY
 
     def shaped(self, name: str, flat: Array) -> Array:
         """The result from an array (components, paths, …)."""

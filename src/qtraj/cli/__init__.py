@@ -1,7 +1,7 @@
-"""Floor 6: the command line, one file per command and a room for the work behind it."""
+"""Layer 7: the command line, one file per command: load a scenario, run the library, show its results."""
 
 BAD_INPUT = 2
-"""Exit code of a run that refused what it was given."""
+"""Exit code of a run that refused its input."""
 
 INTERRUPTED = 130
 """Exit code of a run that Ctrl-C ended."""

@@ -1,5 +1,6 @@
-"""The commands, gathered."""
+"""The commands, gathered, and the old names of those that were renamed."""
 
+import functools
 from collections.abc import Callable
 
 import typer
@@ -7,9 +8,10 @@ import typer
 from qtraj._version import __version__
 from qtraj.cli.evaluate import evaluate
 from qtraj.cli.report import report
-from qtraj.cli.track import track
+from qtraj.cli.simulate import simulate
+from qtraj.cli.slew import slew
+from qtraj.cli.terminal import UNTIL, warn
 from qtraj.cli.tune import tune
-from qtraj.cli.turn import turn
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -28,8 +30,19 @@ def _examples(*lines: str) -> str:
     return "\n\n".join(("Examples:", *lines))
 
 
-def _add(command: Callable[..., None], *examples: str) -> None:
-    app.command(help=_prose(command.__doc__), epilog=_examples(*examples))(command)
+def _add(command: Callable[..., None], *examples: str, old: str | None = None) -> None:
+    """A command with its examples, and under its `old` name, which warns and works until 1.0."""
+    help, epilog = _prose(command.__doc__), _examples(*examples)
+    app.command(help=help, epilog=epilog)(command)
+    if old is None:
+        return
+
+    @functools.wraps(command)
+    def renamed(*args: object, **options: object) -> None:
+        warn(f"`qtraj {old}` is now `qtraj {command.__name__}`; {UNTIL}")
+        command(*args, **options)
+
+    app.command(old, help=help, epilog=epilog, hidden=True)(renamed)
 
 
 _add(
@@ -44,14 +57,16 @@ _add(
     "qtraj evaluate results/path.toml --step 0.1 --out table",
 )
 _add(
-    turn,
-    "qtraj turn  (the embedded scenario)",
-    "qtraj turn slew.toml --out results --samples 401",
+    slew,
+    "qtraj slew  (the embedded scenario)",
+    "qtraj slew camera.toml --out results --samples 401",
+    old="turn",
 )
 _add(
-    track,
-    "qtraj track  (the embedded scenario)",
-    "qtraj track loop.toml --out results --json",
+    simulate,
+    "qtraj simulate  (the embedded scenario)",
+    "qtraj simulate loop.toml --out results --json",
+    old="track",
 )
 _add(
     report,

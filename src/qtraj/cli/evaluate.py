@@ -1,20 +1,37 @@
 """`qtraj evaluate`: the path of a scenario, or a saved one, as a table."""
 
-import json
+import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import typer
+from rich.console import Console
+from rich.text import Text
 
-from qtraj.cli.frame_option import FrameName, frame_of, frame_option
-from qtraj.cli.terminal import guarded, stdout
+from qtraj.cli import layout, terminal
+from qtraj.cli.terminal import FrameName, Outcome
+from qtraj.cli.tune import show_fit
+from qtraj.foundation.progress_bar import watching
 
-NOT_FITTED = 1
+if TYPE_CHECKING:
+    from qtraj.design.fitting.fitted import Fitted
+    from qtraj.path.spiral_helix import SpiralHelix
+    from qtraj.scenario.reader import ScenarioFile
+
+OUTPUTS = ("position", "velocity", "acceleration", "speed", "curvature", "torsion", "quaternion", "rate", "defined")
+SAMPLES = 25
+MOST = 1_000_000
+"""More instants than this are surely a mistake."""
+
+MOTION = {"time": ["t"], "position": ["x", "y", "z"], "speed": ["speed"], "curvature": ["κ"], "torsion": ["χ"]}
 
 
 def evaluate(
     scenario: Path = typer.Argument(..., metavar="SCENARIO", help="A scenario, or a saved path (TOML or JSON)."),
     samples: int | None = typer.Option(
-        None, min=2, metavar="N", help="Number of instants, both ends included. [default: 25]"
+        None, min=2, metavar="N", help=f"Number of instants, both ends included. \\[default: {SAMPLES}]"
     ),
     step: float | None = typer.Option(
         None, metavar="SECONDS", help="Time between instants instead; the end is always included."
@@ -22,9 +39,9 @@ def evaluate(
     also: list[str] = typer.Option(
         [], metavar="NAME", help="A further output of qtraj.evaluate, such as yaw_rate; several with one option each."
     ),
-    frame: FrameName | None = frame_option(),
+    frame: FrameName | None = terminal.frame_option(),
     out: Path | None = typer.Option(None, metavar="DIR", help="Folder for table.nc and table.csv."),
-    as_json: bool = typer.Option(False, "--json", help="Print the table as JSON instead."),
+    as_json: bool = terminal.json_option(),
 ) -> None:
     """Tabulate a path: time, position, speed, curvature, torsion, attitude and rate.
 
@@ -32,14 +49,120 @@ def evaluate(
     another; the quaternion is scalar first, body to world. What --also names is added to the files and to JSON. Exit
     code 1 where the path does not follow its recording.
     """
-    with guarded():  # imports here, so that --help need not wait for pydantic and xarray
-        from qtraj.cli.evaluation.tabulate import print_table
-        from qtraj.cli.evaluation.work import run
+    with terminal.guarded():
+        outcome = run(scenario, samples, step, out, also, frame or FrameName.upright)
+    terminal.finish(outcome, as_json)
 
-        content = run(scenario, samples, step, out, also, frame_of(frame))
-    if as_json:
-        typer.echo(json.dumps(content, allow_nan=False))
-    else:
-        print_table(stdout(), content)
-    if content["fit"] is not None and not content["fit"]["successful"]:
-        raise typer.Exit(NOT_FITTED)
+
+def run(
+    file: Path,
+    samples: int | None,
+    step: float | None,
+    out: Path | None,
+    also: Sequence[str],
+    frame: FrameName,
+) -> Outcome:
+    """Evaluate the path of a file, and write it where a folder is given.
+
+    **Raises:** OSError or ValueError for bad input, before anything is written.
+    """
+    with watching() as watch:
+        watch.say("reading the path")
+        # Here, so that --help need not wait for pydantic and xarray.
+        from qtraj.batch.evaluate import evaluate
+        from qtraj.cli.output import check_folder, header, provenance, table_writers, tabular, write_all
+        from qtraj.design.fitting.facts import facts
+        from qtraj.io.dataset import conventions, with_fit
+        from qtraj.io.instants_csv import PATH_HEADERS, csv_headers
+
+        if out is not None:
+            check_folder(out)
+        given, path, fitted = _path(file)
+        times = instants(float(path.duration), samples, step)
+        watch.say("evaluating")
+        table = evaluate(path, times, (*OUTPUTS, *also), frame.frame(), continuous=True)
+        bends = np.asarray(evaluate(path, times, ("defined",)).defined)
+        content = header("evaluate", given) | {
+            "fit": None if fitted is None else facts(fitted),
+            "frame": table.frame,
+            "path": {"duration": float(path.duration), "length": float(path.length()), "turn": float(path.turn)},
+            **tabular(table.record()),
+            "bends": bends.tolist(),
+            "files": [],
+        }
+        if out is not None:
+            dataset = table.to_xarray()
+            known = csv_headers(dataset)
+            headers = PATH_HEADERS | {name: known[name] for name in ("rate", *also) if name not in PATH_HEADERS}
+            found: dict[str, Any] = {}
+            texts = {} if fitted is None else with_fit(found, fitted)
+            dataset = dataset.assign(found)
+            dataset.attrs |= conventions(table.frame) | provenance(given) | texts
+            written = write_all(out, table_writers(dataset, headers))
+            content["files"] = [str(file) for file in written]
+    loose = fitted is not None and not bool(fitted.successful)
+    return Outcome(content, lambda console: _show(console, content), loose)
+
+
+def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | None"]:
+    """The path of a file, with the scenario that it stands in, and the fit it comes from."""
+    from qtraj.io.saved import is_saved, saved_path
+    from qtraj.scenario.path import lay
+    from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
+
+    if is_saved(file):
+        return ScenarioFile[Any](file, None, content_hash(file.read_bytes())), saved_path(file), None
+    given = read_scenario(file, "path")
+    task = lay(given)
+    return given, task.path, task.fitted
+
+
+def instants(duration: float, samples: int | None, step: float | None) -> np.ndarray:
+    """The instants to evaluate, from 0 to the duration [s].
+
+    **Raises:** ValueError where both numbers are given, or the step makes no sensible number of instants.
+    """
+    if samples is not None and samples > MOST:
+        raise ValueError(f"--samples {samples} was given, but expected at most {MOST}")
+    if step is None:
+        return np.linspace(0.0, duration, SAMPLES if samples is None else samples)
+    if samples is not None:
+        raise ValueError("--samples and --step were both given: give one of them")
+    if not (step > 0 and duration / step < MOST):
+        raise ValueError(
+            f"--step {step:g} was given, but expected a positive number of seconds that makes at most {MOST} instants "
+            f"of this path, which lasts {duration:.6g} s"
+        )
+    times = step * np.arange(int(duration / step * (1 + 1e-12)) + 1)
+    return times if times[-1] >= duration * (1 - 1e-9) else np.append(times, duration)
+
+
+def _show(console: Console, content: dict[str, Any]) -> None:
+    """Two tables, which side by side would not fit 80 characters, with what is known about the path before them."""
+    from qtraj.path.existence import MISSING
+    from qtraj.path.frame_axes import axes_of
+
+    layout.print_scenario(console, content["scenario"])
+    path, frame = content["path"], content["frame"]
+    turn = f"{math.degrees(path['turn']):.2f}° about the axis"
+    console.print(Text(f"Path: {path['duration']:.4f} s, {path['length']:.4f} m, {turn}"))
+    if content["fit"] is not None:
+        show_fit(console, content["fit"])
+    columns = {name: np.array(values, dtype=float) for name, values in content["columns"].items()}
+    defined = columns["defined"].astype(bool)
+    exists = {"torsion": np.array(content["bends"], dtype=bool), "quaternion": defined, "rate": defined}
+    rates = [f"ω_{symbol}" for symbol in axes_of(frame).symbols]
+    attitude = {"time": ["t"], "quaternion": ["λ0", "λ1", "λ2", "λ3"], "rate": rates}
+    for title, block in (
+        ("t [s], position [m], speed [m/s], curvature κ and torsion χ [1/m]", MOTION),
+        (f"t [s], quaternion λ and rate ω [rad/s] of the {frame} frame", attitude),
+    ):
+        layout.heading(console, title)
+        console.print(layout.numbers_table(columns, block, exists))
+    if len(defined) > layout.MOST_ROWS:
+        console.print(
+            Text(f"… : {len(defined) - layout.MOST_ROWS} instants left out; --out DIR writes, --json prints them all")
+        )
+    if missing := int(np.sum(~defined)):
+        console.print(Text(f"- : the {frame} frame does not exist ({MISSING[frame]}) at {missing} instants"))
+    layout.print_files(console, content["files"])

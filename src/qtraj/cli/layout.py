@@ -10,13 +10,15 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from qtraj.foundation.number_text import decimals, digits
+
 MOST_ROWS = 100
 """A longer table of numbers shows its first and last rows alone."""
 
 ROWS = 21
 """Of the instants of a motion on the terminal; the files and --json hold all."""
 
-VERDICTS = {"met": "green", "proved": "green", "sampled": "yellow", "binds": "bold green"}
+VERDICTS = {"met": "green", "proved": "green", "sampled": "yellow", "active": "bold green"}
 
 
 def print_scenario(console: Console, scenario: dict[str, Any]) -> None:
@@ -44,7 +46,7 @@ def heading(console: Console, text: str) -> None:
 
 
 def verdict(text: str) -> Text:
-    """'met', 'binds', or what is wrong, in its colour."""
+    """'met', 'active', or what is wrong, in its colour."""
     return Text(text, VERDICTS.get(text, "bold red"))
 
 
@@ -76,11 +78,6 @@ def facts_table(rows: Sequence[tuple[str, str]]) -> Table:
     return table
 
 
-def column_table(*names: str) -> Table:
-    """An empty table of numbers."""
-    return plain_table(right=names)
-
-
 def numbers_table(
     columns: Mapping[str, np.ndarray],
     headers: Mapping[str, Sequence[str]],
@@ -96,9 +93,9 @@ def numbers_table(
     for name in headers:
         values = columns[name].reshape(len(columns[name]), -1).T
         here = known.get(name, np.ones(len(columns[name]), bool))
-        write = _digits if name in significant else _decimals
+        write = digits if name in significant else decimals
         cells += [write(column, here) for column in values]
-    table = column_table(*[header for names in headers.values() for header in names])
+    table = plain_table(right=tuple(header for names in headers.values() for header in names))
     rows = list(zip(*cells, strict=True))
     if len(rows) > MOST_ROWS:
         rows = [*rows[: MOST_ROWS // 2], tuple("…" for _ in rows[0]), *rows[-(MOST_ROWS // 2) :]]
@@ -119,25 +116,3 @@ def print_instants(
     console.print(numbers_table({name: columns[name][shown] for name in headers}, headers, {}, significant))
     if len(shown) < count:
         console.print(Text(f"{len(shown)} of {count} instants; the files hold, and --json prints, them all"))
-
-
-def _digits(values: np.ndarray, known: np.ndarray) -> list[str]:
-    """One column with four digits of each value."""
-    return [number(v, 4) if ok and np.isfinite(v) else "-" for v, ok in zip(values.tolist(), known, strict=True)]
-
-
-def _decimals(values: np.ndarray, known: np.ndarray) -> list[str]:
-    """One column with as many decimals as tell its values apart, six at most."""
-    good = values[known & np.isfinite(values)]
-    size = float(np.abs(good).max(initial=0.0))
-    spread = float(np.ptp(good)) if good.size else 0.0
-    before_point = 1 + max(0, _magnitude(size))
-    decimals = min(max(4 - _magnitude(spread or size), 0), 6, max(10 - before_point, 0))
-    return [
-        f"{round(float(v), decimals) + 0.0:.{decimals}f}" if ok and np.isfinite(v) else "-"
-        for v, ok in zip(values, known, strict=True)
-    ]
-
-
-def _magnitude(x: float) -> int:
-    return math.floor(math.log10(x)) if x > 0 else 0

@@ -1,12 +1,18 @@
 """`qtraj report`: a result as a page for the browser."""
 
-import json
 from pathlib import Path
+from typing import Any
 
 import typer
+from rich.console import Console
+from rich.text import Text
 
-from qtraj.cli.frame_option import FrameName, frame_of, frame_option
-from qtraj.cli.terminal import guarded, stdout
+from qtraj.cli import layout, terminal
+from qtraj.cli.terminal import FrameName, Outcome
+from qtraj.foundation.progress_bar import watching
+
+PAGE = "report.html"
+"""The page of a folder, and of the dataset in it that stands for the folder."""
 
 
 def report(
@@ -14,8 +20,8 @@ def report(
         Path("qtraj-out"), metavar="RESULT", help="A folder of results, a dataset, or a saved path."
     ),
     out: Path | None = typer.Option(None, metavar="DIR", help="Folder for the page; without it, that of RESULT."),
-    frame: FrameName | None = frame_option("that of the dataset; upright for a saved path"),
-    as_json: bool = typer.Option(False, "--json", help="Print what was found as JSON instead."),
+    frame: FrameName | None = terminal.frame_option("that of the dataset; upright for a saved path"),
+    as_json: bool = terminal.json_option(),
 ) -> None:
     """Write a result as one HTML file to look at in a browser, without any network.
 
@@ -26,12 +32,54 @@ def report(
     folder, and of its paths.nc or table.nc, is report.html; that of another file
     has its name: path.toml becomes path.html.
     """
-    with guarded():  # imports here, so that --help need not wait for xarray
-        from qtraj.cli.reporting.text import print_report
-        from qtraj.cli.reporting.work import run
+    with terminal.guarded():
+        outcome = run(result, out, frame)
+    terminal.finish(outcome, as_json)
 
-        content = run(result, out, None if frame is None else frame_of(frame))
-    if as_json:
-        typer.echo(json.dumps(content, indent=2, allow_nan=False))
-    else:
-        print_report(stdout(), content)
+
+def run(result: Path, out: Path | None, frame: FrameName | None = None) -> Outcome:
+    """Write the page of a result; `frame` is that of a saved path, the upright one without it.
+
+    **Raises:** OSError or ValueError for bad input, or a missing package, before anything is written.
+    """
+    with watching() as watch:
+        watch.say("reading")
+        # Here, so that --help need not wait for xarray.
+        from qtraj._version import __version__
+        from qtraj.cli.output import check_folder, write_all
+        from qtraj.viz.report.source import DATASETS, find, is_folder
+
+        folder = out or (result if is_folder(result) else result.parent)
+        check_folder(folder)
+        try:
+            source = find(result, None if frame is None else frame.frame())
+            from qtraj.viz.report.page import html, report_of
+
+            watch.say("drawing")
+            found = report_of(source.dataset, source.tuned)
+            page = html(found)
+        except ModuleNotFoundError as error:
+            raise ValueError(str(error)) from error
+        except ValueError as error:
+            text = str(error)
+            raise ValueError(text if str(result) in text else f"{result}: {text}") from error
+        content = {"qtraj": __version__, "command": "report", "result": str(source.file)} | found.summary()
+        watch.say("writing")
+        whole = is_folder(result) or result.name in DATASETS
+        name = PAGE if whole else f"{result.stem}.html"  # of a file after it, so that several in a folder keep theirs
+        writers = {name: lambda file: file.write_text(page, encoding="utf-8", newline="\n")}
+        content["files"] = [str(file) for file in write_all(folder, writers)]
+    return Outcome(content, lambda console: _show(console, content))
+
+
+def _show(console: Console, content: dict[str, Any]) -> None:
+    """What was drawn, and the file to open."""
+    console.print(Text(content["title"], style="bold"))
+    for fact in (*content["findings"], *content["notes"]):
+        console.print(Text(fact))
+    for warning in content["warnings"]:
+        console.print(Text(f"Warning: {warning}", style="bold red"))
+    for body in content["bodies"]:
+        console.print(Text(f"{body['name']}: {body['instants']} instants, {body['duration']:.4f} s"))
+    layout.print_files(console, content["files"])
+    console.print(Text("Open it in a browser; it needs no network."))

@@ -1,15 +1,92 @@
-"""The terminal: what goes where, progress, and how a command ends."""
+"""The terminal: options that commands share, what goes where, progress, and how a command ends."""
 
-from collections.abc import Iterator
+import json
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress as Bars, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from qtraj.cli import BAD_INPUT, INTERRUPTED
-from qtraj.foundation.progress import Progress
+from qtraj.scenario import KINDS
+
+if TYPE_CHECKING:
+    from qtraj.motion.programs.rotation_minimizing import Frame
+
+
+FAILED = 1
+"""Exit code of a run whose limits are not met, or whose solve did not converge."""
+
+UNTIL = "the old name works until 1.0"
+"""What a warning of an old name says."""
+
+
+class FrameName(StrEnum):
+    """The frames along a path."""
+
+    upright = "upright"
+    natural = "natural"
+    minimizing = "rotation-minimizing"
+    thrust_aligned = "thrust-aligned"
+
+    def frame(self) -> "Frame":
+        """The frame of this name."""
+        from qtraj.scenario.loop import FRAMES  # here, so that --help need not wait
+
+        return FRAMES[self.value]()
+
+
+ABOUT_FRAMES = (
+    "upright (x forward, y left, z up: what a vehicle on wheels has), natural (tangent, principal normal, binormal: it "
+    "flips over where the bend changes sides), rotation-minimizing (it never rolls), or thrust-aligned (z along the "
+    "thrust, acceleration less gravity: what a multirotor has)."
+)
+
+
+def frame_option(otherwise: str = "upright") -> Any:
+    """The option `--frame`; `otherwise` says what holds without it."""
+    return typer.Option(
+        None, "--frame", metavar="FRAME", help=f"Frame of the attitudes: {ABOUT_FRAMES} \\[default: {otherwise}]"
+    )
+
+
+def out_option() -> Any:
+    """The option `--out` of commands that always write files."""
+    return typer.Option(Path("qtraj-out"), help="Folder for the results.", metavar="DIR")
+
+
+def json_option() -> Any:
+    """The option `--json`."""
+    return typer.Option(False, "--json", help="Print the results as JSON instead.")
+
+
+def scenario_argument(kind: str) -> Any:
+    """The argument for a scenario of a kind."""
+    about = f"A scenario of {KINDS[kind].about}. Without it: the embedded scenario."
+    return typer.Argument(None, metavar="SCENARIO.toml", help=about)
+
+
+class Outcome(NamedTuple):
+    """What a command has to say: for JSON, for the terminal, whether it failed (exit code 1), old names of keys."""
+
+    content: dict[str, Any]
+    show: Callable[[Console], None]
+    failed: bool = False
+    renamed: Sequence[str] = ()
+
+
+def finish(outcome: Outcome, as_json: bool) -> None:
+    """Print the outcome and end the command."""
+    for text in outcome.renamed:
+        warn(f"{text}; {UNTIL}")
+    if as_json:
+        typer.echo(json.dumps(outcome.content, indent=2, allow_nan=False))
+    else:
+        outcome.show(stdout())
+    raise typer.Exit(FAILED if outcome.failed else 0)
 
 
 def stdout() -> Console:
@@ -18,8 +95,13 @@ def stdout() -> Console:
 
 
 def stderr() -> Console:
-    """Where progress and errors go."""
+    """Where progress, warnings and errors go."""
     return Console(stderr=True, highlight=False)
+
+
+def warn(text: str) -> None:
+    """Print a warning."""
+    stderr().print(f"warning: {text}", markup=False, soft_wrap=True)
 
 
 @contextmanager
@@ -43,34 +125,3 @@ def guarded() -> Iterator[None]:
 def _fail(message: str) -> None:
     stderr().print(f"error: {message}", markup=False, soft_wrap=True)
     raise typer.Exit(BAD_INPUT) from None
-
-
-class Watch:
-    """Progress on a terminal; silent elsewhere."""
-
-    def __init__(self, shown: Bars | None):
-        self._shown = shown
-        self._task: Any = None if shown is None else shown.add_task("", total=None)
-
-    def say(self, text: str) -> None:
-        """What is being done now."""
-        if self._shown is not None:
-            self._shown.update(self._task, description=text, completed=0, total=None)
-
-    def tuning(self, progress: Progress) -> None:
-        """How far a tuning is."""
-        if self._shown is not None:
-            known = {"completed": progress.done, "total": progress.total}
-            self._shown.update(self._task, description=f"tuning: {progress}", **known)
-
-
-@contextmanager
-def watching() -> Iterator[Watch]:
-    """A `Watch` on stderr, wiped when done; nothing of it where stderr is no terminal."""
-    console = stderr()
-    if not console.is_terminal:
-        yield Watch(None)
-        return
-    text = TextColumn("{task.description}", markup=False)
-    with Bars(SpinnerColumn(), text, BarColumn(20), TimeElapsedColumn(), console=console, transient=True) as shown:
-        yield Watch(shown)

@@ -1,31 +1,46 @@
 """`qtraj tune`: boundary velocities that meet the limits of a scenario."""
 
-import json
+import math
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
-from qtraj.cli.frame_option import FrameName, frame_of, frame_option
-from qtraj.cli.terminal import guarded, stdout
+from qtraj.cli import layout, terminal
+from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES, either
-
-NOT_MET = 1
-
+from qtraj.foundation.naming import naming
+from qtraj.foundation.outcome import ResultCode
+from qtraj.foundation.progress_bar import Watch, watching
 
 if TYPE_CHECKING:  # a checker of types takes no names that are read from a registry
+    from qtraj.design.proof.certificate import Certificate
+    from qtraj.design.tuning.outcome import Tuned
+    from qtraj.path.change import PathChange
+    from qtraj.scenario.path import PathTask
+    from qtraj.scenario.path_parts import TunePart
+    from qtraj.scenario.reader import ScenarioFile
+
     Motion = StrEnum
     Objective = StrEnum
 else:  # for completion by the Tab key, too
     Motion = StrEnum("Motion", {name: name for name in MOTIONS})
     Objective = StrEnum("Objective", {name: name for name in OBJECTIVES})
 
+SYMBOLS = ("V_ρ", "V_φ", "V_h")
+MIND = "A limit may be smaller than meant, or in another unit; [tune.bounds] keeps a path near."
+
 
 def tune(
-    scenario: Path | None = typer.Argument(None, metavar="SCENARIO.toml", help="Without it: the embedded scenario."),
-    out: Path = typer.Option(Path("qtraj-out"), help="Folder for the results.", metavar="DIR"),
-    as_json: bool = typer.Option(False, "--json", help="Print the outcome as JSON instead."),
+    scenario: Path | None = terminal.scenario_argument("path"),
+    out: Path = terminal.out_option(),
+    as_json: bool = terminal.json_option(),
     motion: Motion | None = typer.Option(
         None, metavar="MOTION", help=f"In place of the scenario's: {either(MOTIONS, '')}."
     ),
@@ -35,7 +50,7 @@ def tune(
     starts: int | None = typer.Option(
         None, min=1, metavar="N", help="In place of the scenario's: searches, from the given states and about them."
     ),
-    frame: FrameName | None = frame_option(),
+    frame: FrameName | None = terminal.frame_option(),
 ) -> None:
     """Tune the boundary velocities of a path until its limits hold, and write both paths.
 
@@ -43,15 +58,194 @@ def tune(
     (tuning.png, tuning.svg). Exit code 1 where the limits are not met, or a path does not follow its
     recording.
     """
-    with guarded():  # imports here, so that --help need not wait for pydantic, xarray and matplotlib
-        from qtraj.cli.tuning.job import Choice
-        from qtraj.cli.tuning.report import print_tuning
-        from qtraj.cli.tuning.work import run
+    with terminal.guarded():
+        chosen = (motion and motion.value, objective and objective.value, starts)
+        outcome = run(scenario, out, chosen, frame or FrameName.upright)
+    terminal.finish(outcome, as_json)
 
-        choice = Choice(motion and motion.value, objective and objective.value, starts)
-        content, met = run(scenario, out, choice, frame_of(frame))
-    if as_json:
-        typer.echo(json.dumps(content, indent=2, allow_nan=False))
-    else:
-        print_tuning(stdout(), content)
-    raise typer.Exit(0 if met else NOT_MET)
+
+def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int | None], frame: FrameName) -> Outcome:
+    """Tune a scenario and write its results; motion, objective and starts that are `chosen` go before its own.
+
+    **Raises:** OSError or ValueError for bad input, before anything is written.
+    """
+    with watching() as watch:
+        watch.say("reading")
+        # Here, so that --help need not wait for pydantic, xarray and matplotlib.
+        from qtraj.cli.output import check_folder, header, provenance, write_all
+        from qtraj.design.fitting.facts import facts
+        from qtraj.foundation.plain import finite, plain
+        from qtraj.io.dataset import path_dataset, write_netcdf
+        from qtraj.io.saved import is_saved
+        from qtraj.path.change import compare_paths
+        from qtraj.scenario.reader import read_scenario
+
+        check_folder(out)
+        if file is not None and is_saved(file):
+            raise ValueError(
+                f"{file}: a saved path has no limits: write a scenario with path = '{file.name}' and [limits]"
+            )
+        given = read_scenario(file, "path")
+        task, before, best = _tuned(given, chosen, watch)
+        change = compare_paths(task.path, best.path, (task.start, task.end))
+        warning = change.warning and f"{change.warning} {MIND}"
+        search = {"objective": task.objective, "motion": task.motion}
+        held = {"fixed": ", ".join(task.part.fixed), "bounds": _ranges(task.part), "warning": warning}
+        ended = {"status": best.status, "result": best.result}
+        about = {f"tuning_{key}": text for key, text in (search | ended | held).items() if text}
+        dataset = path_dataset(
+            {"before": task.path, "after": best.path},
+            task.limits,
+            task.track,
+            attributes=provenance(given) | about,
+            fitted=task.fitted,
+            frame=frame.frame(),
+            findings={"before": before, "after": best.certificate},
+        )
+        content = header("tune", given) | {
+            "fit": None if task.fitted is None else facts(task.fitted),
+            "frame": dataset.attrs["frame"],
+            "purpose": given.scenario.purpose,
+            "before": plain(before.record()),
+            "tuned": plain(best.record()),
+            "change": plain(change.record()),
+            "tuning": search
+            | {"method": task.part.method, "options": task.part.options, "fixed": list(task.part.fixed)}
+            | {"bounds": finite({name: list(bounds) for name, bounds in task.part.ranges.items()})}
+            | ended,
+            "warning": warning,
+        }
+
+        def draw(file: Path) -> None:
+            from qtraj.viz.figures import save, tuning_figure  # so that matplotlib is loaded when all else is done
+
+            save(tuning_figure(dataset), file)
+
+        watch.say("writing")
+        writers = {
+            "paths.nc": lambda file: write_netcdf(dataset, file),
+            "path.toml": best.path.save,
+            "tuning.toml": best.save,
+            "tuning.png": draw,
+            "tuning.svg": draw,
+        }
+        content["files"] = [str(file) for file in write_all(out, writers)]
+    fitted = task.fitted is None or bool(task.fitted.successful)
+    met = fitted and best.converged and best.certificate.met
+    return Outcome(
+        content, lambda console: _show(console, content, task, before, best, change), not met, given.warnings
+    )
+
+
+def _tuned(
+    given: "ScenarioFile[Any]", chosen: tuple[str | None, str | None, int | None], watch: Watch
+) -> tuple["PathTask", "Certificate", "Tuned"]:
+    """The task of a scenario, the findings on its path, and the outcome of its tuning; a ValueError names the file."""
+    from qtraj.design.proof.certify import certify
+    from qtraj.design.tuning.tune import tune
+    from qtraj.scenario.path import lay
+
+    if not given.scenario.limits.limits():
+        raise ValueError(f"{given.file}: the table [limits] is missing or empty: there is nothing to tune for")
+    watch.say("fitting the recording" if given.scenario.track else "laying the path")
+    task = lay(given, *chosen)
+    with naming(f"{given.file}: "):
+        watch.say("judging the path")
+        corridor = task.part.corridor
+        before = certify(task.path, task.limits, corridor=corridor, reference=None if corridor is None else task.path)
+        watch.say("tuning")
+        return task, before, tune(**task.tuning(), progress=watch.tuning)
+
+
+def _ranges(part: "TunePart") -> str:
+    """What was bounded, and how, in words; empty for nothing."""
+    texts = []
+    for name, (low, high) in part.ranges.items():
+        unit = "s" if name == "duration" else "m/s"
+        if low is not None and high is not None:
+            texts.append(f"{name} from {low:.6g} to {high:.6g} {unit}")
+        else:
+            texts.append(f"{name} {'at most' if low is None else 'at least'} {high if low is None else low:.6g} {unit}")
+    return ", ".join(texts)
+
+
+def _show(
+    console: Console,
+    content: dict[str, Any],
+    task: "PathTask",
+    before: "Certificate",
+    best: "Tuned",
+    change: "PathChange",
+) -> None:
+    """The whole outcome, from the scenario to the files written, readable at 80 columns."""
+    layout.print_scenario(console, content["scenario"])
+    if content["fit"] is not None:
+        show_fit(console, content["fit"])
+    _show_limits(console, before, best.certificate, content["purpose"])
+    _show_change(console, change)
+    console.print(Text(f"The path after leaves the path before by {float(change.deviation):.3g} m at most."))
+    console.print(Text(change.text))
+    layout.heading(console, f"Result: objective '{task.objective}', motion '{task.motion}'")
+    for what, text in (("Fixed", ", ".join(task.part.fixed)), ("Bounded", _ranges(task.part))):
+        if text:
+            console.print(Text(f"{what}: {text}."))
+    console.print(Text(best.result))
+    if content["warning"]:
+        console.print(Text(content["warning"], style="yellow"))
+    layout.print_files(console, content["files"])
+
+
+def show_fit(console: Console, fit: Mapping[str, Any]) -> None:
+    """The fitted spiral-helix against its recording."""
+    from qtraj.design.fitting.facts import TITLE, fact_rows
+
+    layout.heading(console, TITLE)
+    console.print(layout.facts_table(fact_rows(fit)))
+    if fit["warning"]:
+        console.print(Text(f"Warning: {fit['warning']}", style="bold red"))
+    elif fit["status"] != ResultCode.successful.name:
+        console.print(Text(f"Note: {fit['result']}", style="yellow"))
+
+
+def _show_limits(console: Console, before: "Certificate", after: "Certificate", purpose: Mapping[str, str]) -> None:
+    from qtraj.foundation.units import symbol
+    from qtraj.path.quantity import quantity
+
+    layout.heading(console, "Limits before and after")
+    table = layout.plain_table("limit", "path", right=("value", "limit", "margin", "at [s]"), last=("",))
+    for was, now in zip(before.findings(), after.findings(), strict=True):
+        unit = f"[{symbol(quantity(was.name).unit) or '-'}]"
+        for label, path, found in ((was.name, "before", was), (unit, "after", now)):
+            known = math.isfinite(found.value)
+            margin = "active" if found.active else f"{found.limit - found.value:+.3g}" if known else "-"
+            value, limit = layout.number(found.value if known else None), layout.number(found.limit)
+            time = layout.number(found.time, 4)
+            table.add_row(Text(label), path, value, limit, margin, time, layout.verdict(found.status))
+        table.add_section()
+    console.print(table)
+    for name, text in purpose.items():
+        console.print(Text(f"{name}: {text}"))
+
+
+def _show_change(console: Console, change: "PathChange") -> None:
+    layout.heading(console, "Boundary velocities before and after")
+    table = layout.plain_table("", right=("before", "after", "change"), last=("unit",))
+    before, after = np.asarray(change.velocities)
+    for letter, was, now in zip("AB", before, after, strict=True):
+        for symbol, *values in zip(SYMBOLS, was, now, strict=True):
+            _compare(table, f"{symbol} at {letter}", values, "m/s")
+    table.add_section()
+    _compare(table, "duration", change.durations, "s")
+    _compare(table, "mean rate", change.mean_rates, "rad/s")
+    _compare(table, "length", change.lengths, "m")
+    console.print(table)
+    console.print(Text("A: start, B: end. V_ρ: away from the axis, V_φ: about it, V_h: along it."))
+    if change.given is not None and not np.allclose(change.given, before, rtol=1e-6, atol=1e-6):
+        start, end = (", ".join(f"{v:.4f}" for v in state) for state in np.asarray(change.given))
+        console.print(Text(f"Given were (V_ρ, V_φ, V_h) = ({start}) m/s at A and ({end}) m/s at B."))
+
+
+def _compare(table: Table, label: str, values: Any, unit: str) -> None:
+    before, after = map(float, values)
+    was, now, change = (round(x, 4) + 0.0 for x in (before, after, after - before))  # no -0.0000
+    table.add_row(Text(label), f"{was:.4f}", f"{now:.4f}", f"{change:+.4f}", Text(unit))

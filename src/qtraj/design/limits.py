@@ -1,4 +1,4 @@
-"""Limits on a path, and how far a path keeps from them."""
+"""Limits on path quantities, and the margins of a path."""
 
 import dataclasses
 
@@ -16,14 +16,16 @@ from qtraj.path.values import value
 
 @storable
 class Limits(eqx.Module):
-    """Upper bounds on path quantities; None leaves a quantity free.
+    """Upper bounds on path quantities; None means no limit.
 
-    `curvature`, `torsion` [1/m]; `speed` [m/s]; `acceleration` |r̈|, `lateral_acceleration` |ṙ×r̈|/|ṙ|,
-    `longitudinal_acceleration` |ṙ·r̈|/|ṙ| [m/s²]; `slope` rise over run against the world's z axis [-];
-    `angular_rate` [rad/s] and `angular_acceleration` [rad/s²] of the natural trihedral; `jerk` |r⃛| [m/s³]; `yaw_rate`
-    [rad/s] and `yaw_acceleration` [rad/s²], those of the upright frame about its own z axis.
+    - `curvature`, `torsion` [1/m]; `speed` [m/s].
+    - `acceleration` |r̈|, `lateral_acceleration` |ṙ×r̈|/|ṙ|, `longitudinal_acceleration` |ṙ·r̈|/|ṙ| [m/s²].
+    - `slope`: rise over run, with respect to the world's z axis [-].
+    - `angular_rate` [rad/s] and `angular_acceleration` [rad/s²] of the natural trihedral.
+    - `jerk` |r⃛| [m/s³].
+    - `yaw_rate` [rad/s] and `yaw_acceleration` [rad/s²] of the upright frame, about its own z axis.
 
-    **Raises:** ValueError for a limit that is not a positive finite number.
+    **Raises:** ValueError for a limit that is not a positive, finite number.
     """
 
     curvature: Scalar | None
@@ -76,11 +78,11 @@ class Limits(eqx.Module):
         return {name: value for name, value in values.items() if value is not None}
 
     def values(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
-        """The limited magnitudes of `path` at one instant `t` [s], by name, each in its limit's unit."""
+        """The limited quantities of `path` at one instant `t` [s], by name, each in its limit's unit."""
         return {name: value(path, t, name) for name in self.given()}
 
     def margins(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
-        """Limit less magnitude at one instant `t` [s], by name: negative where the limit is broken."""
+        """The limit minus the value at one instant `t` [s], by name: negative where the limit is violated."""
         limits = self.given()
         return {name: limits[name] - value for name, value in self.values(path, t).items()}
 

@@ -1,11 +1,13 @@
 """Maxima of a smooth function of time, cell by cell.
 
-[0, duration] is divided into cells about equally spaced nodes, and in each the largest value is sought by Newton's
-method from the node; the node and the borders of the cell count as well. So the largest of the values is that of the
-whole interval, up to maxima narrower than a cell, and each value is a continuous function of whatever else `f` depends
-on. The times found are held constant in differentiation: within a cell ∂f/∂t = 0 there, so the gradient of f(t*, x) in
-x is exact (envelope theorem), and on the border of a cell t* does not move.
+[0, duration] is divided into cells about equally spaced nodes. In each cell the maximum is refined by Newton's method
+from the node; the node and the borders of the cell are candidates as well. The largest value is the maximum over the
+whole interval, except for peaks narrower than a cell. Each cell's value is a continuous function of the parameters of
+`f`. The times of the maxima are constants for differentiation: inside a cell ∂f/∂t = 0 there, so the gradient of
+f(t*, x) in x is exact (envelope theorem), and on the border of a cell t* is fixed.
 """
+
+from __future__ import annotations  # so that `help` shows short names
 
 from collections.abc import Callable
 
@@ -21,60 +23,72 @@ from qtraj.path.values import value
 
 NEWTON_STEPS = 4
 CELLS = 1025
-"""Cells of time in which `peak` searches."""
+"""Number of cells in which `peak` searches."""
 
-OfPath = Callable[[AbstractHodograph, Scalar], Scalar]
+PathFunction = Callable[[AbstractHodograph, Scalar], Scalar]
 """A quantity of a path at one instant."""
 
 
 @eqx.filter_jit
 def peak(path: AbstractHodograph, name: str) -> tuple[Scalar, Scalar]:
-    """Time [s] and size of the largest value of one path quantity (a field of `Limits`) over the whole path.
+    """Time [s] and value of the maximum of one path quantity (a field of `Limits`) over the whole path.
 
-    Sought in 1025 cells of time by Newton's method; differentiable in the path (envelope theorem).
+    The search refines 1025 cells of time, or four cells of every segment of a route, by Newton's method. The value is
+    differentiable in the path (envelope theorem).
 
     **Raises:** ValueError for an unknown name.
     """
     quantity(name)
-    return largest(lambda path, t: value(path, t, name), path, CELLS)
+    return maximum(lambda path, t: value(path, t, name), path, CELLS)
 
 
-def cell_peaks(f: OfPath, path: AbstractHodograph, cells: int) -> Float[Array, " n"]:
-    """Where f(path, t) is largest in each of `cells` cells: fractions of the duration, constant to differentiation."""
-    half = 0.5 / (cells - 1)
-    nodes = jnp.linspace(0.0, 1.0, cells, dtype=path.duration.dtype)
-    low, high = jnp.clip(nodes - half, 0.0, 1.0), jnp.clip(nodes + half, 0.0, 1.0)
-    # Frozen before the search and not after it, or the search itself would be differentiated in vain.
-    frozen = _frozen(path)
+def cell_peaks(f: PathFunction, path: AbstractHodograph, cells: int) -> Float[Array, " n"]:
+    """The places of the maxima of f(path, t) in each of `cells` cells: fractions of the duration, without gradients."""
+    nodes, low, high = _cells(path, cells)
+    # Gradients stop before the search: otherwise the search itself would be differentiated, to no effect.
+    constant = _constant(path)
 
     def g(u: Scalar) -> Scalar:
-        return f(frozen, u * frozen.duration)
+        return f(constant, u * constant.duration)
 
-    candidates = jnp.stack([climb(g, nodes, low, high), nodes, low, high])
+    candidates = jnp.stack([newton_max(g, nodes, low, high), nodes, low, high])
     values = jax.vmap(jax.vmap(g))(candidates)
     return jnp.take_along_axis(candidates, jnp.argmax(values, axis=0)[None], axis=0)[0]
 
 
-def largest(f: OfPath, path: AbstractHodograph, cells: int) -> tuple[Scalar, Scalar]:
-    """Time and value of the largest f(path, t) over the path; the value is differentiable (envelope theorem)."""
+def _cells(path: AbstractHodograph, cells: int) -> tuple[Array, Array, Array]:
+    """Midpoints and ends of the cells, in fractions of the duration; those of a route end just before a joint."""
+    joints = path.nodes()
+    if joints is None:
+        half = 0.5 / (cells - 1)
+        nodes = jnp.linspace(0.0, 1.0, cells, dtype=path.duration.dtype)
+        return nodes, jnp.clip(nodes - half, 0.0, 1.0), jnp.clip(nodes + half, 0.0, 1.0)
+    low = jax.lax.stop_gradient(joints / path.duration)
+    ends = jnp.concatenate([low[1:], jnp.ones_like(low[:1])])
+    high = jnp.maximum(jnp.nextafter(ends, jnp.zeros_like(ends)), low)
+    return 0.5 * (low + high), low, high
+
+
+def maximum(f: PathFunction, path: AbstractHodograph, cells: int) -> tuple[Scalar, Scalar]:
+    """Time and value of the maximum of f(path, t) over the path; the value is differentiable (envelope theorem)."""
     times = cell_peaks(f, path, cells) * path.duration
     values = jax.vmap(lambda t: f(path, t))(times)
-    worst = jnp.argmax(values)
-    return times[worst], values[worst]
+    highest = jnp.argmax(values)
+    return times[highest], values[highest]
 
 
-def _frozen(path: AbstractHodograph) -> AbstractHodograph:
+def _constant(path: AbstractHodograph) -> AbstractHodograph:
     return jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, path)
 
 
-def climb(
+def newton_max(
     g: Callable[[Scalar], Scalar],
     u: Float[Array, " n"],
     low: Float[Array, " n"],
     high: Float[Array, " n"],
     steps: int = NEWTON_STEPS,
 ) -> Float[Array, " n"]:
-    """Newton's iteration for g' = 0 in every cell at once; uphill to the border where g is not concave."""
+    """Newton's method for a maximum of g in every cell at once; where g is not concave, a step uphill to the border."""
 
     def slope(u: Scalar) -> Scalar:
         return jax.jvp(g, (u,), (jnp.ones_like(u),))[1]

@@ -31,6 +31,7 @@ Change = Callable[[dict[str, Any]], dict[str, Any]]
 _classes: dict[str, type] = {}
 _changes: dict[str, Change] = {}
 _former: dict[str, str] = {}
+_forms: dict[str, tuple[Callable[[Any], dict[str, Any]], Callable[..., Any]]] = {}
 
 T = TypeVar("T")
 
@@ -56,6 +57,16 @@ def reads_older(change: Change) -> Callable[[type[T]], type[T]]:
 
     def register(cls: type[T]) -> type[T]:
         _changes[cls.__name__] = change
+        return cls
+
+    return register
+
+
+def stored_as(fields: Callable[[Any], dict[str, Any]], build: Callable[..., Any]) -> Callable[[type[T]], type[T]]:
+    """Store objects of this class as the fields that `fields` returns, and load them with `build`."""
+
+    def register(cls: type[T]) -> type[T]:
+        _forms[cls.__name__] = (fields, build)
         return cls
 
     return register
@@ -123,7 +134,8 @@ def _by_suffix(path: Path, choices: dict[str, Callable[..., Any]]) -> Callable[.
 
 def _encode(value: Any) -> Any:
     if type(value).__name__ in _classes:
-        fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+        form = _forms.get(type(value).__name__)
+        fields = form[0](value) if form else {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
         return {"type": type(value).__name__} | {k: _encode(v) for k, v in fields.items() if v is not None}
     if isinstance(value, jax.Array | np.ndarray | np.generic):
         return np.asarray(value).tolist()
@@ -154,10 +166,12 @@ def _construct(name: Any, fields: dict[str, Any]) -> Any:
     cls = _classes.get(name) if isinstance(name, str) else None
     if cls is None:
         raise ValueError(f"unknown type {name!r}; the known types are {', '.join(sorted(_classes))}")
-    names = [f.name for f in dataclasses.fields(cls)]
+    build = _forms[name][1] if name in _forms else cls
+    parameters = inspect.signature(build).parameters
+    names = [*parameters] if name in _forms else [f.name for f in dataclasses.fields(cls)]
     if unknown := sorted(set(fields) - set(names)):
         raise ValueError(f"{name} has no field {unknown[0]!r}; its fields are {', '.join(names)}")
-    required = [p.name for p in inspect.signature(cls).parameters.values() if p.default is p.empty]
+    required = [p.name for p in parameters.values() if p.default is p.empty]
     if missing := [field for field in required if field not in fields]:
         raise ValueError(f"{name} lacks the field {missing[0]!r}; it needs {', '.join(required)}")
-    return cls(**fields)
+    return build(**fields)

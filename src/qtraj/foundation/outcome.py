@@ -41,7 +41,8 @@ class ResultCode(enum.IntEnum):
     near_zero_error = (
         NOTES + 0,
         "finished, but the error quaternion came near zero, where the command grows as 1/|μ|²: look at peak_command. "
-        "The other sign of λ may pass more smoothly: start from choose_sign(law, program(t0), quaternion, rate).",
+        "The other sign of λ may pass more smoothly: start from choose_sign(law, program(t0), quaternion, rate) with "
+        "sign='as given'.",
     )
     held_by_bounds = (
         NOTES + 1,
@@ -72,8 +73,8 @@ class ResultCode(enum.IntEnum):
     wrong_sign = (
         FAILURES + 2,
         "stopped: the error quaternion started with a negative scalar part (μ0 < 0) and ran into zero, where the law "
-        "has no command. λ and −λ are one attitude: start from −λ, or from choose_sign(law, program(t0), quaternion, "
-        "rate).",
+        "has no command. λ and −λ are one attitude: start from −λ (leave out sign='as given'), or from "
+        "choose_sign(law, program(t0), quaternion, rate).",
     )
     not_finite = (
         FAILURES + 3,
@@ -88,7 +89,8 @@ class ResultCode(enum.IntEnum):
     not_converged = FAILURES + 5, "the search stopped before it converged. Try a larger max_steps."
     infeasible = (
         FAILURES + 6,
-        "no boundary velocities were found that meet the limits. Raise the violated limits, or move the ends.",
+        "no boundary velocities were found that meet the limits. Try more starts, raise the violated limits, or move "
+        "the ends.",
     )
     poor_fit = (
         FAILURES + 11,

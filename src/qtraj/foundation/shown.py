@@ -8,8 +8,10 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-MAX_SHOWN = 16
-"""Fields with more numbers are shown by shape and type."""
+from qtraj.foundation.result import extent
+
+MAX_SHOWN = 9
+"""Arrays with more numbers than a matrix (3, 3) are shown by shape and range."""
 
 
 def shown(module: Any, **units: str) -> str:
@@ -17,15 +19,23 @@ def shown(module: Any, **units: str) -> str:
 
     `units` are the units of fields, as they are displayed.
     """
-    fields = {f.name: getattr(module, f.name, None) for f in dataclasses.fields(module) if f.repr}
+    if dataclasses.is_dataclass(module):
+        names = [f.name for f in dataclasses.fields(module) if f.repr]
+    else:  # a named tuple
+        names = getattr(module, "_fields", ())
+    fields = {name: getattr(module, name, None) for name in names}
     texts = [f"{name}={_text(x, units.get(name, ''))}" for name, x in fields.items() if x is not None]
     return f"{type(module).__name__}({', '.join(texts)})"
 
 
 def _text(value: Any, unit: str) -> str:
+    if isinstance(value, jax.tree_util.Partial) and not (value.args or value.keywords):
+        return getattr(value.func, "__qualname__", repr(value.func))
     if not isinstance(value, jax.Array | np.ndarray):
         return repr(value)
-    if isinstance(value, Tracer) or value.size > MAX_SHOWN:
+    if isinstance(value, Tracer):
         return eqx.tree_pformat(value)
+    if value.size > MAX_SHOWN:
+        return f"<{' × '.join(map(str, value.shape))} numbers, {f'{extent(value)} {unit}'.rstrip()}>"
     written = np.array2string(np.asarray(value), separator=", ", formatter={"float_kind": lambda x: f"{x:.6g}"})
     return f"{' '.join(written.split())} {unit}".rstrip()

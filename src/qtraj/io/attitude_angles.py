@@ -1,4 +1,4 @@
-"""Roll, pitch and heading of a recording as quaternions, by a convention that is said and never guessed."""
+"""Converts roll, pitch and heading of a recording to quaternions, by an explicit convention."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ OPTIONS = (
     "heading, then pitch, then roll), lower case about the fixed ones; heading: 'north-clockwise' or "
     "'x-anticlockwise'; unit: 'deg' or 'rad'; body: 'forward-right-down' or 'forward-left-up'"
 )
-"""What a convention must say."""
+"""The parts of a convention, for error messages."""
 
 Quaternions = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
@@ -24,16 +24,16 @@ _ONE, _ROLLED_OVER, _NORTH = (1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (np.sqr
 
 @dataclass(frozen=True, kw_only=True)
 class AttitudeAngles:
-    """What the roll, pitch and heading of a recording mean. Nothing has a default, because any guess may be wrong.
+    """The convention of roll, pitch and heading of a recording. There are no defaults, because any guess may be wrong.
 
-    `sequence`: three letters for the order of the turns, x for roll, y for pitch, z for heading. Upper case turns about
-    the moving body axes, lower case about the axes of zero attitude; "ZYX" (heading, pitch, roll) is that of aircraft
-    and equals "xyz". `heading`: "north-clockwise", from world y towards world x, where the world is x east and y north,
-    or "x-anticlockwise", from world x towards world y. `unit`: "deg" or "rad". `body`: "forward-right-down" or
-    "forward-left-up", the body axes x, y, z; roll and pitch are right-handed about x and y, so a positive pitch raises
-    the nose of the former and lowers that of the latter.
+    `sequence`: three letters for the order of the rotations, x for roll, y for pitch, z for heading. Upper case means
+    rotations about the moving body axes, lower case about the fixed axes; "ZYX" (heading, pitch, roll) is the order of
+    aircraft and equals "xyz". `heading`: "north-clockwise", from world y towards world x, with x east and y north, or
+    "x-anticlockwise", from world x towards world y. `unit`: "deg" or "rad". `body`: "forward-right-down" or
+    "forward-left-up", the body axes x, y, z. Roll and pitch are right-handed about x and y, so a positive pitch raises
+    the nose with the former body axes and lowers it with the latter.
 
-    **Raises:** ValueError for any other text, naming the options.
+    **Raises:** ValueError for any other text; the message names the options.
     """
 
     sequence: str
@@ -45,21 +45,19 @@ class AttitudeAngles:
         ordered = self.sequence in (self.sequence.upper(), self.sequence.lower())
         if sorted(self.sequence.lower()) != ["x", "y", "z"] or not ordered:
             raise ValueError(
-                f"the sequence of attitude angles must be x, y and z in some order, of one case, such as 'ZYX', but "
-                f"{self.sequence!r} was given"
+                f"the sequence of attitude angles must be x, y and z in any order and of one case, such as 'ZYX', but "
+                f"got {self.sequence!r}"
             )
-        for name, known in (("heading", HEADINGS), ("unit", tuple(UNITS)), ("body", BODIES)):
-            if getattr(self, name) not in known:
-                options = " or ".join(map(repr, known))
-                raise ValueError(
-                    f"the {name} of attitude angles must be {options}, but {getattr(self, name)!r} was given"
-                )
+        for name, choices in (("heading", HEADINGS), ("unit", tuple(UNITS)), ("body", BODIES)):
+            if getattr(self, name) not in choices:
+                options = " or ".join(map(repr, choices))
+                raise ValueError(f"the {name} of attitude angles must be {options}, but got {getattr(self, name)!r}")
 
     def quaternions(self, angles: np.ndarray) -> np.ndarray:
         """Unit quaternions (n, 4) of `angles` (n, 3): roll, pitch, heading, in `unit`.
 
-        They are scalar first, body to world, for body axes forward, left, up, whatever `body` says of the angles; the
-        world has z up, and where heading is from north, x east and y north.
+        They are scalar first, body to world, for body axes forward, left, up, with any `body` of the angles; the world
+        has z up and, if the heading counts from north, x east and y north.
         """
         roll, pitch, heading = (UNITS[self.unit] * np.asarray(angles, float)).T
         down, clockwise = self.body == BODIES[0], self.heading == HEADINGS[0]

@@ -1,7 +1,7 @@
 """Labelled datasets of paths: xarray, and netCDF files through h5netcdf.
 
-Paths of different durations stand side by side along the dimension `path`. Their samples share the dimension `sample`,
-whose coordinate `progress` runs from 0 to 1; the time of each sample is the two-dimensional coordinate
+Paths of different durations share the dimension `path`. Their samples share the dimension `sample`, whose coordinate
+`progress` is time over duration, from 0 to 1; the time of each sample is the two-dimensional coordinate
 `time(path, sample)`. So `dataset.sel(path="after")` is one path, and differences between paths are taken at equal
 progress.
 """
@@ -15,7 +15,7 @@ import xarray
 
 from qtraj.batch.evaluate import evaluate
 from qtraj.batch.table import Table
-from qtraj.design.fitting.facts import labelled
+from qtraj.design.fitting.facts import fit_variables
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import Certificate
@@ -31,9 +31,9 @@ from qtraj.path.track import Track, elapsed_times, to_float64
 from qtraj.path.trihedral import Natural, Upright
 
 SAMPLES = 513
-"""Samples of each path unless told otherwise."""
+"""Default number of samples of each path."""
 
-MAGNITUDES = {name: entry.variable for name, entry in QUANTITIES.items()}
+LIMIT_VARIABLES = {name: entry.variable for name, entry in QUANTITIES.items()}
 """The variable of each limited quantity, by the name of its limit."""
 
 LAYOUT = "time(path, sample) is each path's own time; progress(sample) = time / duration, from 0 to 1"
@@ -61,18 +61,17 @@ def path_dataset(
 ) -> xarray.Dataset:
     """The paths, by name, as one dataset with units, meanings and conventions in its attributes (extra `io`).
 
-    All outputs of `qtraj.evaluate`, at `samples` instants of each path. Attitudes and rates are those of `frame`;
-    without it they are those of `Upright()` where there is a recorded `track`, since vehicles stay upright, else of
-    `Natural()`. A variable that a limit bounds holds it as attribute `limit`. A recorded track is added as
-    `recorded_position` over `recorded_time`, from its first sample, and what is known of a `fitted` path as variables
-    and attributes whose names begin with `fit_`. `findings`, the certificates of some of the paths, are kept as
-    `largest_curvature` (path), `largest_curvature_time` and `finding_curvature`, and so on: the largest values on the
-    whole path, not at the samples alone.
+    The dataset has all outputs of `qtraj.evaluate`, at `samples` instants of each path. Attitudes and rates are those
+    of `frame`, by default `Upright()` with a recorded `track`, because vehicles stay upright, otherwise `Natural()`. A
+    limited variable has its limit as attribute `limit`. A recorded track is added as `recorded_position` over
+    `recorded_time`, from its first sample, and the facts of a `fitted` path as variables and attributes whose names
+    begin with `fit_`. `findings`, the certificates of some of the paths, become `largest_curvature` (path),
+    `largest_curvature_time`, `finding_curvature` and so on: the largest values on the whole path, not only at samples.
 
-    **Raises:** ValueError for no path, or fewer than 2 samples.
+    **Raises:** ValueError if there is no path, or fewer than 2 samples.
     """
     if not paths or samples < 2:
-        raise ValueError(f"a dataset needs a path and at least 2 samples, but {len(paths)} and {samples} were given")
+        raise ValueError(f"expected at least one path and at least 2 samples, but got {len(paths)} and {samples}")
     progress = np.linspace(0.0, 1.0, samples)
     frame = (Natural() if track is None else Upright()) if frame is None else frame
     tables = [_table(path, progress, frame) for path in paths.values()]
@@ -83,7 +82,7 @@ def path_dataset(
         stacked = np.stack([column[name][1] for column in columns])
         variables[name] = (("path", *dims), stacked, about)
     for name, limit in ({} if limits is None else limits.given()).items():
-        variables[MAGNITUDES[name]][2]["limit"] = float(limit)
+        variables[LIMIT_VARIABLES[name]][2]["limit"] = float(limit)
     variables |= _findings(list(paths), findings or {})
     coordinates: dict[str, Any] = {
         "path": ("path", list(paths), {"long_name": "path"}),
@@ -110,37 +109,41 @@ def path_dataset(
 
 
 def with_fit(variables: dict[str, Any], fitted: Fitted) -> dict[str, str]:
-    """Add what is known of a fit to the variables of a dataset; the attributes that say the rest."""
-    known_of_it, attributes = labelled(fitted)
-    for name, fact in known_of_it.items():
+    """Add the facts of a fit to the variables of a dataset, and return its attributes."""
+    facts, attributes = fit_variables(fitted)
+    for name, fact in facts.items():
         variables[name] = (fact.axes, fact.values, variable_attributes(fact.unit, fact.meaning))
     return attributes
 
 
 def _findings(paths: list[str], certificates: Mapping[str, Certificate]) -> dict[str, Any]:
-    """The largest value of each limited quantity on each path, when it is, and what is known of it."""
-    found: dict[str, Any] = {}
+    """The largest value of each limited quantity on each path, its time, and the status of the limit."""
+    variables: dict[str, Any] = {}
     for name in dict.fromkeys(name for certificate in certificates.values() for name in certificate.names):
         entry = quantity(name)
         variable, unit = entry.variable, entry.unit
-        given = [certificates.get(path) for path in paths]
-        known = [c if c is not None and name in c.names else None for c in given]
-        rows = [(np.nan, np.nan, "") if c is None else (*c.worst[name][:2], c.status[name]) for c in known]
+        by_path = [certificates.get(path) for path in paths]
+        with_limit = [c if c is not None and name in c.names else None for c in by_path]
+        rows = [(np.nan, np.nan, "") if c is None else (*c.worst[name][:2], c.status[name]) for c in with_limit]
         times, values, texts = zip(*rows, strict=True)
-        limit = {"limit": float(next(c.worst[name][2] for c in known if c is not None))}
+        limit = {"limit": float(next(c.worst[name][2] for c in with_limit if c is not None))}
         about = f"of the {entry.meaning} on the whole path"
-        found[f"largest_{variable}"] = (
+        variables[f"largest_{variable}"] = (
             ("path",),
             np.array(values, float),
             variable_attributes(unit, f"largest value {about}") | limit,
         )
-        found[f"largest_{variable}_time"] = (
+        variables[f"largest_{variable}_time"] = (
             ("path",),
             np.array(times, float),
             variable_attributes("s", f"time of the peak {about}"),
         )
-        found[f"finding_{variable}"] = (("path",), np.array(texts, str), {"long_name": f"finding on the limit {about}"})
-    return found
+        variables[f"finding_{variable}"] = (
+            ("path",),
+            np.array(texts, str),
+            {"long_name": f"finding on the limit {about}"},
+        )
+    return variables
 
 
 def write_netcdf(dataset: xarray.Dataset, file: str | os.PathLike[str]) -> None:
@@ -157,7 +160,7 @@ def _table(path: AbstractHodograph, progress: np.ndarray, frame: Frame) -> Table
 
 
 def _columns(path: AbstractHodograph, table: Table) -> dict[str, tuple[tuple[str, ...], np.ndarray, Any]]:
-    """Every variable of one path: dimensions, values and notes."""
+    """Every variable of one path: dimensions, values and attributes."""
     columns: dict[str, Any] = {
         "time": (("sample",), np.asarray(table.time), variable_attributes("s", "time from the start of the path")),
         "duration": ((), np.asarray(path.duration), variable_attributes("s", "duration of the path")),

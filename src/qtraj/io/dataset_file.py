@@ -1,8 +1,8 @@
-"""Labelled datasets as files: netCDF, Zarr, Parquet and CSV by the name of the file, every float exactly.
+"""Saves and loads labelled datasets as netCDF, Zarr, Parquet or CSV, by the suffix of the file, every float exactly.
 
-netCDF and Zarr hold any dataset as it is. Parquet and CSV hold one table: a row for each instant (of each path), a
+netCDF and Zarr store any dataset unchanged. Parquet and CSV store one table: a row for each instant (of each path), a
 column for each component, and a header with everything else (see `qtraj.io.flat`), so that pandas reads the table and
-`load_dataset` the whole. All four need the extra `io`, which is imported only when they are used.
+`load_dataset` restores the dataset. All four need the extra `io`, which is imported only on use.
 """
 
 import os
@@ -18,21 +18,21 @@ if TYPE_CHECKING:
 
 
 class Labelled(Protocol):
-    """What knows itself as a dataset, such as the table of `qtraj.evaluate`."""
+    """A result that converts to a dataset, such as the table of `qtraj.evaluate`."""
 
     def to_xarray(self) -> "xarray.Dataset":
-        """The same as an `xarray.Dataset`."""
+        """The result as an `xarray.Dataset`."""
         ...
 
 
 def save_dataset(dataset: "xarray.Dataset | Labelled", file: str | os.PathLike[str]) -> None:
     """Write a dataset, or a result that has `to_xarray()`, to a .nc, .zarr, .parquet or .csv file.
 
-    Values, their types, labels, units and all other attributes come back from `load_dataset`, floats bit by bit. The
-    file (of Zarr: the folder) appears whole or not at all, and takes the place of one of the same name.
+    `load_dataset` restores values, types, labels, units and all other attributes, floats bit by bit. The file (for
+    Zarr: the folder) is written completely or not at all, and replaces one of the same name.
 
-    **Raises:** ValueError for another suffix, or for values that the format cannot hold; OSError where the file cannot
-    be written; ModuleNotFoundError, naming the extra, where a package is missing.
+    **Raises:** ValueError for another suffix, or values that the format cannot store; OSError if the file cannot be
+    written; ModuleNotFoundError, naming the extra, if a package is missing.
     """
     path = Path(file)
     write = _by_suffix(path, _WRITERS)
@@ -41,23 +41,23 @@ def save_dataset(dataset: "xarray.Dataset | Labelled", file: str | os.PathLike[s
 
     content = dataset if isinstance(dataset, xarray.Dataset) else dataset.to_xarray()
     if path.is_dir() and not _is_store(path):
-        raise IsADirectoryError(f"{path}: this folder is no Zarr store and is left alone")
+        raise IsADirectoryError(f"{path}: this folder is not a Zarr store and is not replaced; choose another name")
     with staging(path.absolute().parent) as stage:
         write(content.drop_encoding(), stage / path.name)
         move(stage / path.name, path)
 
 
 def load_dataset(file: str | os.PathLike[str]) -> "xarray.Dataset":
-    """The dataset in a .nc, .zarr, .parquet or .csv file, wholly in memory.
+    """The dataset in a .nc, .zarr, .parquet or .csv file, loaded into memory.
 
-    **Raises:** OSError where there is no such file; ValueError, naming it, for another suffix or where it holds no
-    dataset; ModuleNotFoundError, naming the extra, where a package is missing.
+    **Raises:** OSError if the file does not exist; ValueError, naming the file, for another suffix or a file without a
+    dataset; ModuleNotFoundError, naming the extra, if a package is missing.
     """
     path = Path(file)
     read = _by_suffix(path, _READERS)
     require_package("xarray", "loading a dataset")
     if not path.exists():
-        sweep(path.absolute().parent)  # puts a store back whose replacement was killed
+        sweep(path.absolute().parent)  # restores a store whose replacement was killed
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
     return read(path)
@@ -78,8 +78,8 @@ def _read_netcdf(file: Path) -> "xarray.Dataset":
         return xarray.load_dataset(file, engine="h5netcdf")
     except PermissionError:
         raise
-    except (OSError, ValueError) as error:  # h5py says OSError of what is no HDF5 file
-        raise ValueError(f"{file}: no netCDF-4 file ({error})") from error
+    except (OSError, ValueError) as error:  # h5py raises OSError if the file is not HDF5
+        raise ValueError(f"{file}: not a netCDF-4 file ({error})") from error
 
 
 def _write_zarr(dataset: "xarray.Dataset", file: Path) -> None:
@@ -130,7 +130,7 @@ def _unfolded(flat: Any, file: Path) -> "xarray.Dataset":
     try:
         return unflatten(flat)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{file}: header and table do not belong together ({error})") from error
+        raise ValueError(f"{file}: header and table do not match ({error})") from error
 
 
 def _is_store(folder: Path) -> bool:
@@ -150,11 +150,11 @@ _READERS: dict[str, Callable[[Path], Any]] = {
     ".csv": _read_csv,
 }
 SUFFIXES = tuple(_READERS)
-"""Of the files that can be loaded."""
+"""Suffixes of the files that can be loaded."""
 
 
 def _by_suffix(path: Path, choices: dict[str, Callable[..., Any]]) -> Callable[..., Any]:
     try:
         return choices[path.suffix.lower()]
     except KeyError:
-        raise ValueError(f"{path}: the name of a dataset's file must end in {', '.join(choices)}") from None
+        raise ValueError(f"{path}: the name of a dataset file must end in {', '.join(choices)}") from None

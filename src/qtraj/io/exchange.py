@@ -1,9 +1,9 @@
-"""Attitudes to and from SciPy, jaxlie and plain arrays; the order of components stands in each function's name.
+"""Converts attitudes to and from SciPy, jaxlie and plain arrays; function names state the order of components.
 
-`wxyz` is qtraj's own order, scalar first; `xyzw` is that of SciPy's default, ROS and many files. Quaternions here may
-be many, (..., 4), and of any length but zero, body to inertial; both libraries then hold the active rotation R(λ) that
-turns the inertial basis into the body basis, and their `apply` takes body components to inertial ones. SciPy and jaxlie
-are imported only when they are used.
+`wxyz` is qtraj's own order, scalar first; `xyzw` is the order of SciPy's default, ROS and many files. Quaternions are
+arrays (..., 4) of any length but zero, body to inertial. Both libraries store the active rotation R(λ) that rotates
+the inertial basis into the body basis; their `apply` maps body components to inertial components. SciPy and jaxlie are
+imported only on use.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -19,6 +19,19 @@ from qtraj.foundation.types import ArrayInput
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
+__all__ = [
+    "jaxlie_from_wxyz",
+    "scipy_from_wxyz",
+    "wxyz_from_jaxlie",
+    "wxyz_from_scipy",
+    "wxyz_from_xyzw",
+    "xyzw_from_wxyz",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 def xyzw_from_wxyz(wxyz: ArrayInput) -> Float[Array, "*n 4"]:
     """The same quaternions with the scalar part last."""
@@ -31,7 +44,7 @@ def wxyz_from_xyzw(xyzw: ArrayInput) -> Float[Array, "*n 4"]:
 
 
 def scipy_from_wxyz(wxyz: ArrayInput) -> "Rotation":
-    """SciPy's `Rotation` of quaternions (4,) or (n, 4); it keeps their signs and forgets their lengths.
+    """SciPy's `Rotation` of quaternions (4,) or (n, 4); it keeps their signs and drops their lengths.
 
     **Raises:** ValueError for other shapes, and for a quaternion of length zero.
     """
@@ -40,19 +53,19 @@ def scipy_from_wxyz(wxyz: ArrayInput) -> "Rotation":
 
     values = np.asarray(_quaternions(wxyz), dtype=float)
     if values.ndim > 2:
-        raise ValueError(f"SciPy takes quaternions of shape (4,) or (n, 4), but {values.shape} was given")
+        raise ValueError(f"SciPy takes quaternions of shape (4,) or (n, 4), but got {values.shape}")
     return Rotation.from_quat(values, scalar_first=True)
 
 
 def wxyz_from_scipy(rotation: "Rotation") -> np.ndarray:
-    """The unit quaternions (4,) or (n, 4) of a SciPy `Rotation`, with the signs that it holds."""
+    """The unit quaternions (4,) or (n, 4) of a SciPy `Rotation`, with its signs."""
     return rotation.as_quat(canonical=False, scalar_first=True)
 
 
 def jaxlie_from_wxyz(wxyz: ArrayInput) -> Any:
-    """jaxlie's `SO3` of quaternions (..., 4), made unit as jaxlie expects them; NaN for a length of zero.
+    """jaxlie's `SO3` of quaternions (..., 4), normalised as jaxlie expects; NaN for a length of zero.
 
-    It may be traced and differentiated.
+    The function can be traced and differentiated.
     """
     require_package("jaxlie", "an exchange with jaxlie", None)
     import jaxlie
@@ -69,7 +82,7 @@ def wxyz_from_jaxlie(rotation: Any) -> Float[Array, "*n 4"]:
 
 
 def _quaternions(values: ArrayInput) -> Array:
-    given = as_float(values)
-    if given.ndim == 0 or given.shape[-1] != 4:
-        raise ValueError(f"quaternions have four components on the last axis, but the shape {given.shape} was given")
-    return given
+    quaternions = as_float(values)
+    if quaternions.ndim == 0 or quaternions.shape[-1] != 4:
+        raise ValueError(f"quaternions have four components on the last axis, but got the shape {quaternions.shape}")
+    return quaternions

@@ -1,10 +1,10 @@
-"""A dataset as one table with a header: what Parquet and CSV files hold.
+"""Converts a dataset to one table with a header, as in Parquet and CSV files.
 
 The rows are the instants, path by path or element by element of a batch: the dimensions of `time`, `path`, and `batch`,
-or `batch_1`, `batch_2` … Paths and elements without names have a column of their numbers, from 0. A variable of
-more dimensions has a column for each component (`position_x`, `dcm_tangent_x`); one of fewer is repeated (`duration` on
-each row of its path). Numbers alone make one row. What has nothing to do with the rows (the names of axes, a recording)
-stands in the header, beside all dimensions, types, units and other attributes.
+or `batch_1`, `batch_2` … Paths and elements without names have a column of their numbers, from 0. A variable with
+more dimensions has a column for each component (`position_x`, `dcm_tangent_x`); one with fewer is repeated (`duration`
+in each row of its path). A dataset of scalars has one row. Data that do not depend on the rows (the names of axes, a
+recording) are in the header, together with all dimensions, types, units and other attributes.
 """
 
 import itertools
@@ -22,12 +22,12 @@ FORMAT = "qtraj-dataset/1"
 TEXT, NUMBERS = "str", "int64"
 KINDS = "fiub"
 BATCH = re.compile(r"(?:batch|lane)(_\d+)?")
-"""The dimensions of many problems, as results name them."""
+"""The batch dimensions of results; earlier versions called them `lane`."""
 
 
 @dataclass(frozen=True)
 class Flat:
-    """Columns (n,) by name, and a header of JSON's types."""
+    """Columns (n,) by name, and a header of JSON types."""
 
     columns: dict[str, np.ndarray]
     header: dict[str, Any]
@@ -36,8 +36,8 @@ class Flat:
 def flatten(dataset: xarray.Dataset) -> Flat:
     """The table and the header of a dataset.
 
-    **Raises:** ValueError for an empty dataset, for values that are neither numbers nor texts, and for
-    attributes that JSON cannot hold.
+    **Raises:** ValueError for an empty dataset, values that are neither numbers nor texts, and attributes that JSON
+    cannot represent.
     """
     rows = _rows(dataset)
     columns, numbers = _numbers(dataset, rows)
@@ -66,7 +66,7 @@ def flatten(dataset: xarray.Dataset) -> Flat:
 def unflatten(flat: Flat) -> xarray.Dataset:
     """The dataset of a table and its header.
 
-    **Raises:** KeyError or ValueError where they do not belong together.
+    **Raises:** KeyError or ValueError if they do not match.
     """
     rows, sizes = flat.header["rows"], flat.header["dimensions"]
     variables, coordinates = {}, {}
@@ -80,29 +80,29 @@ def unflatten(flat: Flat) -> xarray.Dataset:
 
 
 def require_header(header: Any) -> None:
-    """Raise a ValueError where a header lacks what `unflatten` reads, or holds other kinds of values."""
+    """Raise a ValueError if an entry that `unflatten` reads is missing or has another type."""
     expected = {"rows": list, "dimensions": dict, "variables": dict, "attributes": dict}
-    known = isinstance(header, dict) and all(isinstance(header.get(key), kind) for key, kind in expected.items())
-    if not known or not isinstance(header.get("numbers", {}), dict):
-        raise ValueError(f"the header must be a table with {', '.join(expected)}")
+    complete = isinstance(header, dict) and all(isinstance(header.get(key), kind) for key, kind in expected.items())
+    if not complete or not isinstance(header.get("numbers", {}), dict):
+        raise ValueError(f"the header must be a JSON object with {', '.join(expected)}")
     for name, about in header["variables"].items():
         parts = {"dims": list, "dtype": str, "coordinate": bool, "attributes": dict}
         if not isinstance(about, dict) or not all(isinstance(about.get(key), kind) for key, kind in parts.items()):
-            raise ValueError(f"the header must tell of {name!r}: {', '.join(parts)}")
+            raise ValueError(f"the header entry of {name!r} must have {', '.join(parts)}")
         if not isinstance(about.get("columns", about.get("values")), list):
-            raise ValueError(f"the header must tell the columns or values of {name!r}")
+            raise ValueError(f"the header entry of {name!r} must list its columns or values")
 
 
 def kinds(header: dict[str, Any]) -> dict[str, str]:
-    """What the values of each column are, by the header of a table."""
-    found = {column: about["dtype"] for about in header["variables"].values() for column in about.get("columns", [])}
-    return dict.fromkeys(header.get("numbers", {}), NUMBERS) | found
+    """The type of the values of each column, from the header of a table."""
+    types = {column: about["dtype"] for about in header["variables"].values() for column in about.get("columns", [])}
+    return dict.fromkeys(header.get("numbers", {}), NUMBERS) | types
 
 
 def _rows(dataset: xarray.Dataset) -> list[Any]:
-    """The dimensions along which the rows run."""
+    """The dimensions of the rows."""
     if not dataset.variables:
-        raise ValueError("an empty dataset makes no table: save it as .nc or .zarr")
+        raise ValueError("an empty dataset cannot be written as a table: save it as .nc or .zarr")
     batch_dims = [dim for dim in dataset.sizes if _is_batch(dim)]
     if "time" not in dataset.variables:
         return batch_dims or list(dataset.sizes)[:1]
@@ -110,11 +110,11 @@ def _rows(dataset: xarray.Dataset) -> list[Any]:
 
 
 def _numbers(dataset: xarray.Dataset, rows: list[Any]) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    """Columns that number the paths and batch elements of a table that have no names, and their dimensions."""
+    """Columns with the numbers of unnamed paths and batch elements, and their dimensions."""
     shape = [dataset.sizes[dim] for dim in rows]
     columns, numbers = {}, {}
     for k, dim in enumerate(rows):
-        if _is_batch(dim) and dim not in dataset.variables and len(rows) > 1:
+        if _is_batch(dim) and dim not in dataset.variables:
             columns[str(dim)] = np.indices(shape)[k].ravel().astype(NUMBERS)
             numbers[str(dim)] = str(dim)
     return columns, numbers
@@ -139,7 +139,7 @@ def _spread(
 def _gathered(
     about: dict[str, Any], columns: dict[str, np.ndarray], rows: list[str], sizes: dict[str, int]
 ) -> np.ndarray:
-    """The values of one variable from its columns, its dimensions in their own order."""
+    """The values of one variable from its columns, with its dimensions in their original order."""
     dims: list[str] = about["dims"]
     own, others = [dim for dim in rows if dim in dims], [dim for dim in dims if dim not in rows]
     wide = [columns[name].reshape([sizes[dim] for dim in rows]) for name in about["columns"]]
@@ -161,17 +161,17 @@ def _names(dataset: xarray.Dataset, name: str, others: list[Any], taken: dict[st
 
 
 def _kind(variable: xarray.Variable, name: str) -> str:
-    """What the values are: a type of numpy's numbers, or texts."""
+    """The type of the values: a NumPy number type, or text."""
     if variable.dtype.kind in KINDS and variable.dtype.itemsize <= 8:
         return str(variable.dtype.newbyteorder("="))
     texts = variable.dtype.kind in "UT" or all(isinstance(value, str) for value in variable.values.ravel().tolist())
     if variable.dtype.kind in "UTO" and texts:
         return TEXT
-    raise ValueError(f"'{name}' holds {variable.dtype} values, which a table cannot: save it as .nc or .zarr")
+    raise ValueError(f"'{name}' has {variable.dtype} values, which a table cannot store: save it as .nc or .zarr")
 
 
 def _plain(attributes: Any, name: str) -> dict[str, Any]:
-    """Attributes as JSON's types; numpy's numbers and arrays become plain ones."""
+    """Attributes as JSON types; NumPy numbers and arrays become plain numbers and lists."""
     try:
         return json.loads(json.dumps({str(key): value for key, value in attributes.items()}, default=_item))
     except (TypeError, ValueError) as error:

@@ -1,6 +1,7 @@
-"""Flat datasets as CSV: the header in comment lines, then names of columns, then rows with the shortest exact numbers.
+"""Flat datasets as CSV: the header in comment lines, the column names, and rows with the shortest exact numbers.
 
-`pandas.read_csv(file, comment="#")` reads the table; before pandas 3.1 `float_precision="round_trip"` makes it exact.
+`pandas.read_csv(file, comment="#")` reads the table; before pandas 3.1 add `float_precision="round_trip"` to read it
+exactly.
 """
 
 import csv
@@ -19,7 +20,7 @@ TRUTH = {"True": True, "False": False}
 
 
 def write_csv(flat: Flat, file: Path) -> None:
-    """Write header, names and rows."""
+    """Write header, column names and rows."""
     lines = [MARK + line for line in _written(flat.header)]
     lines.append(",".join(_quoted(name) for name in flat.columns))
     columns = [_texts(values) for values in flat.columns.values()]
@@ -30,7 +31,7 @@ def write_csv(flat: Flat, file: Path) -> None:
 def read_csv(file: Path) -> Flat:
     """Columns and header of a file.
 
-    **Raises:** ValueError, naming the file, where there is no header, or a row that does not fit.
+    **Raises:** ValueError, naming the file, if there is no header, or a row does not match it.
     """
     lines = read_text(file).split("\n")
     count = next((k for k, line in enumerate(lines) if not line.startswith(MARK)), len(lines))
@@ -40,27 +41,27 @@ def read_csv(file: Path) -> Flat:
         raise ValueError(f"{file}: the header cannot be read ({error})") from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise ValueError(
-            f"{file}: this CSV file has no header of a dataset. If it is a recording, write a scenario, a .toml file "
-            f'with file = "{file.name}" under [track], and with [limits], and run `qtraj tune`; in Python, '
-            "qtraj.read_track reads recordings, pandas any table"
+            f"{file}: this CSV file has no dataset header. If it is a recording, write a scenario, a .toml file with "
+            f'file = "{file.name}" under [track] and with a table [limits], and run `qtraj tune`; in Python, use '
+            "qtraj.read_track for recordings and pandas for other tables"
         )
     try:
         names, *rows = list(csv.reader(io.StringIO("\n".join(lines[count:]), newline=""))) or [[]]
     except csv.Error as error:
         raise ValueError(f"{file}: the table cannot be read ({error})") from error
     if wrong := next((k for k, row in enumerate(rows, 1) if len(row) != len(names)), None):
-        raise ValueError(f"{file}: row {wrong} has {len(rows[wrong - 1])} columns, but expected {len(names)}")
+        raise ValueError(f"{file}: row {wrong} has {len(rows[wrong - 1])} columns, expected {len(names)}")
     try:
         require_header(header)
-        of = kinds(header)
+        types = kinds(header)
         parts = zip(names, zip(*rows, strict=True), strict=True) if rows else ((name, ()) for name in names)
-        return Flat({name: _parsed(texts, of[name]) for name, texts in parts}, header)
+        return Flat({name: _parsed(texts, types[name]) for name, texts in parts}, header)
     except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{file}: the table does not fit its header ({error})") from error
+        raise ValueError(f"{file}: the table does not match its header ({error})") from error
 
 
 def _written(header: dict[str, Any]) -> list[str]:
-    """The header as JSON that people can read: a line for each variable."""
+    """The header as readable JSON with a line for each variable."""
     variables = header["variables"].items()
     lines = [f"{json.dumps(name)}: {json.dumps(about, ensure_ascii=False)}" for name, about in variables]
     first = {key: value for key, value in header.items() if key != "variables"}
@@ -76,7 +77,7 @@ def _texts(values: np.ndarray) -> list[str]:
 
 
 def _quoted(text: str) -> str:
-    """A text that neither commas nor a '#' in it can break."""
+    """A text in quotes if it has characters with a meaning in CSV or in comments."""
     plain = all(c.isalnum() or c in "_-." for c in text) and text != ""
     return text if plain else '"' + text.replace('"', '""') + '"'
 

@@ -1,4 +1,4 @@
-"""Flat datasets as Parquet: the header in the metadata of the schema, units in those of the columns."""
+"""Flat datasets as Parquet: the header in the metadata of the schema, units in the metadata of the columns."""
 
 import json
 from pathlib import Path
@@ -12,11 +12,11 @@ from qtraj.io.flat import FORMAT, Flat, require_header
 
 KEY = b"qtraj"
 NUMBER = {"attributes": {"units": "1", "long_name": "number, from 0"}}
-"""What is said of a column that numbers paths or lanes."""
+"""Metadata of a column with the numbers of paths or batch elements."""
 
 
 def write_parquet(flat: Flat, file: Path) -> None:
-    """Write columns and header; pandas and every other reader of Parquet reads the columns."""
+    """Write columns and header; pandas and other readers of Parquet read the columns."""
     fields, arrays = [], []
     about = {column: v for v in flat.header["variables"].values() for column in v.get("columns", [])}
     for name, values in flat.columns.items():
@@ -31,18 +31,18 @@ def write_parquet(flat: Flat, file: Path) -> None:
 def read_parquet(file: Path) -> Flat:
     """Columns and header of a file.
 
-    **Raises:** ValueError, naming the file, where it is no Parquet or has no header.
+    **Raises:** ValueError, naming the file, if it is not Parquet or has no header.
     """
     try:
         table = pq.read_table(file)
     except pa.ArrowInvalid as error:
-        raise ValueError(f"{file}: no Parquet file ({error})") from error
+        raise ValueError(f"{file}: not a Parquet file ({error})") from error
     try:
         header = parse_json((table.schema.metadata or {}).get(KEY, b"{}"))
     except ValueError as error:
         raise ValueError(f"{file}: the header cannot be read ({error})") from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise ValueError(f"{file}: this Parquet file holds no dataset of qtraj; pandas.read_parquet reads its columns")
+        raise ValueError(f"{file}: this Parquet file has no dataset of qtraj; pandas.read_parquet reads its columns")
     try:
         require_header(header)
     except ValueError as error:

@@ -1,4 +1,6 @@
-"""Plain arrays over time as labelled data."""
+"""Converts plain arrays over time to labelled data."""
+
+from __future__ import annotations  # so that `help` shows short names
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -12,7 +14,7 @@ from qtraj.foundation.types import ArrayInput
 if TYPE_CHECKING:
     import xarray
 
-KNOWN = {
+PREDEFINED = {
     "quaternion": ("1", "attitude, scalar first, body to inertial", (4,)),
     "error": ("1", "error quaternion of a feedback law", (4,)),
     "rate": ("rad s-1", "angular rate, body axes", (3, 4)),
@@ -22,13 +24,13 @@ KNOWN = {
     "torque": ("N m", "torque, body axes", (3,)),
     "force": ("N", "force, body axes", (3,)),
 }
-"""Units and meanings of the arrays that the functions on attitudes give, and how many components they may have."""
+"""Unit, meaning and possible numbers of components of the arrays that attitude functions return."""
 
 COMPONENTS = {3: "body", 4: "component"}
-"""The axis of as many components."""
+"""The name of the axis, by the number of components."""
 
 ANY = (0, *COMPONENTS)
-"""Components of an array that is not known by its name; 0 for a number at each instant."""
+"""Possible numbers of components of any other array; 0 for one number at each instant."""
 
 TAKEN = ("time", *COMPONENTS.values())
 """Names that the dataset needs for its coordinates."""
@@ -36,47 +38,48 @@ TAKEN = ("time", *COMPONENTS.values())
 
 def label(
     times: ArrayInput, attributes: Mapping[str, Any] | None = None, **arrays: ArrayInput | tuple[ArrayInput, str, str]
-) -> "xarray.Dataset":
+) -> xarray.Dataset:
     """Arrays over `times` (n,) [s] as an `xarray.Dataset` with units, conventions and provenance (extra `io`).
 
-    For what `propagate`, `propagate_samples`, `error_response` and `jax.vmap` give as plain arrays:
-    `label(times, quaternion=qs)`. Known by their names are quaternion, error and command (*batch, n, 4), rate and
-    acceleration (*batch, n, 3) or with the virtual one in front (*batch, n, 4), torque and force (*batch, n, 3), and
-    angle (*batch, n). Any other array, with 3, 4 or no components, is given as (array, unit, meaning), its unit as
-    netCDF writes it ("m s-2"), three components then in body axes. `attributes` are added to the dataset's.
+    Use it for the plain arrays of `propagate`, `propagate_samples`, `error_response` and `jax.vmap`:
+    `label(times, quaternion=qs)`. These names have predefined units: quaternion, error and command (*batch, n, 4), rate
+    and acceleration (*batch, n, 3) or with the virtual component in front (*batch, n, 4), torque and force
+    (*batch, n, 3), and angle (*batch, n). Pass any other array, with 3, 4 or no components, as (array, unit, meaning),
+    with the unit in netCDF notation ("m s-2"); three components are in body axes. `attributes` are added to those of
+    the dataset.
 
-    **Raises:** ValueError for other shapes, a name that is not known or that a coordinate has, times that are NaN, no
-    array, or inside a trace; ModuleNotFoundError, naming the extra, where xarray is missing.
+    **Raises:** ValueError for other shapes, an unknown name or the name of a coordinate, times that are NaN, no array,
+    or inside a trace; ModuleNotFoundError, naming the extra, if xarray is missing.
     """
     require_concrete((times, arrays))
     instants = as_float(times)
     if instants.ndim != 1 or not arrays:
         raise ValueError(
-            f"times (n,) and at least one array over them were expected, but times of shape {instants.shape} and "
-            f"{len(arrays)} arrays were given"
+            f"expected times (n,) and at least one array over them, but got times of shape {instants.shape} and "
+            f"{len(arrays)} arrays"
         )
     if np.isnan(instants).any():
         raise ValueError("times must be numbers, but some are NaN")
-    variables = {name: _quantity(name, given, instants.shape[0]) for name, given in arrays.items()}
+    variables = {name: _quantity(name, array, instants.shape[0]) for name, array in arrays.items()}
     time = Quantity(instants, "s", "time", ("time",))
     return to_dataset(Record(", ".join(variables), variables, {"time": time}, {"frame": "body"}), attributes)
 
 
-def _quantity(name: str, given: Any, count: int) -> Quantity:
+def _quantity(name: str, entry: Any, count: int) -> Quantity:
     if name in TAKEN:
-        raise ValueError(f"the name {name!r} is that of a coordinate of the dataset: give the array another")
-    described = isinstance(given, tuple) and len(given) == 3 and all(isinstance(text, str) for text in given[1:])
-    if not described and name not in KNOWN:
+        raise ValueError(f"{name!r} is the name of a coordinate of the dataset: choose another name for the array")
+    described = isinstance(entry, tuple) and len(entry) == 3 and all(isinstance(text, str) for text in entry[1:])
+    if not described and name not in PREDEFINED:
         raise ValueError(
-            f"{name!r} is not known; known are {', '.join(KNOWN)}. Give any other as (array, unit, meaning)."
+            f"{name!r} has no predefined unit, unlike {', '.join(PREDEFINED)}. Pass it as (array, unit, meaning)."
         )
-    array, unit, meaning = given if described else (given, *KNOWN[name][:2])
-    sizes = ANY if described else KNOWN[name][2]
+    array, unit, meaning = entry if described else (entry, *PREDEFINED[name][:2])
+    sizes = ANY if described else PREDEFINED[name][2]
     values = np.asarray(as_float(array))
-    # With components first: as many lanes as instants, 3 or 4, are else taken for them.
+    # Components are tried first: otherwise 3 or 4 instants could be taken for components of a batch.
     if values.shape[-2:-1] == (count,) and values.shape[-1] in sizes and values.shape[-1] in COMPONENTS:
         return Quantity(values, unit, meaning, ("time", COMPONENTS[values.shape[-1]]))
     if values.shape[-1:] == (count,) and 0 in sizes:
         return Quantity(values, unit, meaning, ("time",))
     forms = [f"(*batch, {count}, {size})" if size else f"(*batch, {count})" for size in sizes]
-    raise ValueError(f"{name} must be {' or '.join(forms)}, but an array of shape {values.shape} was given")
+    raise ValueError(f"{name} must have the shape {' or '.join(forms)}, but got {values.shape}")

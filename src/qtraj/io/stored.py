@@ -1,6 +1,6 @@
-"""Stored documents of any class of the library: `load` where it is not known beforehand what a file holds.
+"""Loads stored documents of any class of the library.
 
-`foundation.document` reads the classes that have been imported; importing this module imports all that can be stored.
+`foundation.document` reads only classes that have been imported; this module imports all that can be stored.
 """
 
 import importlib
@@ -11,13 +11,22 @@ __all__ = ["load"]
 
 HOMES = (
     "qtraj.design.fitting.fitted",
+    "qtraj.design.fitting.fitted_route",
     "qtraj.design.limits",
     "qtraj.design.proof.certificate",
+    "qtraj.design.proof.route_certificate",
     "qtraj.design.tuning.outcome",
     "qtraj.motion.attitude_residual",
     "qtraj.motion.control.baselines",
     "qtraj.motion.control.closed_form",
+    "qtraj.motion.control.hysteresis",
     "qtraj.motion.control.laws",
+    "qtraj.motion.manipulator.arm",
+    "qtraj.motion.manipulator.arm_motion",
+    "qtraj.motion.manipulator.inverse",
+    "qtraj.motion.pose.pose_law",
+    "qtraj.motion.pose.pose_motion",
+    "qtraj.motion.profiles.cubic_spline",
     "qtraj.motion.profiles.profile",
     "qtraj.motion.profiles.s_curve",
     "qtraj.motion.profiles.smooth_step",
@@ -27,12 +36,16 @@ HOMES = (
     "qtraj.motion.programs.rotation_minimizing",
     "qtraj.motion.programs.table_program",
     "qtraj.motion.simulation.actuator",
+    "qtraj.motion.simulation.body",
+    "qtraj.motion.simulation.body_motion",
     "qtraj.motion.simulation.disturbance",
     "qtraj.motion.simulation.sensor",
     "qtraj.motion.simulation.solution",
     "qtraj.path.boundary",
+    "qtraj.path.driving",
     "qtraj.path.placement",
     "qtraj.path.residual",
+    "qtraj.path.route",
     "qtraj.path.spiral_helix",
     "qtraj.path.thrust_aligned",
     "qtraj.path.track",

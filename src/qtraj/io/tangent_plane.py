@@ -1,7 +1,7 @@
-"""Latitude, longitude and height as metres east, north and up of a point on the Earth, exactly.
+"""Converts latitude, longitude and height to metres east, north and up of a point on the Earth, exactly.
 
-The ellipsoid is that of WGS 84 (NGA.STND.0036); the map to its Earth-fixed axes is a closed form, and the rest a turn
-and a shift. So lengths and angles in space stay true, where a map projection scales and turns them.
+The ellipsoid is WGS 84 (NGA.STND.0036). Earth-fixed coordinates have a closed form; a rotation and a translation lead
+to the tangent plane. So lengths and angles in space are exact, while a map projection distorts them.
 """
 
 from dataclasses import dataclass
@@ -16,18 +16,18 @@ ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
 OPTIONS = (
     "projection='tangent-plane' (in a scenario projection = 'tangent-plane'): metres east, north and up of the first "
     "sample, on the tangent plane of WGS 84 there; or qtraj.TangentPlane(origin) (in a scenario origin = [latitude, "
-    "longitude, height]) for those of a point of your own"
+    "longitude, height]) for an origin of your own"
 )
-"""What may be done about latitudes and longitudes."""
+"""The options for latitudes and longitudes, for error messages."""
 
 
 @dataclass(frozen=True)
 class TangentPlane:
-    """The axes east, north and up in the plane that touches the Earth at `origin`, whose position is (0, 0, 0).
+    """The axes east, north and up of the plane that touches the Earth at `origin`, which has the position (0, 0, 0).
 
     `origin`: latitude and longitude [°] and height above the ellipsoid [m] on WGS 84; None for the first sample of the
-    recording. Distances and angles are exact. Since the Earth is round, z is not the height: at 10 km from the origin
-    level ground is 7.8 m below the plane.
+    recording. Distances and angles are exact. Because the Earth is curved, z is not the height: at 10 km from the
+    origin level ground is 7.8 m below the plane.
 
     **Raises:** ValueError for an origin that is not three finite numbers, or a latitude beyond ±90°.
     """
@@ -37,22 +37,21 @@ class TangentPlane:
     def __post_init__(self) -> None:
         if self.origin is None:
             return
-        given = np.asarray(self.origin, float)
-        if given.shape != (3,) or not np.isfinite(given).all():
+        origin = np.asarray(self.origin, float)
+        if origin.shape != (3,) or not np.isfinite(origin).all():
             raise ValueError(
-                f"the origin of a tangent plane is [latitude °, longitude °, height m], but {self.origin!r} was given"
+                f"the origin of a tangent plane is [latitude °, longitude °, height m], but got {self.origin!r}"
             )
-        _require_angles(given[None], "the origin of a tangent plane")
-        object.__setattr__(self, "origin", tuple(map(float, given)))
+        _require_angles(origin[None], "the origin of a tangent plane")
+        object.__setattr__(self, "origin", tuple(map(float, origin)))
 
     def project(self, geodetic: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions (n, 3) [m], and rotations (n, 3, 3) from the local axes at each sample, of `geodetic` (n, 3).
 
         The columns of `geodetic` are latitude [°], longitude [°] and height above the ellipsoid [m]. A rotation maps
-        the components east, north and up at the sample, where its velocity and attitude are told, to those at the
-        origin.
+        components east, north and up at the sample, to which its velocity and attitude refer, to those at the origin.
 
-        **Raises:** ValueError for a latitude beyond ±90° or a longitude beyond ±360°, naming the sample.
+        **Raises:** ValueError for a latitude beyond ±90° or a longitude beyond ±360°; the message names the sample.
         """
         geodetic = np.asarray(geodetic, float)
         _require_angles(geodetic, "the recording")
@@ -84,6 +83,7 @@ def _require_angles(geodetic: np.ndarray, what: str) -> None:
     if bad.size:
         latitude, longitude = geodetic[bad[0], :2].tolist()
         raise ValueError(
-            f"{what} holds latitude {latitude:.9g}° and longitude {longitude:.9g}° (sample {bad[0]}), but a "
-            "latitude is within ±90° and a longitude within ±360°. Name the columns as latitude, longitude, height."
+            f"{what} has latitude {latitude:.9g}° and longitude {longitude:.9g}° (sample {bad[0]}), but a latitude "
+            "must be within ±90° and a longitude within ±360°. Name the columns in the order latitude, longitude, "
+            "height."
         )

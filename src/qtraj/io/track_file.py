@@ -1,4 +1,6 @@
-"""Recorded tracks from text files: CSV with a header row, and TUM trajectories."""
+"""Reads recorded tracks from text files: CSV with a header row, and TUM trajectories."""
+
+from __future__ import annotations  # so that `help` shows short names
 
 import csv
 import os
@@ -28,29 +30,29 @@ def read_track(
     angles: AttitudeAngles | None = None,
     projection: TangentPlane | str | None = None,
 ) -> Track:
-    """The recorded track in a text file; velocities and attitudes where it has them.
+    """The recorded track in a text file, with velocities and attitudes if the file has them.
 
     A CSV file (commas, semicolons or tabs; UTF-8; lines that start with # are comments) has a header row. `columns`
-    tells the names of its columns: {"time": "t", "position": ["e", "n", "u"], "velocity": [...], "attitude": [...]},
-    attitude as a quaternion, body to world, scalar first; None leaves a part out. Parts that are not named are taken
-    from common names (time, t; x, y, z; easting, northing, altitude; vx, vy, vz; vel_east, …; qw, qx, qy, qz), all
-    columns of a part or none.
-    A TUM trajectory (eight numbers "timestamp tx ty tz qx qy qz qw" to a line, no header) is known by its content;
+    names its columns: {"time": "t", "position": ["e", "n", "u"], "velocity": [...], "attitude": [...]}, with the
+    attitude as a quaternion, body to world, scalar first; None leaves a part out. Other parts are recognised by common
+    names (time, t; x, y, z; easting, northing, altitude; vx, vy, vz; vel_east, …; qw, qx, qy, qz), if all columns of
+    the part have one.
+    A TUM trajectory (eight numbers "timestamp tx ty tz qx qy qz qw" on a line, no header) is recognised by its content;
     its quaternions, scalar last, are reordered. Units are those of `Track`: s, m, m/s.
 
-    With `angles`, an `AttitudeAngles`, the attitude is read from three columns, roll, pitch and heading, in the
-    convention that it says; there is no default. With `projection`, "tangent-plane" or a `TangentPlane`, the position
-    is read from latitude [°], longitude [°] and height above the ellipsoid [m], and becomes metres east, north and up;
-    velocities and attitudes count in the axes east, north, up at each sample and are turned with it.
+    With `angles`, an `AttitudeAngles`, the attitude is read from the three columns roll, pitch and heading, in that
+    convention. With `projection`, "tangent-plane" or a `TangentPlane`, the position is read from latitude [°],
+    longitude [°] and height above the ellipsoid [m], and converted to metres east, north and up; velocities and
+    attitudes refer to the axes east, north, up at each sample and are rotated accordingly.
 
-    **Raises:** FileNotFoundError for a missing file; ValueError naming file, line, column and value for a cell that
-    is missing or no finite number, times that do not increase strictly, unknown columns, or too few rows; and for
-    angles or latitudes without their convention, naming the options.
+    **Raises:** FileNotFoundError for a missing file; ValueError, naming file, line, column and value, for a cell that
+    is missing or not a finite number, times that do not increase strictly, unknown columns, or too few rows; and for
+    angles or latitudes without a convention, naming the options.
     """
     path = Path(file)
     plane = _plane(projection)
     if angles is not None and not isinstance(angles, AttitudeAngles):
-        raise ValueError(f"angles= must be a qtraj.AttitudeAngles, but {angles!r} was given")
+        raise ValueError(f"angles= must be a qtraj.AttitudeAngles, but got {angles!r}")
     lines = _content(path)
     if _is_tum(path, lines):
         if columns is not None or angles is not None or plane is not None:
@@ -66,7 +68,7 @@ def read_track(
 
 
 def _content(path: Path) -> Lines:
-    """Numbered lines without comments and blanks."""
+    """Numbered lines without comments and blank lines."""
     try:
         text = read_text(path)
     except FileNotFoundError:
@@ -93,7 +95,7 @@ def _plane(projection: TangentPlane | str | None) -> TangentPlane | None:
     if projection is None or isinstance(projection, TangentPlane):
         return projection
     if projection != "tangent-plane":
-        raise ValueError(f"projection= must be 'tangent-plane' or a qtraj.TangentPlane, but {projection!r} was given")
+        raise ValueError(f"projection= must be 'tangent-plane' or a qtraj.TangentPlane, but got {projection!r}")
     return TangentPlane()
 
 
@@ -112,7 +114,7 @@ def _read_csv(
 
     header = [cell.strip() for cell in next(parse(lines))]
     if all(_is_number(cell) for cell in header):
-        raise ValueError(f"{path}, line {line}: a header row with column names was expected, but it holds numbers")
+        raise ValueError(f"{path}, line {line}: expected a header row with column names, but it has numbers")
     chosen = choose(path, header, {} if columns is None else columns, angles, plane is not None)
     used = [name for part in chosen.values() for name in part]
     table = _numbers(path, lines[1:], parse, [header.index(name) for name in used], used)
@@ -130,16 +132,16 @@ def _read_csv(
 def _projected(
     path: Path, plane: TangentPlane, geodetic: np.ndarray, velocity: np.ndarray | None, attitude: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-    """Positions in the plane, and what stands in the local axes of each sample in those of the plane."""
+    """Positions in the plane, and velocities and attitudes rotated from the local axes of each sample to the plane."""
     try:
-        position, turns = plane.project(geodetic)
+        position, rotations = plane.project(geodetic)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     if velocity is not None:
-        velocity = np.einsum("nij,nj->ni", turns, velocity)
+        velocity = np.einsum("nij,nj->ni", rotations, velocity)
     if attitude is not None:
-        there = np.asarray(jax.vmap(rotation.from_dcm)(as_float(np.swapaxes(turns, -1, -2))), float)
-        attitude = np.stack(hamilton.product(tuple(there.T), tuple(attitude.T)), axis=1)  # pyright: ignore[reportArgumentType]
+        local = np.asarray(jax.vmap(rotation.from_dcm)(as_float(np.swapaxes(rotations, -1, -2))), float)
+        attitude = np.stack(hamilton.product(tuple(local.T), tuple(attitude.T)), axis=1)  # pyright: ignore[reportArgumentType]
     return position, velocity, attitude
 
 
@@ -150,7 +152,7 @@ def _split(lines: Lines) -> Iterator[list[str]]:
 def _numbers(
     path: Path, lines: Lines, parse: Callable[[Lines], Iterator[list[str]]], places: Sequence[int], names: Sequence[str]
 ) -> np.ndarray:
-    """The chosen cells as float64, (rows, columns); a cell that is no finite number is named."""
+    """The chosen cells as float64, (rows, columns); ValueError for a cell that is not a finite number."""
     if len(lines) < MIN_SAMPLES:
         raise ValueError(f"{path}: a track needs at least {MIN_SAMPLES} rows of numbers, but there are {len(lines)}")
     try:
@@ -162,7 +164,7 @@ def _numbers(
             row = next(parse([(number, line)]))
             for k, name in zip(places, names, strict=True):
                 _require_number(path, number, name, row[k].strip() if k < len(row) else "")
-        raise ValueError(f"{path}: a quoted cell spans several lines, but each row must stand in one")
+        raise ValueError(f"{path}: a quoted cell spans several lines, but each row must be one line")
     return table
 
 
@@ -170,7 +172,7 @@ def _require_number(path: Path, line: int, name: str, cell: str) -> None:
     if not cell:
         raise ValueError(f"{path}, line {line}: the cell of column {name!r} is missing")
     if not _is_number(cell) or not np.isfinite(float(cell)):
-        raise ValueError(f"{path}, line {line}: column {name!r} must hold a finite number, but it holds {cell!r}")
+        raise ValueError(f"{path}, line {line}: column {name!r} must have finite numbers, but has {cell!r}")
 
 
 def _is_number(cell: str) -> bool:
@@ -186,7 +188,7 @@ def _require_increasing(path: Path, lines: Lines, times: np.ndarray, name: str) 
     if late.size:
         k = int(late[0]) + 1
         raise ValueError(
-            f"{path}, line {lines[k][0]}: times must increase strictly, but column {name!r} holds "
+            f"{path}, line {lines[k][0]}: times must increase strictly, but column {name!r} has "
             f"{times[k]:.17g} after {times[k - 1]:.17g}"
         )
 

@@ -1,7 +1,7 @@
 """Datasets as Zarr stores.
 
-Format 2 of Zarr: format 3 has no settled form yet of texts of fixed length and of consolidated metadata, while every
-reader opens format 2 without a word.
+The stores have format 2 of Zarr: format 3 does not yet specify fixed-length texts and consolidated metadata, while
+every reader opens format 2 without a warning.
 """
 
 from pathlib import Path
@@ -23,29 +23,29 @@ def write_zarr(dataset: xarray.Dataset, folder: Path) -> None:
 def read_zarr(folder: Path) -> xarray.Dataset:
     """The dataset in a Zarr store.
 
-    **Raises:** ValueError, naming the folder, where it is no store, or one that holds pickled objects.
+    **Raises:** ValueError, naming the folder, if it is not a store, or contains pickled objects.
     """
     if any(map(_pickles, _metadata(folder))):
-        raise ValueError(f"{folder}: this store holds pickled objects, which could run any code when read")
+        raise ValueError(f"{folder}: this store contains pickled objects, which could run any code when read")
     try:
         return xarray.load_dataset(folder, engine="zarr", chunks=None)
     except (OSError, KeyError, ValueError) as error:
-        raise ValueError(f"{folder}: no Zarr store of a dataset ({error})") from error
+        raise ValueError(f"{folder}: not a Zarr store of a dataset ({error})") from error
 
 
 def _metadata(folder: Path) -> list[Any]:
-    found = []
+    documents = []
     for file in sorted(file for name in METADATA for file in folder.rglob(name)):
         text = read_text(file)
         try:
-            found.append(parse_json(text))
+            documents.append(parse_json(text))
         except ValueError as error:
             raise ValueError(f"{file}: cannot be read: {error}") from error
-    return found
+    return documents
 
 
 def _pickles(value: Any) -> bool:
-    """Whether anything is encoded by a codec that unpickles."""
+    """Whether metadata names a codec that unpickles."""
     if isinstance(value, dict):
         codec = any("pickle" in str(value.get(key, "")) for key in ("id", "name"))
         return codec or any(map(_pickles, value.values()))

@@ -6,35 +6,62 @@ import os
 import equinox as eqx
 import numpy as np
 
+from qtraj.algebra.quaternion import conjugate, rotate
 from qtraj.foundation import document
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent, vector_text
 from qtraj.foundation.types import Quat, Scalar, ScalarLike, Vec3
+from qtraj.path.rate_axes import BODY, INERTIAL, require_axes
 
 
 class Attitude(AbstractResult):
     """Attitude, angular rate and angular acceleration at one instant.
 
-    `quaternion` (4,), body to inertial, scalar first; `rate` (3,) [rad/s] and `acceleration` (3,) [rad/s²] in body
-    axes. A program's quaternion is a unit quaternion; that of a simulated body may have any length.
+    `quaternion` (4,), body to inertial, scalar first; `rate` (3,) [rad/s] and `acceleration` (3,) [rad/s²] in `axes`,
+    "body" (the default) or "inertial". Laws and torques need body axes. A program's quaternion is a unit quaternion;
+    that of a simulated body may have any length.
     """
 
     quaternion: Quat
     rate: Vec3
     acceleration: Vec3
+    axes: str = eqx.field(static=True, default=BODY)
+
+    def in_axes(self, axes: str) -> "Attitude":
+        """The same attitude with rate and acceleration in these `axes`: ω_ξ = λ∘ω_x∘λ⁻¹, ε_ξ = λ∘ε_x∘λ⁻¹.
+
+        `axes`: "body" or "inertial". One attitude; of many, under `jax.vmap`.
+
+        **Raises:** ValueError for other axes.
+        """
+        require_axes(axes)
+        if axes == self.axes:
+            return self
+        turn = self.quaternion if axes == INERTIAL else conjugate(self.quaternion)
+        return Attitude(self.quaternion, rotate(turn, self.rate), rotate(turn, self.acceleration), axes)
 
     def record(self) -> Record:
         """The fields; a batch, as from `jax.vmap(program)(times)`, has its dimensions in front."""
+        along = ("body",) if self.axes == BODY else ("world",)
         variables = {
             "quaternion": Quantity(self.quaternion, "1", "attitude, scalar first, body to inertial", ("component",)),
-            "rate": Quantity(self.rate, "rad s-1", "angular rate, body axes", ("body",)),
-            "acceleration": Quantity(self.acceleration, "rad s-2", "angular acceleration, body axes", ("body",)),
+            "rate": Quantity(self.rate, "rad s-1", f"angular rate, {self.axes} axes", along),
+            "acceleration": Quantity(self.acceleration, "rad s-2", f"angular acceleration, {self.axes} axes", along),
         }
         rates, accelerations = (np.linalg.norm(np.asarray(x), axis=-1) for x in (self.rate, self.acceleration))
-        shown = f"|rate| {extent(rates, 'rad/s')}, |acceleration| {extent(accelerations, 'rad/s²')}"
+        shown = f"|rate| {extent(rates, 'rad s-1')}, |acceleration| {extent(accelerations, 'rad s-2')}"
         first = "" if self.quaternion.ndim > 1 else f"quaternion {vector_text(self.quaternion)}, "
         return Record(
-            f"{batch_prefix(self.quaternion.shape[:-1])}{first}{shown}", variables, attributes={"frame": "body"}
+            f"{batch_prefix(self.quaternion.shape[:-1])}{first}{shown}", variables, attributes={"frame": self.axes}
+        )
+
+
+def require_body_axes(attitude: Attitude) -> None:
+    """Raise a ValueError if rate and acceleration are in inertial axes."""
+    if attitude.axes != BODY:
+        raise ValueError(
+            "an attitude with rate and acceleration in body axes was expected, but they are in inertial axes: "
+            "pass attitude.in_axes('body')"
         )
 
 
@@ -46,6 +73,13 @@ class AbstractProgram(eqx.Module):
     @abc.abstractmethod
     def __call__(self, t: ScalarLike) -> Attitude:
         """The program's attitude at one instant; its quaternion is continuous in t on [0, duration]."""
+
+    def at(self, t: ScalarLike, axes: str = BODY) -> Attitude:
+        """The program's attitude at one instant, with rate and acceleration in `axes`, "body" or "inertial" ((1.6)).
+
+        **Raises:** ValueError for other axes.
+        """
+        return self(t).in_axes(axes)
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the program to a TOML or JSON file, exactly; `qtraj.load` reads it.

@@ -73,7 +73,9 @@ class AttitudeResidual(AbstractResult):
         return Record(f"{batch_prefix(self.samples.shape)}{summary}", variables, attributes={"frame": "body"})
 
 
-def compare_attitude(program: AbstractProgram, track: Track, mounting: ArrayInput | None = None) -> AttitudeResidual:
+def compare_attitude(
+    program: "AbstractProgram", track: "Track", mounting: ArrayInput | None = None
+) -> "AttitudeResidual":
     """Compare the recorded attitudes of `track` with `program`; the first sample is at program time 0.
 
     `mounting` (4,): the attitude of the recorder in the program's axes, of any non-zero length. None estimates the

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import as_float, concrete, real_vector, require_finite
 from qtraj.foundation.types import ArrayInput, Quat
+from qtraj.path.rate_axes import require_axes as require_axes
 
 
 def output_times(times: ArrayInput) -> Float[Array, " n"]:
@@ -37,12 +38,6 @@ def initial_quaternion(quaternion: ArrayInput) -> Quat:
     if values is not None and not values.any():
         raise ValueError("the initial quaternion must not be zero: zero represents no attitude")
     return quaternion
-
-
-def require_axes(axes: str) -> None:
-    """Raise a ValueError unless `axes` is 'body' or 'inertial'."""
-    if axes not in ("body", "inertial"):
-        raise ValueError(f"axes must be 'body' or 'inertial', but {axes!r} was given")
 
 
 def common_dtype(*arrays: jax.Array) -> jnp.dtype:

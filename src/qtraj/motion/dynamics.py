@@ -12,9 +12,20 @@ from qtraj.foundation.arrays import as_float, concrete, real_vector, require_fin
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.types import ArrayInput, Mat3, Scalar, ScalarLike, Vec3
-from qtraj.motion.attitude import Attitude
+from qtraj.motion.attitude import Attitude, require_body_axes
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, Natural, Upright, trihedral
+
+__all__ = [
+    "FrictionDemand",
+    "acceleration",
+    "forces",
+    "friction_demand",
+    "inertia_matrix",
+    "power",
+    "rotational_power",
+    "torque",
+]
 
 SYMMETRY = 1e-6
 """Asymmetry of an inertia, relative to its largest entry, that counts as round-off of a file."""
@@ -23,11 +34,16 @@ NO_CONTACT = "infinite where the vehicle does not press on the road"
 """Description of a friction demand without a positive normal force."""
 
 
+def __dir__() -> list[str]:
+    return __all__
+
+
 def torque(attitude: Attitude, inertia: ArrayInput) -> Vec3:
     """M = Jε + ω×Jω [N m] in body axes; for a spherical body M = Jε (paper C, remark 2).
 
     **Raises:** ValueError for an inertia of another shape, or one that is not symmetric and positive.
     """
+    require_body_axes(attitude)
     J = inertia_matrix(inertia).astype(attitude.rate.dtype)
     momentum = jnp.matmul(J, attitude.rate, precision="highest")
     return jnp.matmul(J, attitude.acceleration, precision="highest") + jnp.cross(attitude.rate, momentum)
@@ -61,12 +77,12 @@ def inertia_matrix(inertia: ArrayInput) -> Mat3:
         raise ValueError(f"an inertia must be a scalar, (3,) or (3, 3), but shape {J.shape} was given")
     J = J if J.ndim == 2 else jnp.diag(jnp.broadcast_to(J, (3,)))
     require_finite(J, "the inertia")
-    known = concrete(J)
-    if known is not None:
-        symmetric = np.abs(known - known.T).max() <= SYMMETRY * np.abs(known).max()
-        if not symmetric or not (np.linalg.eigvalsh(known) > 0).all():
+    value = concrete(J)
+    if value is not None:
+        symmetric = np.abs(value - value.T).max() <= SYMMETRY * np.abs(value).max()
+        if not symmetric or not (np.linalg.eigvalsh(value) > 0).all():
             raise ValueError(
-                f"an inertia must be symmetric with positive principal moments, but {known.tolist()} was given"
+                f"an inertia must be symmetric with positive principal moments, but {value.tolist()} was given"
             )
     return J
 

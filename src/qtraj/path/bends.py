@@ -36,6 +36,12 @@ def bends(track: Track, min_turn: float, spacing: float, standstill: float = STA
     return [_bend(times[i : j + 1], direction[i : j + 1]) for i, j in pairwise(turning)]
 
 
+def chord_length(track: Track, spacing: float) -> float:
+    """The horizontal length of the track [m], along chords of at least `spacing` [m]."""
+    positions = to_float64(track.positions)[:, :2]
+    return float(np.hypot(*np.diff(positions[_marks(positions, spacing)], axis=0).T).sum())
+
+
 def _travel(track: Track, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """Times [s] and continuous directions of travel [rad] of the samples that move."""
     times = to_float64(track.times)

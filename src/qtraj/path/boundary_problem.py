@@ -1,5 +1,7 @@
 """Solve for the polynomials of a spiral-helix from boundary states: paper S's problem and its Hermite extension."""
 
+from __future__ import annotations  # so that `help` shows short names
+
 import operator
 
 import jax.numpy as jnp

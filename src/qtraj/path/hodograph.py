@@ -14,6 +14,7 @@ from qtraj.algebra.vector import norm
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_float, one_instant, real_scalar, require_positive
 from qtraj.foundation.drawing import draw
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
 from qtraj.path.arc_length import arc_length
 from qtraj.path.boundary import BoundaryState
@@ -36,6 +37,13 @@ class AbstractHodograph(eqx.Module):
         """The path's polynomials in its own moving basis, or None if it has none.
 
         With polynomials, limits can be proved and batched evaluation is fast.
+        """
+        return None
+
+    def nodes(self) -> Float[Array, " nodes"] | None:
+        """Increasing times from 0 [s] between which the path is smooth, or None for a path that is smooth everywhere.
+
+        The last ones may all equal the duration.
         """
         return None
 
@@ -108,6 +116,9 @@ class Curve(AbstractHodograph):
         self.duration = real_scalar(duration, "the duration of a curve")
         require_positive(self.duration, "the duration of a curve", "s")
         _require_vector(self.function, self.duration)
+
+    def __repr__(self) -> str:
+        return shown(self, duration="s")
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """r and its time derivatives up to `order` at one instant; row k in [m s^-k]."""

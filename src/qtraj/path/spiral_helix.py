@@ -51,7 +51,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         angle: ArrayInput,
         height: ArrayInput,
         duration: ArrayInput,
-        placement: Placement | None = None,
+        placement: "Placement | None" = None,
         mismatch: ArrayInput = 0.0,
     ):
         self.radius = _coefficients(radius, "radius")
@@ -145,7 +145,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
     def between(cls, start: BoundaryState, end: BoundaryState, duration: ArrayInput, turns: int = 0) -> "SpiralHelix":
         """`hermite` about the vertical axis on which the horizontal normals of the two velocities meet.
 
-        **Raises:** ValueError where the horizontal velocities are parallel or zero, so that no such axis exists.
+        **Raises:** ValueError if the horizontal velocities are parallel or zero, so that no such axis exists.
         """
         axis = problem.axis_between(start, end)
         return cls.hermite(start, end, duration, turns, axis)
@@ -153,9 +153,9 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
 
 def _ends(coefficients: Array, duration: Array) -> np.ndarray:
     """The values of polynomials (*batch, n) at 0 and at the durations (*batch): (2, *batch)."""
-    known, span = np.asarray(coefficients), np.asarray(duration)
-    powers = span[..., None] ** np.arange(known.shape[-1])
-    return np.stack([known[..., 0], np.sum(known * powers, axis=-1)])
+    c, t = np.asarray(coefficients), np.asarray(duration)
+    powers = t[..., None] ** np.arange(c.shape[-1])
+    return np.stack([c[..., 0], np.sum(c * powers, axis=-1)])
 
 
 def _coefficients(values: ArrayInput, name: str) -> Float[Array, " n"]:

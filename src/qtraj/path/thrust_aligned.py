@@ -13,6 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+from typing_extensions import TypeAliasType
 
 from qtraj.algebra.vector import unit
 from qtraj.foundation.arrays import as_float, concrete, real_scalar, real_vector, require_finite
@@ -29,6 +30,9 @@ STANDARD_GRAVITY = 9.80665
 
 Three = tuple[Vec3, Vec3, Vec3]
 """A vector with its first two time derivatives."""
+
+Heading = TypeAliasType("Heading", ArrayInput | Callable[..., Any])
+"""An angle [rad], constant or as a function of the time [s]."""
 
 
 @storable
@@ -52,7 +56,7 @@ class ThrustAligned(AbstractFrame):
     heading: Any
     gravity: Vec3
 
-    def __init__(self, heading: ArrayInput | Callable[..., Any] | None = None, gravity: ArrayInput = STANDARD_GRAVITY):
+    def __init__(self, heading: Heading | None = None, gravity: ArrayInput = STANDARD_GRAVITY):
         self.heading = None if heading is None else _heading(heading)
         self.gravity = _gravity(gravity)
 

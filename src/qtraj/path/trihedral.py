@@ -6,6 +6,7 @@ Let c = r' × r'', v = |r'|, D = c·r'''. Then κ = |c|/v³, χ = D/|c|², and t
 """
 
 import abc
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -25,7 +26,9 @@ from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate, upright_rates
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.rate_axes import BODY, INERTIAL, in_axes, require_axes
 from qtraj.path.regularity import has_natural_frame, has_tangent, has_upright_frame
+from qtraj.path.route import Route
 
 STEEP = 0.75
 """If the squared vertical component of a unit tangent is larger, fallback axes refer to world x instead of world z."""
@@ -36,9 +39,10 @@ class Trihedral(AbstractResult):
 
     `tangent`, `normal`, `binormal`: unit vectors (3,), world axes; they are the body axes x, y and z. The x axis is the
     tangent of the path in all frames except `ThrustAligned`. `speed` [m/s], `curvature` and `torsion` [1/m] belong to
-    the path. `rate` [rad/s] and `acceleration` [rad/s²] are angular, (3,), in body axes. `defined` is false where the
-    trihedral does not exist; the values there are finite fallback values. The type of frame is not stored, so trihedra
-    of all frames have the same tree structure, as the branches of `jax.lax.cond` must have.
+    the path. `rate` [rad/s] and `acceleration` [rad/s²] are angular, (3,), in `axes`: "body", the trihedral's own, or
+    "inertial", the world's. `defined` is false where the trihedral does not exist; the values there are finite fallback
+    values. The type of frame is not stored, so trihedra of all frames have the same tree structure, as the branches of
+    `jax.lax.cond` must have.
     """
 
     tangent: Vec3
@@ -50,6 +54,7 @@ class Trihedral(AbstractResult):
     rate: Vec3
     acceleration: Vec3
     defined: Flag
+    axes: str = eqx.field(static=True, default=BODY)
 
     def dcm(self) -> Mat3:
         """Direction cosines α: rows τ, n, b; maps world components to trihedral components (paper S)."""
@@ -62,6 +67,18 @@ class Trihedral(AbstractResult):
     def gibbs(self) -> Vec3:
         """The Gibbs vector G = e·tan(Φ/2), singular at Φ = π."""
         return rotation.to_gibbs(self.quaternion())
+
+    def in_axes(self, axes: str) -> "Trihedral":
+        """The same trihedral with rate and acceleration in these `axes`, "body" or "inertial".
+
+        **Raises:** ValueError for other axes.
+        """
+        require_axes(axes)
+        if axes == self.axes:
+            return self
+        turn = self.dcm().T if axes == INERTIAL else self.dcm()
+        vectors = (jnp.matmul(turn, x, precision="highest") for x in (self.rate, self.acceleration))
+        return dataclasses.replace(self, **dict(zip(("rate", "acceleration"), vectors, strict=True)), axes=axes)
 
     def record(self) -> Record:
         """The fields with the names of `qtraj.evaluate`, the axes as `dcm`; for many trihedra, batch axes first."""
@@ -76,7 +93,7 @@ class Trihedral(AbstractResult):
             "angular_acceleration": self.acceleration,
             "defined": self.defined,
         }
-        variables = {name: CHANNELS[name].labelled(x) for name, x in values.items()}
+        variables = {name: in_axes(CHANNELS[name], self.axes).labelled(x) for name, x in values.items()}
         exists = "" if np.all(self.defined) else ", not defined" if not np.any(self.defined) else ", partly defined"
         values_text = f"speed {extent(self.speed, 'm s-1')}, curvature {extent(self.curvature, 'm-1')}"
         summary = f"{batch_prefix(self.speed.shape)}{values_text}, torsion {extent(self.torsion, 'm-1')}{exists}"
@@ -100,16 +117,22 @@ class AbstractFrame(eqx.Module):
         return self.trihedral(r, duration)
 
 
-def trihedral(path: AbstractHodograph, t: ScalarLike, frame: AbstractFrame | None = None) -> Trihedral:
-    """The trihedral of `path` at one instant `t` [s]: the natural one, or that of another `frame`.
+def trihedral(
+    path: "AbstractHodograph", t: ScalarLike, frame: "AbstractFrame | None" = None, axes: str = BODY
+) -> "Trihedral":
+    """The trihedral of `path` at one instant `t` [s]: natural, for a route upright, or of another `frame`.
 
-    **Raises:** ValueError for an array of instants, or an invalid `frame`.
+    `axes` are those of its rate and acceleration: "body", the trihedral's own, or "inertial", the world's.
+
+    **Raises:** ValueError for an array of instants, other axes, or an invalid `frame`.
     """
-    frame = Natural() if frame is None else frame
+    require_axes(axes)
+    if frame is None:
+        frame = Upright() if isinstance(path, Route) else Natural()
     if not isinstance(frame, AbstractFrame):
         raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
     t = one_instant(t)
-    return frame.at(t, path.derivatives(t, 4), as_float(path.duration))
+    return frame.at(t, path.derivatives(t, 4), as_float(path.duration)).in_axes(axes)
 
 
 @storable

@@ -32,7 +32,7 @@ LENGTH = {"color": "0.2", "lw": 1.2, "alpha": 0.8}
 def simulation_figure(dataset: xarray.Dataset, settled: float, limit: float | list[float] | None) -> Figure:
     """Error angle (logarithmic) and error quaternion with the closed form; rates; physical and virtual command; |λ|.
 
-    `dataset` is the table of `qtraj track`. Lines mark the angle `settled` [rad] and the `limit` of the command
+    `dataset` is the table of `qtraj simulate`. Lines mark the angle `settled` [rad] and the `limit` of the command
     [rad/s or rad/s²].
     """
     with mpl.rc_context(RC):

@@ -1,4 +1,4 @@
-"""Classical coning: the motion with a closed form on which integrators of attitude are compared."""
+"""Classical coning: a motion with a closed form, used to compare attitude integrators."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -33,7 +33,7 @@ class Coning(eqx.Module):
         return qt.quaternion.rotate(self.quaternion(t), self(t))
 
     def quaternions(self, times):
-        """The same at many times, in NumPy."""
+        """λ at many times, in NumPy."""
         half, phase = float(self.angle) / 2, float(self.speed) * np.asarray(times, float)
         level = np.sin(half)
         parts = [np.full_like(phase, np.cos(half)), level * np.cos(phase), level * np.sin(phase), 0 * phase]

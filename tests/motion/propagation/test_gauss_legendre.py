@@ -1,4 +1,4 @@
-"""The collocation schemes against 60 digits of mpmath, and the methods step by step."""
+"""Collocation schemes compared with 60 digits of mpmath, and single steps of all methods."""
 
 import jax
 import jax.numpy as jnp
@@ -14,8 +14,8 @@ from qtraj.motion.propagation.magnus import Magnus, sixth_order
 ONE_ROUNDING = 1.2e-16  # relative
 ROUND_OFF = 1e-15
 STAGES = (1, 2, 3, 8, 13)
-TURNS = np.array([0.0, 1e-9, 0.3, 1.0, 1.9])
-"""[rad] h|ω| of a step, up to what the sweeps are for."""
+ANGLES = np.array([0.0, 1e-9, 0.3, 1.0, 1.9])
+"""[rad] h|ω| of a step, up to ANGLE_PER_STEP."""
 
 
 def reference(stages):
@@ -35,7 +35,7 @@ def reference(stages):
 
 
 @pytest.mark.parametrize("stages", STAGES)
-def test_scheme_is_exact_but_for_one_rounding(stages):
+def test_the_scheme_is_exact_up_to_one_rounding(stages):
     scheme = tableau(stages)
     for actual, expected in zip(scheme[:3], reference(stages), strict=True):
         np.testing.assert_allclose(actual, expected, rtol=ONE_ROUNDING, atol=0)
@@ -51,26 +51,26 @@ def test_lobatto_integrates_polynomials(stages):
     assert abs(w @ x ** (2 * stages) - 1 / (2 * stages + 1)) > 0.1 * 16.0**-stages / (2 * stages + 1)
 
 
-def steady_angle(method, turn):
-    """The turn a method makes of a steady rate: GL-1 is Cayley's map, the others are exact to round-off here."""
-    return 4 * np.arctan(turn / 4) if method == GaussLegendre(1) else turn
+def numerical_angle(method, angle):
+    """The angle of a step with a constant rate: GL-1 is Cayley's map, the others are exact to round-off here."""
+    return 4 * np.arctan(angle / 4) if method == GaussLegendre(1) else angle
 
 
 @pytest.mark.parametrize("method", [GaussLegendre(1), GaussLegendre(8), Magnus(4), Magnus(6)], ids=str)
-def test_steady_rate_and_length(method):
-    """A steady turn has a closed form; |E| = 1 to round-off also where the rate is anything."""
+def test_constant_rate_and_length(method):
+    """A constant rate has a closed form; |E| = 1 to round-off for any rate."""
     axis = np.array([1.0, -2.0, 2.0]) / 3
-    steady = np.broadcast_to(axis, (len(TURNS), len(method.nodes), 3))
-    erratic = np.random.default_rng(1).uniform(-1, 1, size=steady.shape) / np.sqrt(3)
-    turns = jax.jit(lambda rates, h: increments(method, rates, h)[0])
-    expected = jax.vmap(qt.rotation.from_rotation_vector)(jnp.asarray(steady_angle(method, TURNS)[:, None] * axis))
-    np.testing.assert_allclose(turns(jnp.asarray(steady), jnp.asarray(TURNS)), expected, rtol=0, atol=ROUND_OFF)
-    lengths = jnp.linalg.norm(turns(jnp.asarray(erratic), jnp.asarray(TURNS)), axis=1)
+    constant = np.broadcast_to(axis, (len(ANGLES), len(method.nodes), 3))
+    random = np.random.default_rng(1).uniform(-1, 1, size=constant.shape) / np.sqrt(3)
+    rotations = jax.jit(lambda rates, h: increments(method, rates, h)[0])
+    expected = jax.vmap(qt.rotation.from_rotation_vector)(jnp.asarray(numerical_angle(method, ANGLES)[:, None] * axis))
+    np.testing.assert_allclose(rotations(jnp.asarray(constant), jnp.asarray(ANGLES)), expected, rtol=0, atol=ROUND_OFF)
+    lengths = jnp.linalg.norm(rotations(jnp.asarray(random), jnp.asarray(ANGLES)), axis=1)
     np.testing.assert_allclose(lengths, 1.0, rtol=0, atol=ROUND_OFF)
 
 
-def test_the_fourth_order_within_the_sixth():
-    """Both agree where the axis is fixed, and differ by the fifth power of h where it is not."""
+def test_the_embedded_method_of_order_4():
+    """It agrees with order 6 for a fixed axis, and otherwise differs by the fifth power of h."""
     rates = jnp.asarray(np.random.default_rng(3).normal(size=(3, 3)))
     nodes = Magnus(6).nodes - 0.5
 
@@ -80,8 +80,8 @@ def test_the_fourth_order_within_the_sixth():
         return float(jnp.linalg.norm(sixth - fourth))
 
     assert np.log2(difference(0.02) / difference(0.01)) == pytest.approx(5, abs=0.1)
-    steady = jnp.arange(3.0)[:, None] * jnp.asarray([[1.0, 2.0, 3.0]])
-    sixth, fourth = sixth_order(steady, jnp.asarray(0.5))
+    constant = jnp.arange(3.0)[:, None] * jnp.asarray([[1.0, 2.0, 3.0]])
+    sixth, fourth = sixth_order(constant, jnp.asarray(0.5))
     np.testing.assert_array_equal(sixth, fourth)
 
 
@@ -92,5 +92,5 @@ def test_bad_stages(stages):
 
 
 def test_bad_order():
-    with pytest.raises(ValueError, match="order 4 or 6 is offered, but 5"):
+    with pytest.raises(ValueError, match="must be 4 or 6, but 5"):
         Magnus(5)

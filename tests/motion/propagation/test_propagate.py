@@ -1,4 +1,4 @@
-"""λ(t) from a known ω(t): the figures of coning, the laws of |λ| and of axes, tolerances kept or honestly missed."""
+"""λ(t) from a known ω(t): published errors of coning, |λ|, axes, and tolerances that are reached or reported."""
 
 import equinox as eqx
 import jax
@@ -18,14 +18,14 @@ from ...path.test_reference import CASES, build
 from .coning import FAST, SLOW, Coning, angles
 
 TOLERANCE = 1e-12
-"""[rad] The default, and what a closed form in float64 leaves of it."""
+"""[rad] The default tolerance."""
 ROUND_OFF = 1e-14
 REFERENCE_ROUND_OFF = 3e-14
-"""[rad] Of the closed form itself: one rounding of a phase of 65 rad."""
+"""[rad] Round-off of the closed form: one rounding of a phase of 65 rad."""
 FACTOR = 2.0
-"""Between a published figure and ours."""
+"""Allowed ratio between a published error and ours."""
 ORDER_MARGIN = 0.4
-"""By which the observed order may fall short: the coarsest steps see a sizeable part of a cone."""
+"""By which the observed order may be too low: the coarsest steps span a large part of a cone."""
 
 EVALUATIONS = (48, 96, 192, 384, 768)
 TABLE = {
@@ -40,7 +40,7 @@ TIMES = np.array([0.0, 0.4, 1.0, 2.5])
 
 
 def final_errors(coning, end, method, evaluations):
-    """By so many evaluations of the rate in equal steps; the empty slots save compilations."""
+    """Errors with these numbers of rate evaluations, in equal steps; empty slots save compilations."""
     times = np.array([0.0, end])
     problem = checked(coning, coning.quaternions([0.0])[0], times, method, "body", None)
     steps = [count // len(method.nodes) for count in evaluations]
@@ -50,7 +50,7 @@ def final_errors(coning, end, method, evaluations):
 
 @pytest.mark.parametrize("method", TABLE, ids=str)
 def test_the_table_of_coning(method):
-    """β = 10°, Ω = 0.74π, 10 s; and the orders that follow from it."""
+    """β = 10°, Ω = 0.74π, 10 s, with the orders of convergence."""
     errors = final_errors(SLOW, 10.0, method, EVALUATIONS[: len(TABLE[method])])
     np.testing.assert_array_less(errors, FACTOR * np.array(TABLE[method]) + ROUND_OFF)
     np.testing.assert_array_less(np.array(TABLE[method]) / FACTOR, errors + ROUND_OFF)
@@ -67,7 +67,7 @@ def test_the_order_of_collocation_is_twice_the_number_of_stages(stages, steps):
 
 @pytest.mark.parametrize("method", FAST_TABLE, ids=str)
 def test_the_table_of_fast_coning(method):
-    """β = 50°, Ω = 2π, 10.3 s. The last figure of Gauss–Legendre is round-off, and so may be ours."""
+    """β = 50°, Ω = 2π, 10.3 s. The last error of Gauss–Legendre is round-off."""
     figures = np.array(list(FAST_TABLE[method].values()))
     errors = final_errors(FAST, 10.3, method, FAST_TABLE[method])
     np.testing.assert_array_less(errors, FACTOR * figures + REFERENCE_ROUND_OFF)
@@ -79,7 +79,7 @@ def test_the_table_of_fast_coning(method):
     [(GaussLegendre(8), 1e-4), (GaussLegendre(8), 1e-8), (GaussLegendre(8), 1e-12), (Magnus(6), 1e-5)],
     ids=str,
 )
-def test_the_tolerance_is_kept_and_the_estimate_true(method, tolerance):
+def test_the_tolerance_is_reached_and_the_estimate_is_a_bound(method, tolerance):
     times = np.array([0.0, 0.5, 10.3])
     q0 = FAST.quaternions([0.0])[0]
     solution = propagate_with_estimate(FAST, q0, times, method, tolerance=tolerance)
@@ -91,7 +91,7 @@ def test_the_tolerance_is_kept_and_the_estimate_true(method, tolerance):
 
 
 def test_times_are_output_instants_only():
-    """Uneven times that begin anywhere: λ(times[0]) = q0, and every instant is as good as the last."""
+    """Uneven times that do not start at zero: λ(times[0]) = q0, and every instant is accurate."""
     times = np.array([5.0, 5.001, 5.8, 6.0, 9.7, 9.70001, 15.3])
     qs = propagate(FAST, FAST.quaternions([5.0])[0], times)
     assert angles(qs, FAST.quaternions(times)).max() < TOLERANCE
@@ -103,28 +103,30 @@ def test_body_and_inertial_axes_agree():
     q0 = FAST.quaternions([0.0])[0]
     body, inertial = propagate(FAST, q0, TIMES), propagate(FAST.inertial, q0, TIMES, axes="inertial")
     np.testing.assert_allclose(inertial, body, rtol=0, atol=TOLERANCE)
-    assert np.abs(propagate(FAST.inertial, q0, TIMES) - body)[-1].max() > 0.1  # the axes are told apart
+    assert np.abs(propagate(FAST.inertial, q0, TIMES) - body)[-1].max() > 0.1  # the choice of axes matters
 
 
 @pytest.mark.parametrize("axes", ["body", "inertial"])
 @pytest.mark.parametrize("scale", [1.0, -3.0, 1e-3, 1e6])
-def test_the_scalar_part_is_the_law_of_the_length(axes, scale):
-    """|λ|² = |λ0|² exp ∫ω0, in either axes, and the attitude does not see ω0."""
+def test_the_scalar_part_determines_the_length(axes, scale):
+    """|λ|² = |λ0|² exp ∫ω0 in either axes, and ω0 does not change the attitude."""
 
     def omega(t):
         return jnp.concatenate([jnp.sin(3 * t)[None], FAST(t)])
 
     q0 = scale * QUATERNION
     qs = propagate(omega, q0, TIMES, axes=axes)
-    growth = (1 - np.cos(3 * TIMES)) / 3
-    np.testing.assert_allclose(np.sum(qs**2, axis=1), np.sum(q0**2) * np.exp(growth), rtol=TOLERANCE, atol=0)
+    log_scale = (1 - np.cos(3 * TIMES)) / 3
+    np.testing.assert_allclose(np.sum(qs**2, axis=1), np.sum(q0**2) * np.exp(log_scale), rtol=TOLERANCE, atol=0)
     plain = propagate(FAST, q0, TIMES, axes=axes)
     np.testing.assert_allclose(np.linalg.norm(plain, axis=1), np.linalg.norm(q0), rtol=ROUND_OFF, atol=0)
-    np.testing.assert_allclose(qs, plain * np.exp(growth / 2)[:, None], rtol=0, atol=TOLERANCE * np.linalg.norm(qs[-1]))
+    np.testing.assert_allclose(
+        qs, plain * np.exp(log_scale / 2)[:, None], rtol=0, atol=TOLERANCE * np.linalg.norm(qs[-1])
+    )
 
 
 class ProgramRate(eqx.Module):
-    """ω⁰ of a program; a Module, so that one compilation serves many paths."""
+    """ω⁰ of a program, as a Module, so that many paths share one compilation."""
 
     program: qt.FrameProgram
 
@@ -135,8 +137,8 @@ class ProgramRate(eqx.Module):
 FRAMES = {"natural": qt.Natural(), "upright": qt.Upright(), "minimizing": qt.RotationMinimizing()}
 
 
-def of_one_shape(path):
-    """The same path with room for the polynomials of any: one compilation serves all."""
+def padded(path):
+    """The path with polynomials of equal length, so that all share one compilation."""
     polynomials = (jnp.pad(c, (0, 4 - c.shape[0])) for c in (path.radius, path.angle, path.height))
     return qt.SpiralHelix(*polynomials, path.duration)
 
@@ -147,8 +149,8 @@ SOME = [(i, name) for i in range(0, len(CASES), 7) for name in ("upright", "mini
 
 @pytest.mark.parametrize(("index", "name"), ALL + SOME, ids=lambda x: CASES[x]["kind"] if isinstance(x, int) else x)
 def test_trihedral_is_the_flow_of_its_own_rate(index, name):
-    """Integrating the program's rate from its first attitude reproduces its last, sign and all, at any scale of λ."""
-    program = qt.FrameProgram(of_one_shape(build(CASES[index])), FRAMES[name])
+    """Integrating the program's rate from its first attitude reproduces its last, with its sign, at any scale of λ."""
+    program = qt.FrameProgram(padded(build(CASES[index])), FRAMES[name])
     times = np.array([0.0, float(program.duration)])
     first, last = (program(t).quaternion for t in times)
     for scale in (1.0, -3.0, 1e-3, 1e6):
@@ -158,8 +160,8 @@ def test_trihedral_is_the_flow_of_its_own_rate(index, name):
 
 
 @pytest.mark.parametrize("switch", [1.2345, 0.7, 1.5])
-def test_a_switch_between_the_nodes_is_seen(switch):
-    """A rate that jumps at 1.2345 s does so 3e-6 s from the end of a step, where Gauss points do not reach."""
+def test_a_jump_between_the_nodes_is_noticed(switch):
+    """A jump at 1.2345 s is 3e-6 s from the end of a step, beyond the last Gauss point."""
 
     def omega(t):
         return jnp.where(t < switch, 1.0, -1.0) * jnp.asarray([1.0, 2.0, -2.0]) / 3
@@ -169,12 +171,12 @@ def test_a_switch_between_the_nodes_is_seen(switch):
     expected = qt.rotation.from_rotation_vector(jnp.asarray(angle * np.array([1.0, 2.0, -2.0]) / 3))
     qs = propagate(omega, [1.0, 0, 0, 0], times)
     assert angles(qs[-1:], expected[None]) < TOLERANCE
-    known = propagate_with_estimate(omega, [1.0, 0, 0, 0], np.array([0.0, switch, 3.0]))
-    assert angles(known.quaternion[-1:], expected[None]) < TOLERANCE
-    assert known.steps == 8  # the switch is an output time: nothing had to be searched
+    solution = propagate_with_estimate(omega, [1.0, 0, 0, 0], np.array([0.0, switch, 3.0]))
+    assert angles(solution.quaternion[-1:], expected[None]) < TOLERANCE
+    assert solution.steps == 8  # the switch is an output time: no refinement is needed
 
 
-def test_a_missed_tolerance_is_never_silent():
+def test_a_missed_tolerance_is_reported():
     q0 = FAST.quaternions([0.0])[0]
     times = np.array([0.0, 10.3])
     assert np.isnan(propagate(FAST, q0, times, max_steps=20)).all()
@@ -192,7 +194,7 @@ def test_a_missed_tolerance_is_never_silent():
 
 
 def test_under_jit_and_vmap():
-    """A traced rate is planned at run time, each lane for itself: one that is sick, or too fast, spoils no other."""
+    """The steps of a traced rate are chosen at run time, for each batch element: failures do not affect others."""
     times = np.array([0.0, 1.0, 2.0])
     speeds = jnp.asarray([1.0, np.nan, 16.0, 1e5])
 
@@ -205,8 +207,8 @@ def test_under_jit_and_vmap():
     batch = traced(speeds)
     plain = jnp.stack([propagate(Coning(50.0, speed), QUATERNION, times) for speed in speeds[::2]])
     np.testing.assert_allclose(batch.quaternion[::2], plain, rtol=0, atol=TOLERANCE)
-    reached, missed, sick = ResultCode.successful, ResultCode.tolerance_not_reached, ResultCode.not_finite
-    assert batch.code.tolist() == [reached, sick, reached, missed]
+    reached, missed, not_finite = ResultCode.successful, ResultCode.tolerance_not_reached, ResultCode.not_finite
+    assert batch.code.tolist() == [reached, not_finite, reached, missed]
     assert [text.split(".")[0] for text in batch.result][::3] == [
         "the propagation reached its tolerance",
         "the tolerance was not reached",
@@ -214,18 +216,18 @@ def test_under_jit_and_vmap():
     assert batch.steps[0] < batch.steps[2]
 
 
-def test_a_traced_quaternion_is_planned_while_tracing():
-    """The number of steps is known then: the program has no search in it, and no slots to spare."""
-    plain, known = propagate_with_estimate(FAST, QUATERNION, TIMES), []
+def test_with_a_known_rate_the_steps_are_chosen_while_tracing():
+    """The number of steps is then known, so the executable has no search and no empty slots."""
+    plain, steps = propagate_with_estimate(FAST, QUATERNION, TIMES), []
 
     @jax.jit
     def staged(q):
         solution = propagate_with_estimate(FAST, q, TIMES)
-        known.append(int(solution.steps))
+        steps.append(int(solution.steps))
         return solution.quaternion
 
     np.testing.assert_allclose(staged(jnp.asarray(2 * QUATERNION)), 2 * plain.quaternion, rtol=0, atol=TOLERANCE)
-    assert known == [plain.steps]
+    assert steps == [plain.steps]
 
 
 def test_a_missed_tolerance_under_jit_is_nan_or_raises():
@@ -270,8 +272,8 @@ def test_float32():
         ({"axes": "world"}, "'body' or 'inertial', but 'world'"),
         ({"omega": lambda t: jnp.ones(5)}, r"omega\(t\) must have shape"),
         ({"tolerance": 0.0}, "tolerance must be positive"),
-        ({"steps": 0}, "at least one step"),
-        ({"max_steps": 2}, "fewer than the 3 intervals"),
+        ({"steps": 0}, "at least one per interval"),
+        ({"max_steps": 2}, "less than the number of intervals between the times, 3"),
     ],
 )
 def test_bad_input(change, message):

@@ -1,4 +1,4 @@
-"""Derivatives of a propagation in the rate, the first attitude and the times: both modes against differences."""
+"""Derivatives of a propagation in the rate, the initial attitude and the times, compared with differences."""
 
 import equinox as eqx
 import jax
@@ -18,12 +18,12 @@ QUATERNION = jnp.asarray([0.1, -0.7, 0.5, 0.4])
 TIMES = jnp.asarray([0.0, 0.4, 1.3])
 STEP = 1e-5
 DIFFERENCE_ERROR = 1e-8
-"""Of central differences with that step, relative to the size of the gradient."""
+"""Error of central differences with STEP, relative to the size of the gradient."""
 TOLERANCE = 1e-11
 
 
 class Rate(eqx.Module):
-    """A rate with parameters; the scalar part grows with one of them."""
+    """A rate with parameters, one of which enters the scalar part."""
 
     pitch: Scalar
     yaw: Scalar
@@ -33,7 +33,7 @@ class Rate(eqx.Module):
 
 
 def goal(parameters, method, **how):
-    """A number that depends on everything: (pitch, yaw, q0, times) as one vector."""
+    """A scalar that depends on all parameters: (pitch, yaw, q0, times) as one vector."""
     rate = Rate(parameters[0], parameters[1])
     qs = propagate(rate, parameters[2:6], parameters[6:], method, **how)
     return jnp.sum(qs[1:] * jnp.arange(1.0, 9.0).reshape(2, 4))
@@ -47,7 +47,7 @@ def central_differences(f, x):
 
 
 def test_both_modes_agree_with_differences():
-    """Eagerly: the steps are chosen although the rate's parameters are traced by grad."""
+    """Without jit: the steps are chosen although grad traces the parameters of the rate."""
     expected = central_differences(lambda x: goal(x, GaussLegendre(8)), PARAMETERS)
     scale = DIFFERENCE_ERROR * np.linalg.norm(expected)
     reverse = jax.grad(lambda x: goal(x, GaussLegendre(8)))(PARAMETERS)
@@ -57,7 +57,7 @@ def test_both_modes_agree_with_differences():
 
 
 def test_fixed_steps_under_jit():
-    """So many Magnus steps in each interval: a plain program of fixed size."""
+    """A fixed number of Magnus steps in each interval."""
     both = jax.jit(jax.value_and_grad(lambda x: goal(x, Magnus(6), steps=32)))
     expected = central_differences(lambda x: both(x)[0], PARAMETERS)
     gradient = both(PARAMETERS)[1]
@@ -76,18 +76,18 @@ def test_under_jit_through_a_closure():
     np.testing.assert_allclose(jax.jit(jax.jacrev(last))(pitch), expected, rtol=0, atol=DIFFERENCE_ERROR)
 
 
-def test_in_the_first_attitude_it_is_the_turn_and_in_the_last_time_the_rate():
-    """λ is linear in λ0: column k of the Jacobian is what becomes of the unit quaternion k."""
+def test_the_derivatives_in_the_initial_attitude_and_the_last_time():
+    """λ is linear in λ0: column k of the Jacobian is the propagated unit quaternion k."""
     jacobian, slope = jax.jacfwd(lambda q, t: propagate(FAST, q, TIMES.at[2].set(t))[-1], (0, 1))(QUATERNION, TIMES[2])
-    turned = propagate(FAST, [1.0, 0, 0, 0], TIMES)[-1]
-    np.testing.assert_allclose(jacobian, qt.quaternion.right_matrix(turned), rtol=0, atol=TOLERANCE)
-    last = qt.quaternion.product(QUATERNION, turned)
+    rotation = propagate(FAST, [1.0, 0, 0, 0], TIMES)[-1]
+    np.testing.assert_allclose(jacobian, qt.quaternion.right_matrix(rotation), rtol=0, atol=TOLERANCE)
+    last = qt.quaternion.product(QUATERNION, rotation)
     np.testing.assert_allclose(slope, qt.quaternion.derivative(last, FAST(TIMES[2])), rtol=0, atol=TOLERANCE)
 
 
 @pytest.mark.slow
 def test_second_derivative_at_rest():
-    """Where the rate vanishes and the turn with it: λ = exp(p²t e/2), λ'' = t e at p = 0."""
+    """Where rate and rotation vanish: λ = exp(p²t e/2), λ'' = t e at p = 0."""
 
     def last(p):
         return propagate(lambda t: jnp.stack([p * p, 0 * t, 0 * t]), [1.0, 0, 0, 0], TIMES, Magnus(4), steps=2)[-1]

@@ -1,4 +1,4 @@
-"""The diffrax term and solver: order, length, adaptivity, dense output, both axes, both directions of time."""
+"""The diffrax term and solver: order, |λ|, adaptive steps, dense output, axes, and both directions of time."""
 
 import subprocess
 import sys
@@ -16,7 +16,7 @@ from qtraj.motion.propagation.solver import AttitudeTerm, QuaternionMagnus
 from .coning import FAST, Coning, angles
 
 END = 2.3
-FIRST = jnp.asarray(FAST.quaternions([0.0])[0])
+INITIAL = jnp.asarray(FAST.quaternions([0.0])[0])
 ROUND_OFF = 1e-13
 ORDER_MARGIN = 0.3
 STEP = 1e-5
@@ -37,7 +37,7 @@ def solve(term, y0, controller, saveat, dt0=None, solver=None, t0=0.0, t1=END):
 
 
 class Swinging(eqx.Module):
-    """A rate of four components: ω0 = sin 3t in front of coning."""
+    """A rate of four components: ω0 = sin 3t, followed by coning."""
 
     def __call__(self, t):
         return jnp.concatenate([jnp.sin(3 * t)[None], FAST(t)])
@@ -48,7 +48,7 @@ def test_orders_of_steps_and_of_dense_output():
     for count in (40, 80):
         saveat = diffrax.SaveAt(subs=[diffrax.SubSaveAt(ts=SOMEWHERE), diffrax.SubSaveAt(t1=True)])
         step = jnp.asarray(END / count)
-        solution = solve(AttitudeTerm(FAST), FIRST, diffrax.ConstantStepSize(), saveat, step)
+        solution = solve(AttitudeTerm(FAST), INITIAL, diffrax.ConstantStepSize(), saveat, step)
         inside, last = solution.ys
         between.append(angles(inside, FAST.quaternions(SOMEWHERE)).max())
         ends.append(angles(last, FAST.quaternions([END]))[0])
@@ -59,15 +59,15 @@ def test_orders_of_steps_and_of_dense_output():
 
 @pytest.mark.parametrize("tolerance", [1e-5, 1e-9])
 def test_adaptive_steps_meet_the_tolerance(tolerance):
-    solution = solve(AttitudeTerm(FAST), FIRST, pid(tolerance), diffrax.SaveAt(t1=True))
+    solution = solve(AttitudeTerm(FAST), INITIAL, pid(tolerance), diffrax.SaveAt(t1=True))
     error = angles(solution.ys, FAST.quaternions([END]))[0]
     assert error < 10 * tolerance
     assert solution.stats["num_steps"] < 40 * (1e-5 / tolerance) ** (1 / 5)
     assert np.linalg.norm(solution.ys[0]) == pytest.approx(1.0, abs=ROUND_OFF)
 
 
-def test_a_fixed_axis_is_no_blind_spot():
-    """The expansion is exact there but for the integral of the rate, which the estimate must judge."""
+def test_the_error_estimate_for_a_fixed_axis():
+    """The expansion is then exact, so the estimate must come from the integral of the rate."""
 
     def omega(t):
         return jnp.exp(-200 * (t - 1.1) ** 2) * jnp.asarray([0.0, 0.6, 0.8])
@@ -79,11 +79,11 @@ def test_a_fixed_axis_is_no_blind_spot():
 SCALE = -1e-3
 SCALED = SCALE * jnp.asarray([0.1, -0.7, 0.5, 0.4])
 CLOSE = 1e-9 * abs(SCALE)
-"""Ten times the tolerance of the solves below."""
+"""Ten times the tolerance of the solves."""
 
 
 def test_inertial_axes_scalar_part_scale_and_both_directions():
-    """Against `propagate`, there and back, with dense output."""
+    """Compared with `propagate`, forwards and backwards in time, with dense output."""
     term, controller = AttitudeTerm(Swinging(), "inertial"), pid(1e-10, abs(SCALE))
     expected = propagate(Swinging(), SCALED, [0.0, *SOMEWHERE, END], axes="inertial")
     saveat = diffrax.SaveAt(t1=True, dense=True)
@@ -104,7 +104,7 @@ def test_body_axes_and_the_term_with_another_solver(solver):
 
 
 def test_a_jump_in_the_rate():
-    """With the jump announced, the slope before it is not used after it: a few dozen steps, exact."""
+    """With `jump_ts` the rate before the jump is not used after it, so few steps are needed."""
 
     def omega(t):
         return jnp.where(t < 0.7, 1.0, -2.0) * jnp.asarray([0.0, 0.6, 0.8])
@@ -117,7 +117,7 @@ def test_a_jump_in_the_rate():
 
 @pytest.mark.slow
 def test_derivatives():
-    """In the rate's parameters and in the first attitude, in both modes, at fixed steps, against differences."""
+    """Forward and reverse derivatives in rate parameters and initial attitude, at fixed steps."""
 
     def goal(x, adjoint):
         term = AttitudeTerm(Coning(50.0, x[0]))
@@ -135,7 +135,7 @@ def test_derivatives():
 def test_float32():
     coning = Coning(50.0, 2 * np.pi, jnp.float32)
     controller = pid(jnp.float32(1e-5))
-    y0 = FIRST.astype(jnp.float32)
+    y0 = INITIAL.astype(jnp.float32)
     saveat = diffrax.SaveAt(ts=jnp.asarray([1.0, 2.0], jnp.float32))
     solution = solve(AttitudeTerm(coning), y0, controller, saveat, t0=jnp.float32(0.0), t1=jnp.float32(END))
     assert solution.ys.dtype == jnp.float32
@@ -148,7 +148,7 @@ def test_bad_axes():
 
 
 def test_propagation_does_not_import_diffrax():
-    """It is slow to import, and only this solver needs it."""
-    room = "qtraj.motion.propagation"
-    code = f"import sys, {room}.propagate, {room}.strapdown; sys.exit('{room}.solver' in sys.modules)"
+    """diffrax is slow to import, and only this solver needs it."""
+    package = "qtraj.motion.propagation"
+    code = f"import sys, {package}.propagate, {package}.strapdown; sys.exit('{package}.solver' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,4 +1,4 @@
-"""λ(t) from recorded rates, against closed forms and against the classical coning algorithms."""
+"""λ(t) from recorded rates, compared with closed forms and with the classical coning algorithms."""
 
 import functools
 import itertools
@@ -16,11 +16,11 @@ from qtraj.motion.propagation.strapdown import propagate_samples
 from .coning import Coning, angles
 
 CONE = Coning(1.0, 2 * np.pi)
-EVERY = np.arange(145.0)
-"""Times one second apart, and a multiple of 12 of intervals, so that every classical algorithm fits."""
+SAMPLE_TIMES = np.arange(145.0)
+"""144 intervals of one second: a multiple of 12, as every classical algorithm needs."""
 ROUND_OFF = 1e-13
 FORMULA = 0.06
-"""Relative: the published drifts are leading terms, here at x = 0.5."""
+"""Relative tolerance: the published drifts are leading terms, here at x = 0.5."""
 ORDER_MARGIN = 0.4
 STEP = 1e-5
 DIFFERENCE_ERROR = 1e-8
@@ -35,7 +35,7 @@ CLASSICAL = {
 
 
 def correction(cross, t):
-    """What a classical algorithm adds to the sum of the increments of one update [rad]."""
+    """The coning correction of a classical algorithm to the sum of the increments of one update [rad]."""
     match t:
         case [a]:
             return 0 * a
@@ -48,7 +48,7 @@ def correction(cross, t):
 
 
 def classical(increments, samples):
-    """The turn of the whole recording by a classical algorithm."""
+    """The rotation over the whole recording by a classical algorithm."""
     updates = increments.reshape(-1, samples, 3)
     vectors = updates.sum(axis=1) + np.array([correction(np.cross, list(update)) for update in updates])
     return functools.reduce(Rotation.__mul__, Rotation.from_rotvec(vectors))
@@ -56,7 +56,7 @@ def classical(increments, samples):
 
 @pytest.mark.parametrize("samples", CLASSICAL)
 def test_the_baselines_drift_as_published(samples):
-    """So that what we compare with is the real thing: the error about the cone's axis, with 50 digits."""
+    """The error of the classical algorithms about the cone's axis, with 50 digits."""
     denominator, power = CLASSICAL[samples]
     with mpmath.workdps(50):
         x, beta = mpmath.mpf("0.5"), mpmath.mpf("1e-6")
@@ -69,7 +69,7 @@ def test_the_baselines_drift_as_published(samples):
         increments = [after - before for before, after in itertools.pairwise(bounds)]
         vector = sum(increments) + correction(np.cross, increments)
         half, level = mpmath.cos(beta / 2), mpmath.sin(beta / 2)
-        # λ(0)⁻¹∘λ(x) by hand: its scalar part and the component about z.
+        # Scalar part and z component of λ(0)⁻¹∘λ(x).
         scalar = half**2 + level**2 * mpmath.cos(x)
         vertical = -(level**2) * mpmath.sin(x)
         true = 2 * mpmath.acos(scalar) / mpmath.sqrt(1 - scalar**2) * vertical
@@ -77,35 +77,35 @@ def test_the_baselines_drift_as_published(samples):
         assert float(drift * denominator / x**power) == pytest.approx(1, abs=FORMULA)
 
 
-def turned(first, turn):
-    return (Rotation.from_quat(first, scalar_first=True) * turn).as_quat(scalar_first=True)
+def rotated(first, rotation):
+    return (Rotation.from_quat(first, scalar_first=True) * rotation).as_quat(scalar_first=True)
 
 
 def errors(per_cycle, kinds=("increment",)):
     """Final errors [rad] of the classical algorithms by samples per update, and of ours by kind."""
     cone = Coning(1.0, 2 * np.pi / per_cycle)
-    increments = cone.increments(EVERY)
-    first, last = cone.quaternions(EVERY[[0, -1]])
+    increments = cone.increments(SAMPLE_TIMES)
+    first, last = cone.quaternions(SAMPLE_TIMES[[0, -1]])
     ours = []
     for kind in kinds:
-        rates = jax.vmap(cone)(jnp.asarray(EVERY)) if kind == "instantaneous" else increments
-        ours.append(propagate_samples(EVERY, rates, first, kind)[-1])
-    theirs = [turned(first, classical(increments[1:], samples)) for samples in CLASSICAL]
-    found = angles(np.stack([*theirs, *ours]), np.tile(last, (len(theirs) + len(ours), 1)))
-    return found[: len(theirs)], found[len(theirs) :]
+        rates = jax.vmap(cone)(jnp.asarray(SAMPLE_TIMES)) if kind == "instantaneous" else increments
+        ours.append(propagate_samples(SAMPLE_TIMES, rates, first, kind)[-1])
+    theirs = [rotated(first, classical(increments[1:], samples)) for samples in CLASSICAL]
+    result = angles(np.stack([*theirs, *ours]), np.tile(last, (len(theirs) + len(ours), 1)))
+    return result[: len(theirs)], result[len(theirs) :]
 
 
 @pytest.mark.parametrize("per_cycle", [12, 36])
 def test_better_than_the_classical_algorithms_at_low_frequency(per_cycle):
     theirs, ours = errors(per_cycle)
     assert ours[0] < 0.5 * theirs.min()
-    assert theirs.min() > 10 * ROUND_OFF  # the comparison is not one of round-off
+    assert theirs.min() > 10 * ROUND_OFF  # the errors are above round-off
 
 
 def test_order():
-    """The drift rate falls with the power 6 of the sampling interval for instants, 8 for increments and means."""
+    """The drift rate is of order 6 in the sampling interval for instants, and 8 for increments and means."""
     coarse, fine = (errors(n, ("instantaneous", "increment", "mean"))[1] for n in (16, 24))
-    orders = np.log(coarse / fine) / np.log(1.5) - 1  # over so many samples; in the drift per sample one more
+    orders = np.log(coarse / fine) / np.log(1.5) - 1  # of the drift rate; one less than of the drift per sample
     assert np.all(orders > np.array([6, 8, 8]) - ORDER_MARGIN), orders
 
 
@@ -124,7 +124,7 @@ def test_means_are_increments_over_their_intervals():
 
 @pytest.mark.parametrize("kind", ["instantaneous", "increment"])
 def test_uneven_times(kind):
-    """Every instant of a jittered recording that does not begin at zero; |λ| is kept."""
+    """Every instant of a jittered recording that does not start at zero; |λ| is constant."""
     times = 3.0 + np.cumsum(np.random.default_rng(1).uniform(0.01, 0.04, size=60))
     rates = CONE.increments(times) if kind == "increment" else jax.vmap(CONE)(jnp.asarray(times))
     q0 = -3 * CONE.quaternions(times[:1])[0]
@@ -135,17 +135,17 @@ def test_uneven_times(kind):
 
 @pytest.mark.parametrize("kind", ["instantaneous", "mean", "increment"])
 def test_polynomial_rates_about_an_axis_are_exact(kind):
-    """A quartic rate is within the degree of every kind, also at the ends and with uneven times."""
+    """A quartic rate is exact for every kind, also at the ends and with uneven times."""
     rng = np.random.default_rng(2)
     times = np.cumsum(rng.uniform(0.1, 0.3, size=12))
     polynomial = np.polynomial.Polynomial(rng.normal(size=5) * 0.3)
     axis = np.array([2.0, -1.0, 2.0]) / 3
-    turned = polynomial.integ()(times)
-    increments = np.diff(turned, prepend=turned[0])
+    angle = polynomial.integ()(times)
+    increments = np.diff(angle, prepend=angle[0])
     spans = np.diff(times, prepend=times[0] - 1.0)
     values = {"instantaneous": polynomial(times), "mean": increments / spans, "increment": increments}[kind]
     qs = propagate_samples(times, values[:, None] * axis, [1.0, 0, 0, 0], kind)
-    expected = jax.vmap(qt.rotation.from_rotation_vector)(jnp.asarray((turned - turned[0])[:, None] * axis))
+    expected = jax.vmap(qt.rotation.from_rotation_vector)(jnp.asarray((angle - angle[0])[:, None] * axis))
     np.testing.assert_allclose(qs, expected, rtol=0, atol=ROUND_OFF)
 
 
@@ -159,10 +159,10 @@ def test_inertial_axes():
 @pytest.mark.parametrize("count", [1, 2, 3])
 @pytest.mark.parametrize("kind", ["instantaneous", "increment"])
 def test_short_recordings(count, kind):
-    """What few samples allow: a steady rate is exact from two."""
+    """A constant rate is exact from two samples."""
     times = np.arange(count) * 0.5
-    steady = np.broadcast_to([0.4, 0.0, 0.3], (count, 3))
-    qs = propagate_samples(times, steady * (0.5 if kind == "increment" else 1.0), [1.0, 0, 0, 0], kind)
+    constant = np.broadcast_to([0.4, 0.0, 0.3], (count, 3))
+    qs = propagate_samples(times, constant * (0.5 if kind == "increment" else 1.0), [1.0, 0, 0, 0], kind)
     expected = jax.vmap(qt.rotation.from_rotation_vector)(jnp.asarray(times[:, None] * [0.4, 0.0, 0.3]))
     np.testing.assert_allclose(qs, expected, rtol=0, atol=ROUND_OFF)
 
@@ -178,7 +178,7 @@ def test_the_first_mean_is_not_used():
 
 @pytest.mark.parametrize("kind", ["instantaneous", "increment"])
 def test_derivatives_in_bias_and_attitude(kind):
-    """Both modes against central differences, through jit: what a calibration needs."""
+    """Forward and reverse modes under jit compared with central differences, as a calibration needs."""
     times = np.linspace(0.0, 1.0, 13)
     rates = jnp.asarray(np.random.default_rng(4).normal(size=(13, 3)) * (0.05 if kind == "increment" else 1.0))
 
@@ -209,9 +209,9 @@ GAP = np.array([0.0, 0.1, 0.2, 0.9, 1.0])
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"times": GAP}, r"gap of 0.7 s between sample 2 at 0.2 s and sample 3 at 0.9 s, where 0.1 s is usual"),
+        ({"times": GAP}, r"gap of 0.7 s between sample 2 at 0.2 s and sample 3 at 0.9 s, although 0.1 s is usual"),
         ({"times": TIMES[[0, 1, 3, 2, 4]]}, r"times\[2\] = 0.3 s is followed by 0.2 s"),
-        ({"times": TIMES[:4]}, r"4 times need rates of shape \(4, 3\), not \(5, 3\)"),
+        ({"times": TIMES[:4]}, r"4 times need rates of shape \(4, 3\), but shape \(5, 3\)"),
         ({"rates": np.diag([0, 0, np.nan, 0, 0])[:, :3]}, "sample 2 at 0.2 s is"),
         ({"kind": "average"}, "'instantaneous', 'mean', 'increment', but 'average'"),
         ({"axes": "world"}, "'body' or 'inertial'"),
@@ -225,11 +225,11 @@ def test_bad_recordings(change, message):
         propagate_samples(**arguments)
 
 
-def test_a_gap_is_seen_while_tracing():
+def test_a_gap_is_refused_while_tracing():
     with pytest.raises(ValueError, match=r"gap of 0\.7 s"):
         jax.jit(lambda rates: propagate_samples(GAP, rates, [1.0, 0, 0, 0]))(jnp.zeros((5, 3)))
 
 
-def test_a_gap_may_be_allowed():
+def test_a_gap_can_be_allowed():
     assert propagate_samples(GAP, np.zeros((5, 3)), [1.0, 0, 0, 0], max_gap=None).shape == (5, 4)
     assert propagate_samples(GAP, np.zeros((5, 3)), [1.0, 0, 0, 0], max_gap=8.0).shape == (5, 4)

@@ -17,24 +17,24 @@ from qtraj.motion.simulation.kinematics import integrate
 from ..rigs import ThreeAxis
 
 AT_DEFAULTS = 1e-10
-"""Of the program reproduced from its acceleration, at the default tolerances."""
+"""Error of a program reproduced from its acceleration, at the default tolerances."""
 ROUND_OFF = 1e-13
 TIMES = np.linspace(0.0, 6.0, 31)
-OMEGA0 = 0.3  # the virtual rate at the start [rad/s]
+OMEGA0 = 0.3  # initial virtual rate [rad/s]
 
 
 def virtual(t):
-    """ε₀(t), and ∫ω0 dt from 0 in closed form below."""
+    """The virtual acceleration ε₀(t)."""
     return 0.4 * jnp.cos(1.3 * t) - 0.1
 
 
-def virtual_growth(t):
+def integrated_virtual_rate(t):
     """∫₀ᵗ ω0, with ω0 = OMEGA0 + ∫ε₀."""
     return OMEGA0 * t + 0.4 * (1 - np.cos(1.3 * t)) / 1.3**2 - 0.05 * t**2
 
 
 class Driven(eqx.Module):
-    """The program's own acceleration in either axes, with a virtual part, on a clock that starts at `origin`."""
+    """A program's acceleration in either axes, with a virtual part; time starts at `origin`."""
 
     program: ThreeAxis
     origin: Scalar
@@ -80,12 +80,12 @@ class Own(eqx.Module):
 
 
 def test_the_acceleration_of_a_frame_reproduces_it():
-    """A climbing turn with all its polynomials at work; ε⁰ alone, from the first attitude and rate."""
+    """A climbing turn of varying radius and rate: ε⁰ integrated from the initial attitude and rate."""
     path = qt.SpiralHelix([20.0, 0.5, -0.1], [0.3, 0.9, 0.05], [0.0, 1.0, 0.3, -0.05], 6.0)
     check_reproduced(qt.FrameProgram(path), None)
 
 
-def test_the_acceleration_of_a_turn_reproduces_it_across_its_switches():
+def test_the_acceleration_of_a_slew_reproduces_it_across_its_switches():
     turn = qt.EulerTurn([1.0, 0, 0, 0], [0.3, 0.5, -0.4, 0.6], qt.TimeOptimal(0.6, 0.4))
     check_reproduced(turn, turn.profile.switches)
 
@@ -100,8 +100,8 @@ def check_reproduced(program, jumps):
     assert np.linalg.norm(np.diff(solution.quaternion, axis=0), axis=1).sum() > 0.5
 
 
-def test_the_length_follows_the_virtual_rate_with_a_plus(in_body_axes):
-    np.testing.assert_allclose(in_body_axes.norm**2, np.exp(virtual_growth(TIMES)), rtol=AT_DEFAULTS)
+def test_the_length_increases_with_a_positive_virtual_rate(in_body_axes):
+    np.testing.assert_allclose(in_body_axes.norm**2, np.exp(integrated_virtual_rate(TIMES)), rtol=AT_DEFAULTS)
 
 
 def test_body_and_inertial_forms_agree(program, in_body_axes):
@@ -120,24 +120,24 @@ def test_the_tolerance_is_relative_to_the_length_of_the_quaternion(program, in_b
     np.testing.assert_allclose(other.quaternion / scale, in_body_axes.quaternion, rtol=0, atol=ROUND_OFF)
 
 
-def test_a_clock_far_from_zero_changes_nothing(program, in_body_axes):
-    origin = 2.0**17  # a float64 clock resolves 3e-11 s there
+def test_times_far_from_zero_change_nothing(program, in_body_axes):
+    origin = 2.0**17  # float64 resolves 3e-11 s there
     other = integrate(Driven(program, jnp.asarray(origin)), *start(program), origin + TIMES)
     np.testing.assert_allclose(other.quaternion, in_body_axes.quaternion, rtol=0, atol=1e-9)
 
 
 def test_tighter_tolerances_reach_round_off(program):
     other = integrate(Driven(program, jnp.asarray(0.0)), *start(program), TIMES, rtol=1e-13, atol=1e-15)
-    exact = jax.jit(jax.vmap(program.attitude))(TIMES) * np.exp(0.5 * virtual_growth(TIMES))[:, None]
+    exact = jax.jit(jax.vmap(program.attitude))(TIMES) * np.exp(0.5 * integrated_virtual_rate(TIMES))[:, None]
     np.testing.assert_allclose(other.quaternion, exact, rtol=0, atol=ROUND_OFF)
 
 
-# A turn about one axis, accelerated by a until s and braked after: closed forms for value and derivatives.
+# A slew about one axis, accelerated until a switch and decelerated afterwards: closed forms of value and derivatives.
 AXIS = np.array([2.0, -1.0, 2.0]) / 3
 
 
 def bang_bang(switch, acceleration, end, angle):
-    """λ at the end of the turn, from an initial angle, with the switch as an instant where ε jumps."""
+    """λ at the end of the slew from an initial angle, with the switch as a jump of ε."""
 
     def epsilon(t, quaternion, rate):
         sign = jnp.where(t < switch, 1.0, -1.0)
@@ -156,7 +156,7 @@ def bang_bang_exactly(switch, acceleration, end, angle):
     return jnp.concatenate([jnp.cos(half)[None], jnp.sin(half) * AXIS])
 
 
-def test_derivatives_are_exact_in_both_modes_also_in_a_switch_and_in_the_end():
+def test_derivatives_are_exact_in_both_modes_also_in_switch_and_end_time():
     point = tuple(jnp.asarray(x) for x in (0.7, 1.1, 1.9, 0.4))
     weights = tuple(jnp.asarray(x) for x in (0.3, -1.0, 0.5, 2.0))
 
@@ -174,12 +174,12 @@ def test_derivatives_are_exact_in_both_modes_also_in_a_switch_and_in_the_end():
     np.testing.assert_allclose(gradient, expected_pull(jnp.stack(weights)), atol=1e-12)
 
 
-def test_a_hopeless_lane_spoils_no_other():
-    lanes, poles, sick = 256, 17, 101
+def test_failed_elements_do_not_affect_the_rest_of_a_batch():
+    count, poles, bad = 256, 17, 101
     rng = np.random.default_rng(5)
-    rates = rng.normal(size=(lanes, 4)) * [0.1, 1, 1, 1]
-    rates[sick] = np.nan
-    pole = np.full(lanes, 9.0)
+    rates = rng.normal(size=(count, 4)) * [0.1, 1, 1, 1]
+    rates[bad] = np.nan
+    pole = np.full(count, 9.0)
     pole[poles] = 1.01
     times = np.linspace(0.0, 2.0, 5)
 
@@ -191,14 +191,14 @@ def test_a_hopeless_lane_spoils_no_other():
 
     run = jax.jit(jax.vmap(motion))
     both = run(rates, pole)
-    good = np.ones(lanes, bool)
-    good[[poles, sick]] = False
+    good = np.ones(count, bool)
+    good[[poles, bad]] = False
     np.testing.assert_array_equal(both.successful, good)
     assert np.isfinite(both.quaternion[good]).all()
     assert np.isfinite(both.quaternion[poles, :3]).all()  # up to the pole
     assert np.isnan(both.quaternion[poles, 3:]).all()
     assert "t = 1 s" in both.result[poles]
-    assert "stopped" in both.result[sick]
+    assert "stopped" in both.result[bad]
     healthy = np.where(np.isnan(rates), 0.1, rates)
     pole[poles] = 9.0
     alone = run(healthy, pole)
@@ -222,7 +222,7 @@ def test_float32_and_another_solver():
     np.testing.assert_allclose(solution.quaternion[:, 2], np.sin(half), atol=1e-5)
 
 
-def test_failure_tells_what_to_do_and_throw_raises():
+def test_a_failure_gives_advice_and_throw_raises():
     few = {"max_steps": 1, "rtol": 1e-13}
     solution = integrate(braked, [1.0, 0, 0, 0], [0.0, 3, 0, 0], [1.0, 9.0], **few)
     assert not solution.successful
@@ -237,7 +237,7 @@ def test_one_instant_is_the_initial_state():
     assert only.successful
 
 
-def test_what_is_known_to_be_wrong_is_refused():
+def test_invalid_arguments_are_refused():
     def still(t, q, w):
         return jnp.zeros(4)
 
@@ -263,12 +263,12 @@ def test_what_is_known_to_be_wrong_is_refused():
         integrate(still, one, rest, [0.0, 1.0], rtol=-1.0)
 
 
-def test_outcomes_are_numbers_in_a_trace(in_body_axes):
+def test_result_codes_are_numbers_in_a_trace(in_body_axes):
     @jax.jit
     def text(solution):
         return len(solution.result)
 
-    with pytest.raises(ValueError, match="outside jit"):
+    with pytest.raises(ValueError, match="inside jit"):
         text(in_body_axes)
     assert in_body_axes.code == qt.ResultCode.successful
     with pytest.raises(ValueError, match="open-loop"):

@@ -1,4 +1,4 @@
-"""The closed loop with its parts at work: jumps, samples, pushes, single precision, and lanes beside sick ones."""
+"""The closed loop with jumps, samples, disturbances and single precision, and failures within a batch."""
 
 import equinox as eqx
 import jax
@@ -19,29 +19,29 @@ RATE = jnp.asarray([0.1, 0.6, -0.4, 0.9])
 LAW = qt.AccelerationLaw(2.0, 1.0)
 
 
-def test_announced_jumps_of_a_program_cost_nothing():
-    """A turn under full acceleration, then braking: the error is that of any program, in a handful of steps."""
+def test_jumps_of_a_program_cost_nothing_when_passed():
+    """With `jumps`, a bang–bang slew is as accurate as a smooth program, in few steps."""
     turn = qt.EulerTurn([1.0, 0, 0, 0], [0.3, 0.5, -0.4, 0.6], qt.TimeOptimal(0.6, 0.4))
     switches, times = turn.profile.switches, np.linspace(0.0, 6.0, 4)
-    assert np.all((switches > 0.1) & (switches < 5.9))  # and none of them an output
+    assert np.all((switches > 0.1) & (switches < 5.9))  # none of them an output
     solution = qt.simulate(turn, LAW, START, RATE, times, jumps=switches, max_steps=16)
     at = turn(0.0)
     expected = control.error_response(
         LAW, control.error_quaternion(at, START), control.error_rate(at, START, RATE), times
     )
     np.testing.assert_allclose(solution.error, expected, rtol=0, atol=AT_DEFAULTS)
-    unannounced = qt.simulate(turn, LAW, START, RATE, times, max_steps=16)
-    assert "pass them as jumps" in unannounced.result
+    without_jumps = qt.simulate(turn, LAW, START, RATE, times, max_steps=16)
+    assert "as jumps" in without_jumps.result
 
 
 @pytest.mark.slow
-def test_the_derivative_in_the_instant_of_a_jump_is_exact():
+def test_the_derivative_in_the_time_of_a_jump_is_exact():
     def miss(switch):
-        def push(t):
+        def disturbance(t):
             return jnp.where(t < switch, 0.5, -0.3) * jnp.asarray([1.0, 0.4, -0.2])
 
         motion = qt.simulate(
-            Rest(), LAW, START, RATE, [0.0, 2.0], disturbance=push, jumps=switch[None], rtol=1e-12, max_steps=64
+            Rest(), LAW, START, RATE, [0.0, 2.0], disturbance=disturbance, jumps=switch[None], rtol=1e-12, max_steps=64
         )
         return motion.quaternion[-1] @ jnp.asarray([0.2, 1.0, -0.5, 0.7])
 
@@ -53,20 +53,20 @@ def test_the_derivative_in_the_instant_of_a_jump_is_exact():
 
 
 class Held(eqx.Module):
-    """A command that stays, and a push that does not."""
+    """A constant command under a varying disturbance."""
 
     command: Quat
 
     def __call__(self, t, quaternion, rate):
-        return self.command + jnp.concatenate([jnp.zeros(1), push(t)])
+        return self.command + jnp.concatenate([jnp.zeros(1), disturbance(t)])
 
 
-def push(t):
+def disturbance(t):
     return jnp.stack([0.3 * jnp.sin(2 * t), 0.1 * t, -0.2 * jnp.cos(t)])
 
 
-def test_a_sampled_sensor_with_noise_bias_limits_and_a_push():
-    """Against the same loop by hand, one open-loop integration from sample to sample."""
+def test_a_sampled_sensor_with_noise_bias_limits_and_a_disturbance():
+    """Compared with one open-loop integration from sample to sample."""
     program, period, count = ThreeAxis(), 0.25, 8
     sensor = qt.Sensor(
         rate_bias=[0.02, -0.01, 0.03],
@@ -78,7 +78,7 @@ def test_a_sampled_sensor_with_noise_bias_limits_and_a_push():
     )
     actuator = qt.Actuator([0.8, 0.5, 0.9], "axis")
     between = [0.0, 0.3, 0.5, 1.1, 1.75, 2.0]
-    solution = qt.simulate(program, LAW, START, RATE, between, push, sensor, actuator)
+    solution = qt.simulate(program, LAW, START, RATE, between, disturbance, sensor, actuator)
 
     @jax.jit
     def command(k, t, quaternion, rate):
@@ -96,10 +96,10 @@ def test_a_sampled_sensor_with_noise_bias_limits_and_a_push():
             expected[t] = np.concatenate([motion.quaternion[row], motion.rate[row], held])
         state = (motion.quaternion[-1], motion.rate[-1])
     expected[2.0] = np.concatenate([*state, command(jnp.asarray(count), 2.0, *state)])
-    found = np.concatenate([solution.quaternion, solution.rate, solution.command], axis=1)
-    np.testing.assert_allclose(found, [expected[t] for t in between], rtol=0, atol=AT_DEFAULTS)
-    assert np.any(np.isclose(np.abs(found[:, 9:]), [0.8, 0.5, 0.9]))  # the limits are at work
-    assert np.abs(found[:, 9:]).min() < 0.4
+    result = np.concatenate([solution.quaternion, solution.rate, solution.command], axis=1)
+    np.testing.assert_allclose(result, [expected[t] for t in between], rtol=0, atol=AT_DEFAULTS)
+    assert np.any(np.isclose(np.abs(result[:, 9:]), [0.8, 0.5, 0.9]))  # the limits are active
+    assert np.abs(result[:, 9:]).min() < 0.4
 
 
 SINGLE = 2e-5
@@ -107,7 +107,7 @@ SINGLE = 2e-5
 
 
 def single(**parts):
-    """A simulation with everything but the program in float32."""
+    """A simulation in float32, except for the program."""
     start, rate, times = (np.asarray(x, np.float32) for x in (START, RATE, [0, 1, 2, 3]))
     solution = qt.simulate(ThreeAxis(), LAW, start, rate, times, **parts)
     assert solution.successful
@@ -124,18 +124,18 @@ def test_single_precision():
 
 
 def test_single_precision_with_samples():
-    """The last of the samples is at the end, although no multiple of a float32 period is."""
+    """The last sample is at the end, although the end is not a multiple of the float32 period."""
     parts = {"sensor": qt.Gyros(0.1), "actuator": qt.Actuator(1.0)}
     double = qt.simulate(ThreeAxis(), LAW, START, RATE, np.arange(4.0), **parts)
-    found = single(**parts)
+    result = single(**parts)
     for name in ("quaternion", "rate", "command"):
-        np.testing.assert_allclose(getattr(found, name), getattr(double, name), rtol=0, atol=SINGLE)
+        np.testing.assert_allclose(getattr(result, name), getattr(double, name), rtol=0, atol=SINGLE)
 
 
 BIAS = np.array([0.02, -0.03, 0.05])
 
 
-def test_biases_are_small_turns_in_body_axes_and_rates():
+def test_biases_are_small_rotations_in_body_axes_and_rates():
     sensor = qt.Sensor(attitude_bias=BIAS, rate_bias=[1.0, 2.0, 3.0])
     quaternion, rate, _ = sensor.measure(jnp.asarray(0), jnp.asarray(0.0), 2 * START, RATE, None)
     true, seen = (Rotation.from_quat(q, scalar_first=True) for q in (START, quaternion))
@@ -143,8 +143,8 @@ def test_biases_are_small_turns_in_body_axes_and_rates():
     np.testing.assert_allclose(rate, RATE + np.arange(4.0), atol=1e-15)
 
 
-def test_a_continuous_sensor_holds_its_bias_against_the_program():
-    """In the end the body stands where the sensor shows no error: at λ⁰∘exp(−b/2)."""
+def test_a_continuous_sensor_shifts_the_body_by_its_bias():
+    """The body settles where the sensor measures no error: at λ⁰∘exp(−b/2)."""
     solution = qt.simulate(Rest(), LAW, START, RATE, [0.0, 40.0], sensor=qt.Sensor(attitude_bias=BIAS))
     expected = Rotation.from_rotvec(-BIAS).as_quat(scalar_first=True)
     np.testing.assert_allclose(solution.quaternion[-1], expected, rtol=0, atol=AT_DEFAULTS)
@@ -152,12 +152,12 @@ def test_a_continuous_sensor_holds_its_bias_against_the_program():
 
 
 @pytest.mark.parametrize("sampled", [False, True])
-def test_lanes_do_not_feel_their_sick_neighbours(sampled):
-    """Numbers that are not finite, an attitude that is none, a pole, and gains that need too many steps."""
-    lanes = 12
-    start, rate = np.tile(START, (lanes, 1)), np.tile(RATE, (lanes, 1))
+def test_failed_elements_do_not_affect_the_rest_of_a_batch(sampled):
+    """Values that are not finite, a zero quaternion, a pole, and gains that need too many steps."""
+    count = 12
+    start, rate = np.tile(START, (count, 1)), np.tile(RATE, (count, 1))
     start += 0.05 * np.random.default_rng(2).normal(size=start.shape)
-    stiffness, torque = np.full(lanes, 1.0), np.full(lanes, 0.1)
+    stiffness, torque = np.full(count, 1.0), np.full(count, 0.1)
     times = np.linspace(0.0, 2.0, 3)
     parts = {"sensor": qt.Gyros(0.5), "actuator": qt.Actuator(5.0)} if sampled else {}
 
@@ -172,17 +172,17 @@ def test_lanes_do_not_feel_their_sick_neighbours(sampled):
     assert healthy.successful.all()
     start[1], rate[2], start[3], stiffness[4], torque[5], stiffness[6] = np.nan, np.inf, 0.0, np.nan, np.nan, 1e9
     if not sampled:
-        start[7], rate[7], torque[7] = -np.eye(4)[0], 0.0, 0.0  # runs into the pole
-    sick = np.arange(1, 7 if sampled else 8)
+        start[7], rate[7], torque[7] = -np.eye(4)[0], 0.0, 0.0  # reaches the pole
+    failed = np.arange(1, 7 if sampled else 8)
     both = run(start, rate, stiffness, torque)
-    well = np.setdiff1d(np.arange(lanes), sick)
-    assert both.successful[well].all()
+    good = np.setdiff1d(np.arange(count), failed)
+    assert both.successful[good].all()
     for name in ("quaternion", "rate", "command", "error"):
-        np.testing.assert_array_equal(getattr(both, name)[well], getattr(healthy, name)[well])
-    if sampled:  # a held command can be as large as the limit, no larger: stiffness does no harm
-        assert not both.successful[sick[:5]].any()
+        np.testing.assert_array_equal(getattr(both, name)[good], getattr(healthy, name)[good])
+    if sampled:  # a held command is limited, so stiffness is harmless
+        assert not both.successful[failed[:5]].any()
     else:
-        assert not both.successful[sick[:-1]].any()
+        assert not both.successful[failed[:-1]].any()
     reached = [both.result[k].count("Last instant reached: t = 1 s") for k in (4, 5)]
     assert reached == [0, 1]
 
@@ -190,11 +190,11 @@ def test_lanes_do_not_feel_their_sick_neighbours(sampled):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"disturbance": lambda t: jnp.zeros(4)}, r"a disturbance must be a vector \(3,\)"),
+        ({"disturbance": lambda t: jnp.zeros(4)}, r"a disturbance must return a vector \(3,\)"),
         ({"jumps": [[1.0]]}, "jumps must be a vector"),
         ({"jumps": [np.nan]}, "jumps must be finite"),
     ],
 )
-def test_pushes_and_jumps_that_make_no_sense_are_refused(change, message):
+def test_invalid_disturbances_and_jumps_are_refused(change, message):
     with pytest.raises(ValueError, match=message):
         qt.simulate(Rest(), LAW, START, RATE, [0.0, 1.0], **change)

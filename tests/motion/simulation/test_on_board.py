@@ -1,4 +1,4 @@
-"""The loop as an on-board computer closes it, sampled and held: an independent simulation, and exact derivatives."""
+"""The sampled loop of an on-board computer: an independent simulation, and exact derivatives."""
 
 import diffrax
 import jax
@@ -21,7 +21,7 @@ BIAS = np.array([0.004, -0.003, 0.002])
 
 
 def on_board_loop(program, bias, instants):
-    """Independently: SciPy integrates the body under each held command; the computer sees gyros only."""
+    """An independent simulation: SciPy integrates the body under each held command; the computer has gyros only."""
     k1, k2 = 2.0, 1.0
 
     def attitude(x):
@@ -39,7 +39,7 @@ def on_board_loop(program, bias, instants):
 
     def law(at, q, w):
         mu = (attitude(at.quaternion).inv() * attitude(q)).as_quat(scalar_first=True) * np.linalg.norm(q)
-        mu = mu * np.sign(mu[0])  # the start is near the program and stays on its sheet
+        mu = mu * np.sign(mu[0])  # the body starts near the program, so the sign does not change
         back = attitude(mu).inv()
         omega = back.apply(at.rate)
         excess = w[1:] - omega
@@ -67,8 +67,8 @@ def on_board_loop(program, bias, instants):
 NEAR = np.array([0.9, 0.1, -0.2, 0.3])
 
 
-def test_the_on_board_loop_with_gyros_alone():
-    """Sampled gyros → λ propagated on board → limited command, held (paper C, remark 1)."""
+def test_the_on_board_loop_with_gyros_only():
+    """Sampled gyros → λ propagated on board → limited and held command (paper C, remark 1)."""
     program = ThreeAxis()
     outputs = PERIOD * np.arange(0, 41, 4)
     on_time = jax.jit(lambda t: program(t))
@@ -84,14 +84,14 @@ def test_the_on_board_loop_with_gyros_alone():
     np.testing.assert_allclose(drifting.quaternion, expected[:, :4], rtol=0, atol=1e-8)
     np.testing.assert_allclose(drifting.rate, expected[:, 4:], rtol=0, atol=1e-8)
     np.testing.assert_allclose(drifting.peak_command, LIMIT, rtol=1e-12)
-    # The computer's attitude drifts by bias times time, and the body with it.
+    # The computer's attitude, and with it the body's, drifts by bias times time.
     drift = qt.quaternion.product(qt.quaternion.conjugate(ideal.quaternion[-1]), drifting.quaternion[-1])
     angle = 2 * jnp.arctan2(jnp.linalg.norm(drift[1:]), jnp.abs(drift[0]))
     np.testing.assert_allclose(angle, np.linalg.norm(BIAS) * outputs[-1], rtol=0.3)
 
 
 def test_the_derivative_in_gains_and_in_switch_instants_is_exact():
-    """A held command changes at given instants: differentiation against central differences of the same loop."""
+    """Derivatives compared with central differences of the same loop, whose command changes at given instants."""
 
     def miss(point):
         k1, k2, *instants = point

@@ -1,4 +1,4 @@
-"""From when on the error of a solution stays small."""
+"""Settling times of solutions."""
 
 import jax
 import jax.numpy as jnp
@@ -29,13 +29,13 @@ def test_settling(angle, expected):
     assert float(solution(angle).settling_time(1.0)) == pytest.approx(expected, nan_ok=True)
 
 
-def test_lanes_settle_each_at_its_own_time():
+def test_settling_times_of_a_batch():
     angles = jnp.asarray([[3.0, 2.0, 0.5, 0.2], [3.0, 0.5, 2.0, 0.0]])
-    lanes = jax.vmap(solution)(angles)
-    np.testing.assert_allclose(lanes.settling_time(1.0), [1 + 1 / 1.5, 2.5])
+    batch = jax.vmap(solution)(angles)
+    np.testing.assert_allclose(batch.settling_time(1.0), [1 + 1 / 1.5, 2.5])
 
 
-def test_the_derivative_is_that_of_the_crossing():
+def test_the_derivative_of_the_settling_time():
     """t = 1 + (a − w)/(a − b) between the angles a = 2 and b = 0.5, at w = 1."""
     slope = jax.grad(lambda angle: solution(angle).settling_time(1.0))(jnp.asarray([3.0, 2.0, 0.5, 0.2]))
     np.testing.assert_allclose(slope, [0.0, 0.5 / 1.5**2, 1.0 / 1.5**2, 0.0], rtol=1e-14)
@@ -43,6 +43,6 @@ def test_the_derivative_is_that_of_the_crossing():
     assert np.isfinite(never).all()
 
 
-def test_an_open_loop_settles_nowhere():
-    with pytest.raises(ValueError, match="simulate gives them"):
+def test_an_open_loop_has_no_settling_time():
+    with pytest.raises(ValueError, match="Use simulate for a closed loop"):
         qt.Solution(TIMES, np.ones((4, 4)), np.zeros((4, 4)), 0).settling_time(1.0)

@@ -1,4 +1,4 @@
-"""The closed loop against its closed form, against baselines, and against an independent simulation."""
+"""The closed loop compared with its closed form, with baselines, and with an independent simulation."""
 
 import itertools
 
@@ -25,7 +25,7 @@ from qtraj.motion.simulation.simulate import simulate
 from ..rigs import Choice, Rest, ThreeAxis, random_gains
 
 AT_DEFAULTS, AT_TIGHT = 1e-9, 1e-11
-"""Closed loop against closed form at the default tolerances and at rtol 1e-13."""
+"""Errors of the closed loop relative to its closed form, at the default tolerances and at rtol 1e-13."""
 TIMES = np.linspace(0.0, 6.0, 25)
 KINDS = ("body", "inertial", "additive")
 START = jnp.asarray([0.9, 0.7, -0.5, 0.6])
@@ -46,13 +46,13 @@ def test_every_law_follows_its_closed_form():
     at = jax.jit(lambda t: program(t))(0.0)
 
     @jax.jit
-    def errors_at_the_start():
+    def initial_errors():
         return {k: (control.error_quaternion(at, START, k), control.error_rate(at, START, RATE, k)) for k in KINDS}
 
-    starts = errors_at_the_start()
+    starts = initial_errors()
     for k1, k2 in random_gains(np.random.default_rng(9)):
         k1, k2 = (np.eye(4) * k if np.ndim(k) < 2 else k for k in (k1, k2))
-        laws = tuple(AccelerationLaw(k1, k2, kind) for kind in KINDS)  # of one shape: one compilation for all
+        laws = tuple(AccelerationLaw(k1, k2, kind) for kind in KINDS)  # one shape: one compilation
         for index, kind in enumerate(KINDS):
             law = Choice(laws, jnp.asarray(index))
             x, v = starts[kind]
@@ -61,7 +61,7 @@ def test_every_law_follows_its_closed_form():
 
 
 def check_against(expected, program, law):
-    """At the default tolerances and at tight ones."""
+    """Compare at the default and at tight tolerances."""
     for tolerances, deviation in (({}, AT_DEFAULTS), ({"rtol": 1e-13, "atol": 1e-15}, AT_TIGHT)):
         solution = simulate(program, law, START, RATE, TIMES, **tolerances)
         assert solution.successful
@@ -69,7 +69,7 @@ def check_against(expected, program, law):
 
 
 def test_diagonal_gains_of_their_own_shape():
-    """With an eye on one thing: no full matrix stands in for them."""
+    """They are not replaced by full matrices."""
     program, law = ThreeAxis(), AccelerationLaw([2.0, 2.8, 1.8, 2.4], [1.0, 1.96, 0.81, 1.44])
     at = jax.jit(lambda t: program(t))(0.0)
     x, v = control.error_quaternion(at, START), control.error_rate(at, START, RATE)
@@ -77,7 +77,7 @@ def test_diagonal_gains_of_their_own_shape():
 
 
 def test_the_rate_law_follows_its_closed_form():
-    """Scalar, diagonal and full gains, of one shape: one compilation for all."""
+    """Scalar, diagonal and full gains in arrays of one shape, so that all share one compilation."""
     program = ThreeAxis()
     mu0 = control.error_quaternion(jax.jit(lambda t: program(t))(0.0), START)
     for k, _ in random_gains(np.random.default_rng(9)):
@@ -93,7 +93,7 @@ BASELINES = {
     GeometricFeedback: np.sin,
     LogarithmicFeedback: lambda angle: angle,
 }
-# Time to 1° [s] and peak acceleration [rad/s²] at k = 1 as THEORY prints them, for 90°, 150° and 179.99°. Exact times
+# Time to 1° [s] and peak acceleration [rad/s²] at k = 1 as published, for 90°, 150° and 179.99°. Exact times
 # are up to 0.023 s longer (6.3998, 6.7627, 6.8048 for this law).
 PRINTED = [
     [(6.39, 1.41), (6.74, 1.93), (6.80, 2.00)],
@@ -105,7 +105,7 @@ ONE_DEGREE = np.radians(1)
 
 
 def exact_figures(angle):
-    """The closed form of this law, and Φ̈ = −2Φ̇ − e(Φ) of each baseline by SciPy: (time to 1°, peak) of each."""
+    """(time to 1°, peak) of this law in closed form, and of each baseline by SciPy from Φ̈ = −2Φ̇ − e(Φ)."""
 
     def left(t):
         c = (1 + t) * np.exp(-t)
@@ -127,7 +127,7 @@ def exact_figures(angle):
 
 
 def test_the_figures_against_the_baselines():
-    """Rest-to-rest turns of this law and of the three baselines (THEORY, section 5)."""
+    """Rest-to-rest slews under this law and the three baselines."""
     laws = (AccelerationLaw(2.0, 1.0), *(kind(2.0, 1.0) for kind in BASELINES))
     angles = np.radians([90, 150, 179.99])
     starts = np.stack([np.cos(angles / 2), *(np.sin(angles / 2) * np.array([[1], [-2], [2]]) / 3)], axis=-1)
@@ -141,22 +141,22 @@ def test_the_figures_against_the_baselines():
     solution = run(jnp.repeat(jnp.arange(4), 3), jnp.asarray(np.tile(starts, (4, 1))))
     exact = [exact_figures(angle) for angle in angles]
     for law, turn in itertools.product(range(4), range(3)):
-        lane = 3 * law + turn
-        angle = np.asarray(solution.angle[lane])
+        element = 3 * law + turn
+        angle = np.asarray(solution.angle[element])
         last = np.flatnonzero(angle > ONE_DEGREE)[-1]
         near = slice(last, last + 2)
         time = np.interp(-np.log(ONE_DEGREE), -np.log(angle[near]), times[near])
-        found = np.array([time, solution.peak_command[lane]])
-        np.testing.assert_allclose(found, exact[turn][law], atol=1e-3)
-        np.testing.assert_allclose(found, PRINTED[law][turn], atol=0.05 if time > 10 else 0.025)
+        result = np.array([time, solution.peak_command[element]])
+        np.testing.assert_allclose(result, exact[turn][law], atol=1e-3)
+        np.testing.assert_allclose(result, PRINTED[law][turn], atol=0.05 if time > 10 else 0.025)
 
 
-def test_the_two_sheets():
-    """From μ = −1 at rest the error runs into zero; just beside it, it passes close; −λ is a smooth start."""
+def test_the_two_signs_of_the_quaternion():
+    """From μ = −1 at rest the error vanishes; from close by it passes near zero; −λ gives a smooth motion."""
     law, times = AccelerationLaw(2.0, 1.0), np.linspace(0, 6, 61)
 
     def run(start):
-        return simulate(Rest(), law, start, np.zeros(4), times)
+        return simulate(Rest(), law, start, np.zeros(4), times, sign="as given")
 
     stuck = run(-IDENTITY)
     assert not stuck.successful
@@ -171,10 +171,10 @@ def test_the_two_sheets():
     assert smooth.result.startswith("finished: every instant")
     assert smooth.peak_command < 0.1 < 10 < passed.peak_command
     with pytest.raises(RuntimeError, match="negative scalar part"):
-        simulate(Rest(), law, -IDENTITY, np.zeros(4), times, throw=True)
+        simulate(Rest(), law, -IDENTITY, np.zeros(4), times, sign="as given", throw=True)
 
 
-def test_a_constant_torque_leaves_the_offset_that_linear_theory_tells():
+def test_a_constant_torque_leads_to_the_offset_of_linear_theory():
     """μ̈ + K1μ̇ + (K2 − ½R(d))(μ − 1) = ½d for a constant disturbing acceleration d, R(d) the right product."""
     k1, k2, inertia = 2.0, 1.5, np.array([[3.0, 0.2, 0], [0.2, 2.0, 0], [0, 0, 4.0]])
     torque = np.array([0.3, -0.2, 0.5])

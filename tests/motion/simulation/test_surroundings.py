@@ -1,4 +1,4 @@
-"""What surrounds a body in a closed loop: actuator, sensor and disturbance by themselves, and what they refuse."""
+"""Actuator, sensor and disturbance by themselves, and the errors they raise."""
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +27,7 @@ IDENTITY = np.array([1.0, 0, 0, 0])
         (Actuator([1.0, 9.0, 2.0], "axis"), [9.0, 1.0, -4.0, 2.0]),
     ],
 )
-def test_limits_leave_the_virtual_part_alone(actuator, expected):
+def test_limits_do_not_affect_the_virtual_part(actuator, expected):
     command = jnp.asarray([9.0, 3.0, -4.0, 12.0])
     np.testing.assert_allclose(actuator(command), expected, rtol=1e-15)
     slope = jax.jacfwd(actuator)(jnp.zeros(4))
@@ -52,7 +52,7 @@ def test_a_sinusoid(dtype):
     ],
 )
 @pytest.mark.parametrize("wrap", [lambda f: f, DisturbanceAcceleration, lambda f: DisturbanceTorque(f, 2.0)])
-def test_a_function_of_something_else_is_no_disturbance(function, signature, wrap):
+def test_a_function_of_other_arguments_is_refused(function, signature, wrap):
     with pytest.raises(ValueError, match=rf"a function of the time alone.*takes {signature}"):
         simulate(Rest(), AccelerationLaw(2.0, 1.0), IDENTITY, np.zeros(4), [0.0, 1.0], wrap(function))
 
@@ -65,7 +65,7 @@ def test_functions_with_defaults_and_callable_objects_are_disturbances():
     assert DisturbanceAcceleration(Sinusoid([1.0, 0, 0], 4.0)).acceleration(jnp.asarray(1.0))[0] == pytest.approx(1.0)
 
 
-def test_noise_belongs_to_its_key_and_has_its_size():
+def test_noise_depends_on_its_key_and_has_its_standard_deviation():
     def readings(key):
         sensor = Sensor(rate_noise=0.2, attitude_noise=0.01, rate_bias=[1.0, 0, 0], sampling=0.1, key=key)
 
@@ -81,7 +81,7 @@ def test_noise_belongs_to_its_key_and_has_its_size():
     assert not np.allclose(w, readings(jax.random.key(2))[1])
     np.testing.assert_allclose(np.std(w[:, 1:], axis=0), 0.2, rtol=0.05)
     np.testing.assert_allclose(np.mean(w, axis=0), [0, 1, 0, 0], atol=0.02)
-    np.testing.assert_allclose(np.linalg.norm(q, axis=1), 2, rtol=1e-14)  # |λ| is the computer's own
+    np.testing.assert_allclose(np.linalg.norm(q, axis=1), 2, rtol=1e-14)  # |λ| is known exactly
     np.testing.assert_allclose(np.std(2 * q[:, 1:] / q[:, :1], axis=0), 0.01, rtol=0.05)
 
 
@@ -89,7 +89,7 @@ def test_noise_belongs_to_its_key_and_has_its_size():
     ("thing", "message"),
     [
         (lambda: Actuator(-1.0), "limit must be positive"),
-        (lambda: Actuator([1.0, 2, 3]), "does not suit"),
+        (lambda: Actuator([1.0, 2, 3]), "must be a scalar, or have shape"),
         (lambda: Actuator(saturation="box"), "'norm' or 'axis'"),
         (lambda: Actuator(sampling=0.0), "sampling period must be positive"),
         (lambda: Actuator(sampling=[0.0, 2.0, 1.0]), "increase strictly"),
@@ -104,24 +104,24 @@ def test_noise_belongs_to_its_key_and_has_its_size():
         (lambda: DisturbanceAcceleration([0.0, 1.0]), r"must have shape \(3,\)"),
     ],
 )
-def test_parts_that_make_no_sense_are_refused(thing, message):
+def test_invalid_parts_are_refused(thing, message):
     with pytest.raises(ValueError, match=message):
         thing()
 
 
-def test_loops_that_make_no_sense_are_refused():
+def test_contradictory_parts_are_refused():
     def loop(law=None, times=(0.0, 1.0), **parts):
         simulate(Rest(), law or AccelerationLaw(2.0, 1.0), IDENTITY, np.zeros(4), times, **parts)
 
-    with pytest.raises(ValueError, match="no room for a disturbing acceleration"):
+    with pytest.raises(ValueError, match="a disturbing acceleration cannot change"):
         loop(RateLaw(1.0), disturbance=lambda t: jnp.zeros(3))
-    with pytest.raises(ValueError, match="rate that does not jump"):
+    with pytest.raises(ValueError, match="need a continuous rate"):
         loop(RateLaw(1.0), sensor=Gyros(0.1))
     with pytest.raises(ValueError, match="sample differently"):
         loop(sensor=Gyros(0.1), actuator=Actuator(sampling=0.2))
     with pytest.raises(ValueError, match="comes after the first of times"):
         loop(actuator=Actuator(sampling=[0.1, 0.2]))
-    with pytest.raises(ValueError, match=r"means 1e\+07 commands in 1 s, but no more than 1000000 are possible"):
+    with pytest.raises(ValueError, match=r"means 1e\+07 commands in 1 s, but the maximum is 1000000"):
         loop(actuator=Actuator(sampling=1e-7))
     with pytest.raises(ValueError, match="pass the instants"):
         jax.jit(lambda period: loop(actuator=Actuator(sampling=period)))(0.1)
@@ -143,3 +143,13 @@ def test_parts_are_stored_and_read_back(part, tmp_path):
     assert jax.tree.structure(back) == jax.tree.structure(part)
     for a, b in zip(jax.tree.leaves(back), jax.tree.leaves(part), strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+def test_the_former_name_of_the_signal_is_accepted(tmp_path):
+    with pytest.warns(DeprecationWarning, match=r"'course' of DisturbanceTorque\(\) is now called 'signal'"):
+        former = qt.DisturbanceTorque(course=[1.0, 0.0, 0.0], inertia=2.0)
+    np.testing.assert_array_equal(former.acceleration(jnp.asarray(0.0)), [0.5, 0.0, 0.0])
+    file = tmp_path / "disturbance.toml"
+    qt.foundation.document.save(former, file)
+    file.write_text(file.read_text(encoding="utf-8").replace("signal", "course"), encoding="utf-8")
+    np.testing.assert_array_equal(qt.load(file).signal, former.signal)

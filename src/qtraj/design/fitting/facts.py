@@ -1,4 +1,4 @@
-"""The facts about a fit, as plain data and in words: one table for the terminal, JSON, datasets and reports."""
+"""The facts about a fit as plain data and as text: one table for the terminal, JSON, datasets and reports."""
 
 import math
 from collections.abc import Mapping
@@ -33,19 +33,19 @@ FACTS = {
     "mounting_pitch": ("rad", "pitch of the recorder in the upright frame (Z-Y-X), nose down"),
     "mounting_roll": ("rad", "roll of the recorder in the upright frame (Z-Y-X)"),
 }
-"""Unit and meaning of every number."""
+"""Unit and meaning of each number."""
 
 
 def facts(fitted: Fitted) -> dict[str, Any]:
-    """The numbers of a fit, where its axis stands, and how it ended, of JSON's types only; None for what is unknown.
+    """The numbers of a fit, its axis and its result, in JSON types only; None for unknown numbers.
 
-    `warning` is what to say loudly: of a fit that is loose, poor or not the best one.
+    `warning` is the result text of a fit that is loose, poor or not converged.
     """
-    found, path = fitted.residual, fitted.path
-    numbers = {name: getattr(found, name) for name in _RESIDUAL} | {
+    residual, path = fitted.residual, fitted.path
+    numbers = {name: getattr(residual, name) for name in _RESIDUAL} | {
         "relative_rms": fitted.relative_rms,
         "relative_speed": fitted.relative_speed,
-        "recorded_turn": found.turn,
+        "recorded_turn": residual.turn,
         "turn": path.turn,
         "duration": path.duration,
         **dict.fromkeys(_ATTITUDE),
@@ -55,8 +55,8 @@ def facts(fitted: Fitted) -> dict[str, Any]:
         numbers |= dict(zip(_ATTITUDE, (fitted.attitude.rms, fitted.attitude.maximum, *angles), strict=True))
     code = ResultCode(int(fitted.code))
     return {
-        "samples": int(found.samples),
-        **{name: _known(value) for name, value in numbers.items()},
+        "samples": int(residual.samples),
+        **{name: _finite_or_none(value) for name, value in numbers.items()},
         "axis": np.asarray((path.placement or Placement()).origin)[:2].tolist(),
         "status": code.name,
         "successful": bool(fitted.successful),
@@ -65,25 +65,25 @@ def facts(fitted: Fitted) -> dict[str, Any]:
     }
 
 
-def labelled(fitted: Fitted) -> tuple[dict[str, Quantity], dict[str, str]]:
-    """The same for a dataset: scalar variables by name, the axis over `world`, and attributes, all after `fit_`."""
-    found = facts(fitted)
+def fit_variables(fitted: Fitted) -> tuple[dict[str, Quantity], dict[str, str]]:
+    """The facts for a dataset, with the prefix `fit_`: scalar variables, the axis over `world`, and attributes."""
+    fit = facts(fitted)
     variables = {
-        f"fit_{name}": Quantity(np.asarray(found[name]), unit, f"fit: {meaning}")
+        f"fit_{name}": Quantity(np.asarray(fit[name]), unit, f"fit: {meaning}")
         for name, (unit, meaning) in FACTS.items()
-        if found[name] is not None
+        if fit[name] is not None
     }
     axis = np.asarray((fitted.path.placement or Placement()).origin)
     variables["fit_axis"] = Quantity(axis, "m", "fit: a point of the vertical axis", ("world",))
-    texts = {f"fit_{name}": found[name] for name in ("status", "result", "warning") if found[name]}
+    texts = {f"fit_{name}": fit[name] for name in ("status", "result", "warning") if fit[name]}
     return variables, texts
 
 
 def fact_rows(fit: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """The same in words: names and what there is to say of each."""
+    """The facts in words: pairs of name and text."""
     degrees = math.degrees
     x, y = fit["axis"]
-    found = [
+    rows = [
         ("horizontal distance", f"{fit['horizontal_rms']:.3f} m RMS, {_percent(fit['relative_rms'])} of the radius"),
         ("vertical distance", f"{fit['vertical_rms']:.3f} m RMS"),
         ("largest distance", f"{fit['maximum']:.3f} m"),
@@ -95,20 +95,20 @@ def fact_rows(fit: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("axis", f"vertical through ({x:.2f}, {y:.2f}) m"),
     ]
     if fit["direction_rms"] is not None:
-        found.insert(2, ("direction", f"{degrees(fit['direction_rms']):.2f}° RMS"))
+        rows.insert(2, ("direction", f"{degrees(fit['direction_rms']):.2f}° RMS"))
     else:
-        found.append(("velocities", "not recorded: those of the fitted path"))
+        rows.append(("velocities", "not recorded: those of the fitted path"))
     if fit["attitude_rms"] is not None:
-        rms, most, yaw, pitch, roll = (degrees(fit[name]) for name in _ATTITUDE)
-        found.append(("recorded attitude", f"off the frame by {rms:.2f}° RMS, {most:.2f}° at most"))
-        found.append(("mounting", f"yaw {yaw:.2f}°, pitch {pitch:.2f}°, roll {roll:.2f}° (Z-Y-X)"))
-    return found
+        rms, maximum, yaw, pitch, roll = (degrees(fit[name]) for name in _ATTITUDE)
+        rows.append(("recorded attitude", f"off the frame by {rms:.2f}° RMS, {maximum:.2f}° at most"))
+        rows.append(("mounting", f"yaw {yaw:.2f}°, pitch {pitch:.2f}°, roll {roll:.2f}° (Z-Y-X)"))
+    return rows
 
 
-def _known(value: Any) -> float | None:
+def _finite_or_none(value: Any) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
 
 
-def _percent(part: float | None) -> str:
-    """A part in percent; of an older document, which does not hold it, a dash."""
-    return "-" if part is None or math.isnan(part) else f"{part:.1%}"
+def _percent(fraction: float | None) -> str:
+    """A fraction in percent, or a dash where an older document does not contain it."""
+    return "-" if fraction is None or math.isnan(fraction) else f"{fraction:.1%}"

@@ -1,13 +1,16 @@
-"""A recorded turn as a spiral-helix: least squares over axis, radius, angle and height.
+"""Fit a spiral-helix to a recorded turn: least squares over axis, radius, angle and height.
 
-The height is linear and separate. In the horizontal plane the axis (x, y) and the polynomials of ρ and φ are found by
-Levenberg–Marquardt from several starts, in lengths of the mean turning radius R = L/|θ| (path length over the turn of
-the travel direction) about the centre of the window, so that large world coordinates cost no digits.
+The height is a separate, linear problem. In the horizontal plane, Levenberg–Marquardt from several starts finds the
+axis (x, y) and the polynomials of ρ and φ. The unit of length is the mean turning radius R = L/|θ| (path length over
+turn of the travel direction), and the origin is the centre of the window, so that large world coordinates cost no
+precision.
 
-Left alone, the axis runs away: polynomials of ρ and φ about a far axis, or one that the path touches, draw almost any
-curve. So ρ is held within bounds, R/4 to 2R unless told otherwise: the axis stays inside the bend.
-An augmented Lagrangian meets the bounds: a search, then multipliers from how far ρ is outside, then a search again.
+Without bounds the axis would diverge: polynomials of ρ and φ about a far axis, or about one that touches the path, fit
+almost any curve. So ρ is bounded, by default to R/4 … 2R, which keeps the axis inside the bend. An augmented Lagrangian
+enforces the bounds: it alternates searches with updates of the multipliers.
 """
+
+from __future__ import annotations  # so that `help` shows short names
 
 from collections.abc import Sequence
 
@@ -15,12 +18,12 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial
 
-from qtraj.design.fitting.axis_search import STARTS, starts
+from qtraj.design.fitting.axis_search import MAX_STARTS, starts
 from qtraj.design.fitting.fitted import Fitted
-from qtraj.design.fitting.quality import Quality, judged, speed_misfit
-from qtraj.design.fitting.radius_bounds import held, inside
-from qtraj.design.fitting.turn_problem import PENALTY, POINTS, TERMS, UNKNOWNS, basis_at, minimise, problem
-from qtraj.design.fitting.window import POSITION_SIGMA, VELOCITY_SIGMA, turn_of
+from qtraj.design.fitting.quality import Quality, judge, speed_misfit
+from qtraj.design.fitting.radius_bounds import is_at_bound, shrink_into_bounds
+from qtraj.design.fitting.turn_problem import PENALTY, POINTS, TERMS, UNKNOWNS, legendre_basis, minimise, problem
+from qtraj.design.fitting.window import POSITION_SIGMA, VELOCITY_SIGMA, measure_turn
 from qtraj.foundation.arrays import as_array
 from qtraj.foundation.outcome import ResultCode
 from qtraj.motion.attitude_residual import compare_attitude
@@ -37,8 +40,8 @@ ANGLE_TERMS = {"uniform": 2, "hermite": 4}
 BOUNDS = (0.25, 2.0)
 """Default bounds of ρ in mean turning radii."""
 
-ROUNDS, OUTSIDE = 15, 1e-6
-"""Most searches with new multipliers, which end where ρ leaves its bounds by no more than this, in turning radii."""
+ROUNDS, BOUND_TOLERANCE = 15, 1e-6
+"""Maximum number of multiplier updates, and the tolerance on the bounds of ρ, in turning radii."""
 
 
 def fit(
@@ -51,39 +54,40 @@ def fit(
     *,
     throw: bool = False,
 ) -> Fitted:
-    """The spiral-helix about a vertical axis that follows `track` best; path time 0 is its first sample.
+    """Fit a spiral-helix about a vertical axis to `track`; path time 0 is its first sample.
 
-    `motion`: "hermite" (cubic φ, which follows a driver who slows down and speeds up) or "uniform" (constant φ̇, as in
-    paper S); ρ and h are cubics. To tune the path, pass the same motion to `tune`. Minimised is the sum of squared
-    position errors over `position_sigma` [m] and, where velocities are recorded, of squared velocity errors over
-    `velocity_sigma` [m/s]: their ratio weighs the two, and windows shorter than 200 `position_sigma` are refused.
-    `radius_bounds` [m] hold ρ on the whole path: by default a quarter and twice the mean turning radius.
+    `motion` is "hermite" (cubic φ, for a vehicle that changes its speed) or "uniform" (constant φ̇, as in paper S); ρ
+    and h are cubics. To tune the path, pass the same motion to `tune`. The fit minimises the sum of squared position
+    errors over `position_sigma` [m] and, if velocities are recorded, squared velocity errors over `velocity_sigma`
+    [m/s]. The ratio of the two sets their weights. Windows shorter than 200 `position_sigma` are rejected.
+    `radius_bounds` [m] bound ρ on the whole path; the default is a quarter to twice the mean turning radius.
 
-    The result's `path` is the fitted one, its `residual` says how well that follows the track, and its `result` how the
-    search ended and what to do, also where a bound holds the radius. A fit is loose, which its `code` and `result` say,
-    where the root mean square of the horizontal distance is more than 3 % of the turn's radius (its length over all
-    that it turns) or the speed differs somewhere by more than 25 % of the recorded one (its root mean square); beyond
-    10 % or 50 % it is poor and counts as a failure. Recorded attitudes do not enter the fit; the result's `attitude`
-    compares them with the upright frame of the path, by `compare_attitude`. Use float64. The data must be known
-    numbers: gradients do not pass through the fit, but the fitted path has them like any other.
+    The result has the fitted `path`, the `residual` of its fit to the track, and a `result` text that says what to do,
+    also if the radius is at a bound. A fit is loose if the root mean square of the horizontal distance exceeds 3 % of
+    the turn's radius (its length over its total turning), or if the speed differs by more than 25 % of the recorded
+    root mean square. Beyond 10 % or 50 % it is poor, which counts as a failure. Recorded attitudes do not enter the
+    fit; `attitude` compares them with the upright frame of the path, by `compare_attitude`.
 
-    **Raises:** ValueError for an unknown motion, sigmas or bounds that are not positive, too few samples, or a window
-    in which the vehicle stands, hardly moves, or drives nearly straight on or through bends that cancel. RuntimeError
-    with `throw` where the search did not converge, or the fit is poor.
+    Use float64. The data must be concrete: gradients do not pass through the fit, but the fitted path is differentiable
+    like any other.
+
+    **Raises:** ValueError for an unknown motion, for sigmas or bounds that are not positive, for too few samples, or if
+    the vehicle stands still, hardly moves, or drives nearly straight or through bends that cancel. RuntimeError with
+    `throw` if the search did not converge or the fit is poor.
     """
     if motion not in ANGLE_TERMS:
         raise ValueError(f"motion={motion!r} is unknown: choose one of {', '.join(map(repr, ANGLE_TERMS))}")
     _require_positive(position_sigma=position_sigma, velocity_sigma=velocity_sigma, max_steps=max_steps)
-    turn = turn_of(track, position_sigma)
+    turn = measure_turn(track, position_sigma, velocity_sigma)
     scale = turn.radius
-    bounds = (BOUNDS[0] * scale, BOUNDS[1] * scale) if radius_bounds is None else _ordered(radius_bounds)
+    bounds = (BOUNDS[0] * scale, BOUNDS[1] * scale) if radius_bounds is None else _checked_bounds(radius_bounds)
     centre = to_float64(track.positions).mean(axis=0)
     ratio = position_sigma / velocity_sigma
-    unknowns, ended, steps = _in_the_plane(track, centre, scale, bounds, ratio, ANGLE_TERMS[motion], max_steps)
+    unknowns, converged, steps = _fit_plane(track, centre, scale, bounds, ratio, ANGLE_TERMS[motion], max_steps)
     height = _height(track, centre[2], ratio)
 
     duration, dtype = float(elapsed_times(track)[-1]), track.positions.dtype
-    radius = inside(_ascending(unknowns[2 : 2 + TERMS], duration) * scale, duration, bounds)
+    radius = shrink_into_bounds(_ascending(unknowns[2 : 2 + TERMS], duration) * scale, duration, bounds)
     angle = _ascending(unknowns[2 + TERMS :][: ANGLE_TERMS[motion]], duration)
     angle[0] -= 2 * np.pi * np.round(angle[0] / (2 * np.pi))
     numbers = (radius, angle, _ascending(height, duration), duration)
@@ -92,13 +96,15 @@ def fit(
     path = SpiralHelix(*(as_array(x, dtype) for x in numbers), placement=placement)
 
     residual = compare(path, track)
-    found = Quality(float(residual.horizontal_rms) / turn.bent, speed_misfit(path, track))
+    quality = Quality(float(residual.horizontal_rms) / turn.total_radius, speed_misfit(path, track))
     attitude = None if track.attitudes is None else compare_attitude(FrameProgram(path, Upright()), track)
-    fitted = Fitted(path, residual, _code(radius, duration, bounds, ended, found), steps, bounds, *found, attitude)
+    fitted = Fitted(
+        path, residual, _code(radius, duration, bounds, converged, quality), steps, bounds, *quality, attitude
+    )
     return fitted.check() if throw else fitted
 
 
-def _in_the_plane(
+def _fit_plane(
     track: Track,
     centre: np.ndarray,
     scale: float,
@@ -107,46 +113,46 @@ def _in_the_plane(
     angle_terms: int,
     max_steps: int,
 ) -> tuple[np.ndarray, bool, int]:
-    """Axis, ρ and φ in lengths of `scale` about `centre`, of the best of several searches; whether it ended; steps."""
+    """Axis, ρ and φ of the best of several searches, in units of `scale` about `centre`; convergence; steps."""
     positions = (to_float64(track.positions)[:, :2] - centre[:2]) / scale
-    basis, _ = basis_at(elapsed_times(track))
-    found = starts(positions, basis, angle_terms, (bounds[0] / scale, bounds[1] / scale))
-    if not found:
+    basis, _ = legendre_basis(elapsed_times(track))
+    axes = starts(positions, basis, angle_terms, (bounds[0] / scale, bounds[1] / scale))
+    if not axes:
         raise ValueError(
-            f"no spiral-helix with a radius between {bounds[0]:.4g} and {bounds[1]:.4g} m could be laid along this "
+            f"no spiral-helix with a radius between {bounds[0]:.4g} and {bounds[1]:.4g} m could be fitted to this "
             "window. Choose a window with one bend, or pass other radius_bounds."
         )
-    begin = np.zeros((STARTS, UNKNOWNS))
-    begin[:, : 2 + TERMS + angle_terms] = [found[k % len(found)] for k in range(STARTS)]
+    initial = np.zeros((MAX_STARTS, UNKNOWNS))
+    initial[:, : 2 + TERMS + angle_terms] = [axes[k % len(axes)] for k in range(MAX_STARTS)]
     free = np.arange(UNKNOWNS) < 2 + TERMS + angle_terms
     turn = problem(track, centre, scale, bounds, ratio)
-    unknowns, shifts = as_array(begin, float), as_array(np.zeros((STARTS, 2, POINTS)), float)
-    total, rounds = np.zeros(STARTS, int), 0
+    unknowns, shifts = as_array(initial, float), as_array(np.zeros((MAX_STARTS, 2, POINTS)), float)
+    total, rounds = np.zeros(MAX_STARTS, int), 0
     while True:
         searches = minimise(turn, unknowns, shifts, as_array(free, float), as_array(max_steps, jnp.int32))
-        unknowns, excess, misfit, ended, steps = searches
-        outside, total, rounds = np.asarray(excess).max(axis=(1, 2)), total + np.asarray(steps), rounds + 1
-        best = _best(np.asarray(misfit), outside)
-        met = bool(outside[best] <= OUTSIDE)
-        if met or not ended[best] or rounds == ROUNDS:
-            return np.asarray(unknowns[best], np.float64), met and bool(ended[best]), int(total[best])
-        shifts = jnp.maximum(shifts + excess, 0.0)
+        unknowns, violations, misfit, converged, steps = searches
+        max_violation, total, rounds = np.asarray(violations).max(axis=(1, 2)), total + np.asarray(steps), rounds + 1
+        best = _best(np.asarray(misfit), max_violation)
+        bounds_met = bool(max_violation[best] <= BOUND_TOLERANCE)
+        if bounds_met or not converged[best] or rounds == ROUNDS:
+            return np.asarray(unknowns[best], np.float64), bounds_met and bool(converged[best]), int(total[best])
+        shifts = jnp.maximum(shifts + violations, 0.0)
 
 
-def _best(misfit: np.ndarray, outside: np.ndarray) -> int:
-    """The search with the least penalised misfit: what leaves the bounds counts by its square."""
-    cost = misfit + PENALTY**2 * np.maximum(outside, 0.0) ** 2
+def _best(misfit: np.ndarray, max_violation: np.ndarray) -> int:
+    """The index of the search with the smallest misfit, penalised by the squared violation of the bounds."""
+    cost = misfit + PENALTY**2 * np.maximum(max_violation, 0.0) ** 2
     return int(np.argmin(np.where(np.isfinite(cost), cost, np.inf)))
 
 
 def _height(track: Track, level: float, ratio: float) -> np.ndarray:
     """Legendre coefficients of h by weighted linear least squares."""
-    basis, slope = basis_at(elapsed_times(track))
-    rows, values = basis, to_float64(track.positions)[:, 2] - level
+    basis, slope = legendre_basis(elapsed_times(track))
+    matrix, values = basis, to_float64(track.positions)[:, 2] - level
     if track.velocities is not None:
-        rows = np.concatenate([rows, ratio * slope])
+        matrix = np.concatenate([matrix, ratio * slope])
         values = np.concatenate([values, ratio * to_float64(track.velocities)[:, 2]])
-    coefficients = np.linalg.lstsq(rows, values, rcond=None)[0]
+    coefficients = np.linalg.lstsq(matrix, values, rcond=None)[0]
     coefficients[0] += level
     return coefficients
 
@@ -157,16 +163,19 @@ def _ascending(coefficients: np.ndarray, duration: float) -> np.ndarray:
     return np.pad(series.coef, (0, len(coefficients) - len(series.coef)))
 
 
-def _code(radius: np.ndarray, duration: float, bounds: tuple[float, float], ended: bool, found: Quality) -> ResultCode:
-    """How a fit ended whose path has these coefficients of ρ."""
-    if not ended:
+def _code(
+    radius: np.ndarray, duration: float, bounds: tuple[float, float], converged: bool, quality: Quality
+) -> ResultCode:
+    """The result code of a fit whose path has these coefficients of ρ."""
+    code = judge(quality)
+    if not converged and code != ResultCode.poor_fit:
         return ResultCode.not_converged
-    if (code := judged(found)) != ResultCode.successful:
+    if code != ResultCode.successful:
         return code
-    return ResultCode.held_by_bounds if held(radius, duration, bounds) else ResultCode.successful
+    return ResultCode.held_by_bounds if is_at_bound(radius, duration, bounds) else ResultCode.successful
 
 
-def _ordered(bounds: Sequence[float | int]) -> tuple[float, float]:
+def _checked_bounds(bounds: Sequence[float | int]) -> tuple[float, float]:
     if len(bounds) != 2 or not 0 < bounds[0] < bounds[1] < np.inf:
         raise ValueError(f"radius_bounds must be (low, high) with 0 < low < high [m], but {bounds!r} was given")
     return float(bounds[0]), float(bounds[1])

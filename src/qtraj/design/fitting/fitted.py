@@ -1,4 +1,4 @@
-"""The result of a fit: the path, how well it follows its recording, and how the search ended."""
+"""The result of a fit: the path, its residual, and its result code."""
 
 import math
 import os
@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.fitting.quality import LOOSE, POOR, Quality
-from qtraj.design.fitting.radius_bounds import held
+from qtraj.design.fitting.radius_bounds import is_at_bound
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_array, as_float
 from qtraj.foundation.document import storable
@@ -25,12 +25,17 @@ from qtraj.path.spiral_helix import SpiralHelix
 class Fitted(AbstractOutcome):
     """The result of `fit`.
 
-    `path`, the spiral-helix, whose time 0 is the first sample; `residual`, how well it follows the recording; `code`, a
-    `ResultCode`, and `result`, its text, which says what to do; `iterations`, the steps of the search that won;
-    `relative_rms`, the horizontal root mean square of the distance over the turn's radius (its length over all that it
-    turns), and `relative_speed`, the largest difference of speeds over the root mean square of the recorded one (NaN in
-    older documents); `radius_bounds` [m], between which the radius is held on the whole path; `attitude`, where the
-    recording has attitudes, how they differ from the path's upright frame, and how the recorder is mounted in it.
+    - `path`: the spiral-helix; its time 0 is the first sample.
+    - `residual`: the differences between path and recording.
+    - `code`, `result`: a `ResultCode`, and its text, which says what to do.
+    - `iterations`: the steps of the best search.
+    - `radius_bounds` [m]: the bounds of the radius on the whole path.
+    - `relative_rms`: the root mean square of the horizontal distance over the turn's radius, which is its length over
+      its total turning. NaN in older documents.
+    - `relative_speed`: the largest difference of speeds over the root mean square of the recorded speed. NaN in older
+      documents.
+    - `attitude`: for a recording with attitudes, their difference from the path's upright frame, and the mounting of
+      the recorder in it.
     """
 
     path: SpiralHelix
@@ -44,14 +49,14 @@ class Fitted(AbstractOutcome):
 
     def __init__(
         self,
-        path: SpiralHelix,
-        residual: Residual,
+        path: "SpiralHelix",
+        residual: "Residual",
         code: ArrayInput,
         iterations: ArrayInput,
         radius_bounds: ArrayInput,
         relative_rms: ArrayInput = math.nan,
         relative_speed: ArrayInput = math.nan,
-        attitude: AttitudeResidual | None = None,
+        attitude: "AttitudeResidual | None" = None,
     ):
         self.path, self.residual = path, residual
         self.code, self.iterations = as_array(code, jnp.int32), as_array(iterations, jnp.int32)
@@ -60,39 +65,43 @@ class Fitted(AbstractOutcome):
         self.attitude = attitude
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """How the fit ended, and what to do."""
+        """The result in words, and what to do."""
         code, steps, bounds = (np.asarray(x)[at] for x in (self.code, self.iterations, self.radius_bounds))
         code, span = ResultCode(int(code)), f"{bounds[0]:.4g} to {bounds[1]:.4g} m"
         if code == ResultCode.successful:
             return f"converged in {steps} steps."
         if code == ResultCode.held_by_bounds:
-            return f"converged in {steps} steps: the radius is held by its bounds, {span}. {code.text}"
+            return f"converged in {steps} steps: the radius is at one of its bounds, {span}. {code.text}"
         if code == ResultCode.not_converged:
+            misfit = self._misfit(at, LOOSE)
+            note = f" ({misfit})" if misfit else ""
             return (
-                f"not converged after {steps} steps: the numbers of this path are not the best ones with a radius from "
-                f"{span}. Pass a larger max_steps or wider radius_bounds, or choose a "
-                "window with one clear bend."
+                f"not converged after {steps} steps: this is not the best path with a radius from {span}"
+                f"{note}. Choose a window with one clear bend, or pass wider radius_bounds; "
+                "a larger max_steps helps only where the search still made progress."
             )
         if code in (ResultCode.loose_fit, ResultCode.poor_fit) and np.isfinite(np.asarray(self.relative_rms)[at]):
             radius, duration = np.asarray(self.path.radius)[at], float(np.asarray(self.path.duration)[at])
-            by = f" Its radius is held by its bounds, {span}." if held(radius, duration, tuple(bounds)) else ""
-            return f"{self._misfit(at, LOOSE if code == ResultCode.loose_fit else POOR)}: {code.text}{by}"
+            bound_note = (
+                f" The radius is at one of its bounds, {span}." if is_at_bound(radius, duration, tuple(bounds)) else ""
+            )
+            return f"{self._misfit(at, LOOSE if code == ResultCode.loose_fit else POOR)}: {code.text}{bound_note}"
         return code.text
 
-    def _misfit(self, at: tuple[int, ...], most: Quality) -> str:
-        """What is beyond the limits of a good fit, and by how much."""
-        rms, part, speed = (
+    def _misfit(self, at: tuple[int, ...], threshold: Quality) -> str:
+        """The misfits above a threshold, in words."""
+        rms, relative, speed = (
             float(np.asarray(x)[at]) for x in (self.residual.horizontal_rms, self.relative_rms, self.relative_speed)
         )
-        beyond = []
-        if not part <= most.rms:
-            beyond.append(f"{rms:.3g} m RMS are {part:.1%} of the turn's radius, more than {most.rms:.0%}")
-        if not speed <= most.speed:
-            beyond.append(f"its speed differs by {speed:.1%} of the recorded one, more than {most.speed:.0%}")
-        return " and ".join(beyond)
+        problems = []
+        if not relative <= threshold.rms:
+            problems.append(f"{rms:.3g} m RMS are {relative:.1%} of the turn's radius, more than {threshold.rms:.0%}")
+        if not speed <= threshold.speed:
+            problems.append(f"its speed differs by {speed:.1%} of the recorded one, more than {threshold.speed:.0%}")
+        return " and ".join(problems)
 
     def record(self) -> Record:
-        """The path, the residual, each of its names with `residual_` in front, and how the fit ended."""
+        """The path, the residual (with the prefix `residual_`), and the result."""
         path, residual = self.path.record(), self.residual.record()
         variables: dict[str, Any] = {
             **path.variables,
@@ -102,18 +111,18 @@ class Fitted(AbstractOutcome):
             "relative_speed": Quantity(
                 self.relative_speed, "1", "largest difference of speeds over the recorded root mean square"
             ),
-            "iterations": Quantity(self.iterations, "1", "steps of the search that won"),
-            "result": Quantity(np.asarray(self.result), "", "how the fit ended"),
-            "code": Quantity(self.code, "1", "how the fit ended, as a number"),
+            "iterations": Quantity(self.iterations, "1", "steps of the best search"),
+            "result": Quantity(np.asarray(self.result), "", "the result in words"),
+            "code": Quantity(self.code, "1", "result code of the fit"),
         }
         if self.attitude is not None:
-            found = self.attitude.record().variables
-            variables |= {f"attitude_{name}": quantity for name, quantity in found.items() if name != "samples"}
+            attitude = self.attitude.record().variables
+            variables |= {f"attitude_{name}": quantity for name, quantity in attitude.items() if name != "samples"}
         summary = f"{path.summary}; {residual.summary}"
         return Record(summary, variables, attributes={"frame": "world"}, labels={"bound": ["low", "high"]})
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the result to a TOML or JSON file, exactly; `qtraj.load` reads it.
+        """Write the result to a TOML or JSON file, without loss of precision; `qtraj.load` reads it.
 
         **Raises:** ValueError for another suffix.
         """

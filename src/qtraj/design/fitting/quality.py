@@ -1,4 +1,4 @@
-"""How well a fitted path follows its recording, as parts of the turn: what is loose, and what is no fit."""
+"""The quality of a fit: relative misfits, and the thresholds above which a fit is loose or poor."""
 
 from typing import NamedTuple
 
@@ -11,42 +11,47 @@ from qtraj.path.track import Track, chord_marks, elapsed_times, to_float64
 
 
 class Quality(NamedTuple):
-    """Misfits: `rms`, of the horizontal distance over the radius of the turn; `speed`, the largest difference of speeds
-    over the root mean square of the recorded one."""
+    """Relative misfits of a fit.
+
+    `rms`: root mean square of the horizontal distance over the radius of the turn. `speed`: the largest difference of
+    speeds over the root mean square of the recorded speed.
+    """
 
     rms: float
     speed: float
 
 
 LOOSE, POOR = Quality(0.03, 0.25), Quality(0.10, 0.50)
-"""Beyond the first a fit is loose, which is a warning; beyond the second it is poor, which is a failure."""
+"""Above the first thresholds a fit is loose, which is a warning; above the second it is poor, which is a failure."""
 
 
 def speed_misfit(path: SpiralHelix, track: Track) -> float:
-    """The largest difference of speeds, over the root mean square of the recorded one.
+    """The largest difference of speeds over the root mean square of the recorded speed.
 
-    Without recorded velocities the speeds are those along chords, which noise hardly changes.
+    Without recorded velocities, the mean speeds along chords are compared, which noise hardly changes.
     """
     times = elapsed_times(track)
     if track.velocities is not None:
-        return _difference(np.linalg.norm(_states(path, times)[1], axis=1), _lengths(to_float64(track.velocities)))
+        return _relative_difference(
+            np.linalg.norm(_states(path, times)[1], axis=1), _lengths(to_float64(track.velocities))
+        )
     marks = chord_marks(len(times))
     seconds = np.diff(times[marks])
-    followed, recorded = (np.diff(x[marks], axis=0) for x in (_states(path, times)[0], to_float64(track.positions)))
-    return _difference(_lengths(followed) / seconds, _lengths(recorded) / seconds)
+    fitted, recorded = (np.diff(x[marks], axis=0) for x in (_states(path, times)[0], to_float64(track.positions)))
+    return _relative_difference(_lengths(fitted) / seconds, _lengths(recorded) / seconds)
 
 
-def judged(quality: Quality) -> ResultCode:
-    """Whether a fit of this quality is good, loose or poor."""
-    if not all(found <= most for found, most in zip(quality, POOR, strict=True)):
+def judge(quality: Quality) -> ResultCode:
+    """The result code of a fit of this quality: good, loose or poor."""
+    if not all(misfit <= threshold for misfit, threshold in zip(quality, POOR, strict=True)):
         return ResultCode.poor_fit
-    if not all(found <= most for found, most in zip(quality, LOOSE, strict=True)):
+    if not all(misfit <= threshold for misfit, threshold in zip(quality, LOOSE, strict=True)):
         return ResultCode.loose_fit
     return ResultCode.successful
 
 
-def _difference(followed: np.ndarray, recorded: np.ndarray) -> float:
-    return float(np.max(np.abs(followed - recorded)) / np.sqrt(np.mean(recorded**2)))
+def _relative_difference(fitted: np.ndarray, recorded: np.ndarray) -> float:
+    return float(np.max(np.abs(fitted - recorded)) / np.sqrt(np.mean(recorded**2)))
 
 
 def _lengths(vectors: np.ndarray) -> np.ndarray:

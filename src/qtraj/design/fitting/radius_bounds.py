@@ -1,40 +1,42 @@
-"""The bounds of ρ on a whole fitted path."""
+"""Bounds of the radius ρ on a whole fitted path."""
 
 import numpy as np
 from numpy.polynomial import Polynomial
 
-HELD = 1e-3
-"""A radius within this part of a bound is held by it."""
+BOUND_TOLERANCE = 1e-3
+"""A radius within this relative distance of a bound is at the bound."""
 
 MARGIN = 1e-9
-"""A radius that was outside is drawn inside by this part of its bounds: rounding does not lead out again."""
+"""A radius that violates its bounds is moved inside by this relative margin, so that rounding cannot violate them."""
 
-REAL = 1e-12
-"""Imaginary part below which a root is real, in durations."""
+MAX_IMAGINARY = 1e-12
+"""A root with a smaller imaginary part, relative to the duration, is real."""
 
 Bounds = tuple[float, float]
 
 
 def extremes(radius: np.ndarray, duration: float) -> Bounds:
-    """The least and the largest ρ [m] of a path with these ascending coefficients and duration [s]."""
+    """The minimum and maximum ρ [m] for ascending coefficients in t and a duration [s]."""
     rho = Polynomial(radius)
-    turning = rho.deriv().roots()
-    between = turning.real[(abs(turning.imag) < REAL * duration) & (turning.real > 0) & (turning.real < duration)]
-    values = rho(np.array([0.0, duration, *between]))
+    stationary = rho.deriv().roots()
+    inner = stationary.real[
+        (abs(stationary.imag) < MAX_IMAGINARY * duration) & (stationary.real > 0) & (stationary.real < duration)
+    ]
+    values = rho(np.array([0.0, duration, *inner]))
     return float(values.min()), float(values.max())
 
 
-def inside(radius: np.ndarray, duration: float, bounds: Bounds) -> np.ndarray:
-    """The coefficients of ρ, drawn towards the middle of its bounds as far as it takes to be inside everywhere."""
-    least, largest = extremes(radius, duration)
-    if bounds[0] <= least and largest <= bounds[1]:
+def shrink_into_bounds(radius: np.ndarray, duration: float, bounds: Bounds) -> np.ndarray:
+    """The coefficients of ρ, shrunk towards the middle of the bounds as far as needed to satisfy them everywhere."""
+    minimum, maximum = extremes(radius, duration)
+    if bounds[0] <= minimum and maximum <= bounds[1]:
         return radius
     middle = (bounds[0] + bounds[1]) / 2
-    part = (bounds[1] - middle) * (1 - MARGIN) / max(middle - least, largest - middle)
-    return radius * part + np.eye(1, len(radius))[0] * middle * (1 - part)
+    factor = (bounds[1] - middle) * (1 - MARGIN) / max(middle - minimum, maximum - middle)
+    return radius * factor + np.eye(1, len(radius))[0] * middle * (1 - factor)
 
 
-def held(radius: np.ndarray, duration: float, bounds: Bounds) -> bool:
-    """Whether ρ is held by a bound."""
-    least, largest = extremes(radius, duration)
-    return least < bounds[0] * (1 + HELD) or largest > bounds[1] * (1 - HELD)
+def is_at_bound(radius: np.ndarray, duration: float, bounds: Bounds) -> bool:
+    """Whether ρ reaches one of its bounds."""
+    minimum, maximum = extremes(radius, duration)
+    return minimum < bounds[0] * (1 + BOUND_TOLERANCE) or maximum > bounds[1] * (1 - BOUND_TOLERANCE)

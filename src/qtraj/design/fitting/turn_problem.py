@@ -16,23 +16,23 @@ TERMS = 4
 """Coefficients of ρ and h: cubics."""
 
 UNKNOWNS = 2 + 2 * TERMS
-"""The axis (x, y), and the coefficients of ρ and φ in the basis; a linear φ holds the last two at zero."""
+"""The axis (x, y), and the coefficients of ρ and φ in the basis; for a linear φ the last two stay zero."""
 
 POINTS = 129
-"""Instants at which the bounds of ρ count, evenly spread: between them a cubic leaves its bounds by little."""
+"""Number of evenly spaced instants at which the bounds of ρ apply; between them a cubic violates them only slightly."""
 
 PENALTY = 10.0
-"""Weight of a radius beyond its bounds, against the errors of position."""
+"""Weight of a violation of the radius bounds, relative to the position errors."""
 
-FIRST_DAMPING, LOWERED, RAISED = 1e-2, 0.3, 2.0
-"""Of Levenberg and Marquardt: the first damping, and its factors after a step that helped and one that did not."""
+INITIAL_DAMPING, DAMPING_DECREASE, DAMPING_INCREASE = 1e-2, 0.3, 2.0
+"""The initial Levenberg–Marquardt damping, and its factors after accepted and rejected steps."""
 
-ROUNDINGS = 100
-"""Least damping, in roundings."""
+MIN_DAMPING = 100
+"""Minimum damping, in units of the machine epsilon."""
 
 
 class TurnProblem(eqx.Module):
-    """Samples about the centre of a window, in lengths of `scale`; `weights` are 0 for padding."""
+    """Samples relative to the centre of a window, in units of `scale`; `weights` are 0 for padding."""
 
     basis: Float[Array, "n terms"]
     slope: Float[Array, "n terms"]  # [1/s]
@@ -40,57 +40,57 @@ class TurnProblem(eqx.Module):
     velocities: Float[Array, "n 2"]  # [1/s]
     weights: Float[Array, " n"]
     velocity_weights: Float[Array, " n"]  # [s], 0 where no velocities are recorded
-    bounded: Float[Array, "p terms"]  # the basis at the instants at which the bounds count
+    bound_basis: Float[Array, "p terms"]  # the basis at the instants at which the bounds apply
     bounds: Float[Array, "2"]
 
     def errors(self, unknowns: Float[Array, " m"], shifts: Float[Array, "2 p"]) -> Float[Array, " k"]:
-        """Weighted errors of position and velocity, and how far ρ leaves its bounds, in one vector.
+        """Weighted errors of position and velocity, and penalised violations of the bounds of ρ, in one vector.
 
-        `shifts` are the multipliers of the lower and the upper bound, as lengths that are added to the violation.
+        `shifts` are the scaled multipliers of the lower and the upper bound, lengths that are added to the violations.
         """
-        axis, of_radius, of_angle = unknowns[:2], unknowns[2 : 2 + TERMS], unknowns[2 + TERMS :]
-        both, rates = jnp.stack([of_radius, of_angle]), jnp.stack([self.basis, self.slope])
-        (radius, angle), (stretch, rate) = jnp.einsum("bnk,pk->bpn", rates, both)
+        axis, radius_coefficients, angle_coefficients = unknowns[:2], unknowns[2 : 2 + TERMS], unknowns[2 + TERMS :]
+        coefficients, rates = jnp.stack([radius_coefficients, angle_coefficients]), jnp.stack([self.basis, self.slope])
+        (radius, angle), (radial_rate, rate) = jnp.einsum("bnk,pk->bpn", rates, coefficients)
         cos, sin = jnp.cos(angle), jnp.sin(angle)
-        around = radius * rate
+        tangential = radius * rate
         position = jnp.stack([axis[0] + radius * cos, axis[1] + radius * sin], axis=1)
-        velocity = jnp.stack([stretch * cos - around * sin, stretch * sin + around * cos], axis=1)
-        outside = jnp.maximum(self.excess(unknowns) + shifts, 0.0)
+        velocity = jnp.stack([radial_rate * cos - tangential * sin, radial_rate * sin + tangential * cos], axis=1)
+        shifted_violations = jnp.maximum(self.bound_violations(unknowns) + shifts, 0.0)
         return jnp.concatenate(
             [
                 jnp.ravel(self.weights[:, None] * (position - self.positions)),
                 jnp.ravel(self.velocity_weights[:, None] * (velocity - self.velocities)),
-                PENALTY * POINTS**-0.5 * jnp.ravel(outside),
+                PENALTY * POINTS**-0.5 * jnp.ravel(shifted_violations),
             ]
         )
 
-    def excess(self, unknowns: Float[Array, " m"]) -> Float[Array, "2 p"]:
-        """How far ρ is below its lower and above its upper bound; negative inside."""
-        radius = self.bounded @ unknowns[2 : 2 + TERMS]
+    def bound_violations(self, unknowns: Float[Array, " m"]) -> Float[Array, "2 p"]:
+        """The violations of the lower and the upper bound of ρ; negative inside."""
+        radius = self.bound_basis @ unknowns[2 : 2 + TERMS]
         return jnp.stack([self.bounds[0] - radius, radius - self.bounds[1]])
 
 
-def basis_at(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def legendre_basis(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Legendre polynomials over the window at `times` (n,) from its start, and their time derivatives: (n, 4) each."""
     duration = times[-1]
     s = 2 * times / duration - 1
-    slopes = [legendre.legval(s, legendre.legder(row)) for row in np.eye(TERMS)]
+    slopes = [legendre.legval(s, legendre.legder(unit)) for unit in np.eye(TERMS)]
     return legendre.legvander(s, TERMS - 1), np.stack(slopes, axis=1) * 2 / duration
 
 
 def problem(track: Track, centre: np.ndarray, scale: float, bounds: tuple[float, float], ratio: float) -> TurnProblem:
-    """The problem of `track` about `centre` [m]; `ratio` [s] is the position sigma over the velocity sigma.
+    """The problem of `track` relative to `centre` [m]; `ratio` [s] is the position sigma over the velocity sigma.
 
-    In JAX's default precision, whatever that of the track.
+    The arrays have JAX's default precision, for tracks of any precision.
     """
-    basis, slope = basis_at(elapsed_times(track))
+    basis, slope = legendre_basis(elapsed_times(track))
     count = len(basis)
     velocities = np.zeros((count, 2)) if track.velocities is None else to_float64(track.velocities)[:, :2]
     weight = np.full(count, count**-0.5)
-    missing = bucket(count) - count
+    n_padding = bucket(count) - count
 
     def padded(x: np.ndarray) -> Array:
-        return as_array(np.pad(x, [(0, missing)] + [(0, 0)] * (x.ndim - 1)), float)
+        return as_array(np.pad(x, [(0, n_padding)] + [(0, 0)] * (x.ndim - 1)), float)
 
     return TurnProblem(
         basis=padded(basis),
@@ -99,15 +99,15 @@ def problem(track: Track, centre: np.ndarray, scale: float, bounds: tuple[float,
         velocities=padded(velocities / scale),
         weights=padded(weight),
         velocity_weights=padded(weight * (0.0 if track.velocities is None else ratio)),
-        bounded=as_array(legendre.legvander(np.linspace(-1, 1, POINTS), TERMS - 1), float),
+        bound_basis=as_array(legendre.legvander(np.linspace(-1, 1, POINTS), TERMS - 1), float),
         bounds=as_array(np.array(bounds) / scale, float),
     )
 
 
 class Search(NamedTuple):
-    """Searches side by side: where each is, what it is about to try, and whether it has ended.
+    """A batch of searches: the current and the trial points, and whether each search has converged.
 
-    `errors` and `jacobian` are those at `unknowns`; `cost` is the sum of squared errors.
+    `errors`, `jacobian` and `cost`, the sum of squared errors, belong to `unknowns`.
     """
 
     unknowns: Float[Array, "s m"]
@@ -116,7 +116,7 @@ class Search(NamedTuple):
     jacobian: Float[Array, "s k m"]
     trial: Float[Array, "s m"]
     damping: Float[Array, " s"]
-    ended: Bool[Array, " s"]
+    converged: Bool[Array, " s"]
     steps: Int[Array, " s"]
 
 
@@ -128,14 +128,14 @@ def minimise(
     free: Float[Array, " m"],
     max_steps: Int[Array, ""],
 ) -> tuple[Float[Array, "s m"], Float[Array, "s 2 p"], Float[Array, " s"], Bool[Array, " s"], Int[Array, " s"]]:
-    """Least squares by Levenberg and Marquardt from each of `starts`; `free` is 0 for unknowns that stay.
+    """Least squares by Levenberg–Marquardt from each of `starts`; `free` is 0 for fixed unknowns.
 
-    Where each search is, how far ρ leaves its bounds there, the sum of squared errors of position and velocity, whether
-    the search ended, and its steps. All searches are one loop over
-    arrays, which compiles in a fraction of the time of a general solver, and once for both motions.
+    Returns, for each search, the unknowns, the violations of the bounds of ρ, the sum of squared errors of position and
+    velocity, whether it converged, and its steps. All searches are one loop over arrays. This compiles much faster than
+    a general solver, and only once for both motions.
     """
     count, dtype = starts.shape[0], starts.dtype
-    small = float(jnp.finfo(dtype).eps) ** 0.6
+    tolerance = float(jnp.finfo(dtype).eps) ** 0.6
 
     def linearised(unknowns: Float[Array, " m"], shifts: Float[Array, "2 p"]) -> tuple[Array, Array]:
         jacobian, errors = jax.jacfwd(lambda x: (turn.errors(x, shifts),) * 2, has_aux=True)(unknowns)
@@ -144,54 +144,56 @@ def minimise(
     def step(search: Search) -> Search:
         errors, jacobian = jax.vmap(linearised)(search.trial, shifts)
         cost = jnp.sum(errors**2, axis=1)
-        better = ~search.ended & (cost < search.cost)
+        better = ~search.converged & (cost < search.cost)
 
-        def chosen(new: Array, old: Array) -> Array:
+        def select(new: Array, old: Array) -> Array:
             return jnp.where(better.reshape(count, *(1,) * (new.ndim - 1)), new, old)
 
         unknowns, errors, jacobian = (
-            chosen(search.trial, search.unknowns),
-            chosen(errors, search.errors),
-            chosen(jacobian, search.jacobian),
+            select(search.trial, search.unknowns),
+            select(errors, search.errors),
+            select(jacobian, search.jacobian),
         )
-        damping = search.damping * jnp.where(better, LOWERED, RAISED)
+        damping = search.damping * jnp.where(better, DAMPING_DECREASE, DAMPING_INCREASE)
         move = _damped(errors, jacobian, damping)
-        ended = search.ended | ~(jnp.max(jnp.abs(move), axis=1) > small)  # also where nothing is finite
+        converged = search.converged | ~(jnp.max(jnp.abs(move), axis=1) > tolerance)  # true for NaN as well
         cost = jnp.where(better, cost, search.cost)
-        steps = search.steps + jnp.where(search.ended, 0, 1)
-        return Search(unknowns, cost, errors, jacobian, unknowns + move, damping, ended, steps)
+        steps = search.steps + jnp.where(search.converged, 0, 1)
+        return Search(unknowns, cost, errors, jacobian, unknowns + move, damping, converged, steps)
 
-    size = jax.eval_shape(turn.errors, starts[0], shifts[0]).shape[0]
-    first = Search(
+    n_errors = jax.eval_shape(turn.errors, starts[0], shifts[0]).shape[0]
+    initial = Search(
         unknowns=starts,
         cost=jnp.full(count, jnp.inf, dtype),
-        errors=jnp.zeros((count, size), dtype),
-        jacobian=jnp.zeros((count, size, starts.shape[1]), dtype),
+        errors=jnp.zeros((count, n_errors), dtype),
+        jacobian=jnp.zeros((count, n_errors, starts.shape[1]), dtype),
         trial=starts,
-        damping=jnp.full(count, FIRST_DAMPING / LOWERED, dtype),
-        ended=jnp.zeros(count, bool),
+        damping=jnp.full(count, INITIAL_DAMPING / DAMPING_DECREASE, dtype),
+        converged=jnp.zeros(count, bool),
         steps=jnp.zeros(count, jnp.int32),
     )
-    last = jax.lax.while_loop(lambda s: jnp.any(~s.ended & (s.steps < max_steps)), step, first)
-    misfit = jnp.sum(last.errors[:, : -shifts[0].size] ** 2, axis=1)
-    excess = jax.vmap(turn.excess)(last.unknowns)
-    return last.unknowns, excess, misfit, last.ended & jnp.isfinite(last.cost), last.steps
+    final = jax.lax.while_loop(lambda s: jnp.any(~s.converged & (s.steps < max_steps)), step, initial)
+    misfit = jnp.sum(final.errors[:, : -shifts[0].size] ** 2, axis=1)
+    bound_violations = jax.vmap(turn.bound_violations)(final.unknowns)
+    return final.unknowns, bound_violations, misfit, final.converged & jnp.isfinite(final.cost), final.steps
 
 
 def _damped(
     errors: Float[Array, "s k"], jacobian: Float[Array, "s k m"], damping: Float[Array, " s"]
 ) -> Float[Array, "s m"]:
-    """The steps that minimise |J p + r|² + damping |D p|², D the lengths of J's columns, by the normal equations.
+    """The steps that minimise |J p + r|² + damping |D p|² by the normal equations; D has the lengths of J's columns.
 
-    Their squared condition number costs digits of a step, which later steps correct, and none of where they end.
+    The squared condition number reduces the accuracy of a step, but not of the solution, since later steps correct it.
     """
     normal = jnp.einsum("skm,skn->smn", jacobian, jacobian)
     lengths = jnp.sqrt(jnp.diagonal(normal, axis1=1, axis2=2))
     lengths = jnp.where(lengths > 0, lengths, 1.0)
-    floor = ROUNDINGS * float(jnp.finfo(errors.dtype).eps)  # below it the matrix might not be positive definite
-    diagonal = jnp.maximum(damping, floor)[:, None, None] * jnp.eye(lengths.shape[1], dtype=errors.dtype)[None]
+    min_damping = MIN_DAMPING * float(
+        jnp.finfo(errors.dtype).eps
+    )  # otherwise the matrix might not be positive definite
+    diagonal = jnp.maximum(damping, min_damping)[:, None, None] * jnp.eye(lengths.shape[1], dtype=errors.dtype)[None]
     factor = jnp.linalg.cholesky(normal / (lengths[:, :, None] * lengths[:, None]) + diagonal)
-    down = (jnp.einsum("skm,sk->sm", jacobian, errors) / lengths)[..., None]
-    half = jax.lax.linalg.triangular_solve(factor, down, left_side=True, lower=True)
-    whole = jax.lax.linalg.triangular_solve(factor, half, left_side=True, lower=True, transpose_a=True)
-    return -whole[..., 0] / lengths
+    gradient = (jnp.einsum("skm,sk->sm", jacobian, errors) / lengths)[..., None]
+    half = jax.lax.linalg.triangular_solve(factor, gradient, left_side=True, lower=True)
+    step = jax.lax.linalg.triangular_solve(factor, half, left_side=True, lower=True, transpose_a=True)
+    return -step[..., 0] / lengths

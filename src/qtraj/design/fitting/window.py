@@ -1,92 +1,126 @@
-"""Whether a recorded window holds a turn that can be fitted, and how large that is."""
+"""Checks that a recorded window contains one turn that can be fitted, and measures its radius."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from qtraj.path.bends import Bend, bends
-from qtraj.path.track import STANDSTILL, Track, spread_radius, travel_length, travel_turn
+from qtraj.path.bends import Bend, bends, chord_length
+from qtraj.path.track import STANDSTILL, Track, spread_radius, to_float64, travel_length, travel_turn
 
 POSITION_SIGMA, VELOCITY_SIGMA = 0.005, 0.08
-"""[m], [m/s] What cubics over 1 s leave of a car's smoothed recording (Boreas): the default noise."""
+"""Default noise [m], [m/s]: the residual of cubics over 1 s of a car's smoothed recording (Boreas)."""
 
-LEAST_TURN = float(np.radians(10.0))
-"""A window that turns by less than this does not tell where its axis is [rad]."""
+MIN_TURN = float(np.radians(10.0))
+"""A window that turns by less than this does not determine the axis [rad]."""
 
-LEAST_LENGTH = 200.0
-"""A window shorter than this, in standard deviations of a position, is refused: there the least turn leaves a chord by
-four of them."""
+MIN_LENGTH = 200.0
+"""Minimum length of a window in standard deviations of a position.
 
-FEWEST_SAMPLES = 8
-"""Up to ten unknowns in the plane, from two coordinates of each sample, and as many again for a residual."""
+At this length a turn of `MIN_TURN` deviates from its chord by four of them.
+"""
 
-SPACING = 2 * LEAST_LENGTH
-"""Chords that tell directions of travel, where no velocities are recorded, in standard deviations of a position."""
+MIN_SAMPLES = 8
+"""Enough for up to ten unknowns in the plane from two coordinates per sample, with about as many left over."""
+
+WANDER = 1.0
+"""[m] The positions of a parked vehicle may drift by this much, if its velocities show that it stands."""
+
+WINDOW = "with track.window(t0, t1), in a scenario with the key window"
+"""How to choose a window."""
+
+SPACING = 2 * MIN_LENGTH
+"""Length of the chords that give the direction of travel without recorded velocities, in standard deviations."""
 
 
 class Turn(NamedTuple):
-    """The turn of a window: `radius` [m], its length over its net turn; `bent` [m], its length over all it turns."""
+    """The turn of a window: `radius` is its length over the net turn [m], `total_radius` that over all turning [m]."""
 
     radius: float
-    bent: float
+    total_radius: float
 
 
-def turn_of(track: Track, sigma: float) -> Turn:
-    """How large the turn of a window is, whose positions have the standard deviation `sigma` [m].
+def measure_turn(track: Track, sigma: float, velocity_sigma: float = VELOCITY_SIGMA) -> Turn:
+    """The turn of a window; `sigma` [m] and `velocity_sigma` [m/s] are the standard deviations of the recording.
 
-    **Raises:** ValueError for too few samples, a vehicle that stands, a window that is too short, one whose bends turn
-    against each other, or one that is nearly straight.
+    **Raises:** ValueError for too few samples, for a vehicle that stands still, and for a window that is too short, has
+    bends of opposite sense, or is nearly straight.
     """
     if not isinstance(track, Track):
-        raise ValueError(f"fit needs a Track, as read_track gives, but a {type(track).__name__} was given")
+        raise ValueError(f"fit needs a Track, as read_track returns, but a {type(track).__name__} was given")
     count = track.times.shape[0]
-    if count < FEWEST_SAMPLES:
-        raise ValueError(f"a fit needs at least {FEWEST_SAMPLES} samples, but the window holds {count}: widen it")
-    length = _moving_length(track, sigma)
-    standstill = _standstill(sigma)
-    turn, found = travel_turn(track, standstill), bends(track, LEAST_TURN, SPACING * sigma, standstill)
-    if abs(turn) < LEAST_TURN:
-        raise ValueError(_winding(turn, length, found) if len(found) > 1 else _straight(turn, length))
-    return Turn(length / abs(turn), length / max(abs(turn), sum(abs(bend.turn) for bend in found)))
+    if count < MIN_SAMPLES:
+        raise ValueError(f"a fit needs at least {MIN_SAMPLES} samples, but the window has {count}: widen it")
+    length = _moving_length(track, sigma, velocity_sigma)
+    standstill_radius = _standstill_radius(sigma)
+    turn = travel_turn(track, standstill_radius)
+    single_bends = bends(track, MIN_TURN, SPACING * sigma, standstill_radius)
+    if abs(turn) < MIN_TURN:
+        if len(single_bends) > 1:
+            raise ValueError(_opposite_bends_message(turn, chord_length(track, SPACING * sigma), single_bends))
+        raise ValueError(_straight_message(turn, chord_length(track, SPACING * sigma)))
+    return Turn(length / abs(turn), length / max(abs(turn), sum(abs(bend.turn) for bend in single_bends)))
 
 
-def _moving_length(track: Track, sigma: float) -> float:
-    """The length of a window [m] in which the vehicle moves far enough."""
-    within, least = _standstill(sigma), LEAST_LENGTH * sigma
-    if spread_radius(track) <= within:
+def _moving_length(track: Track, sigma: float, velocity_sigma: float) -> float:
+    """The horizontal length of a window [m], checked to be long enough."""
+    standstill_radius, min_length = _standstill_radius(sigma), MIN_LENGTH * sigma
+    if spread_radius(track) <= standstill_radius:
+        climb = float(np.ptp(to_float64(track.positions)[:, 2]))
+        if climb > 2 * standstill_radius:
+            raise ValueError(
+                f"the window is a vertical climb: the height changes by {climb:.3g} m, but all positions are within "
+                f"{standstill_radius:g} m of a vertical line, so there is no horizontal direction of travel to follow. "
+                f"Choose a window in which the vehicle turns, {WINDOW}."
+            )
         raise ValueError(
-            f"the vehicle stands still in this window: all positions lie within {within:g} m of their middle, so there "
-            "is no direction of travel and no turn. Choose a window in which it drives, with track.window(t0, t1)."
+            "the vehicle stands still in this window: all positions are within "
+            f"{standstill_radius:g} m of their centre, so there is no direction of travel and no turn. Choose a window "
+            f"in which it drives, {WINDOW}."
+        )
+    speed = _rms_speed(track)
+    if speed is not None and speed <= velocity_sigma and spread_radius(track) <= WANDER:
+        raise ValueError(
+            f"the vehicle stands still in this window: its recorded speed, {speed:.2g} m/s, is no more than "
+            f"velocity_sigma = {velocity_sigma:g} m/s, and its positions only drift by up to {WANDER:g} m. Choose a "
+            f"window in which it drives, {WINDOW}, or pass a smaller velocity_sigma for a slow vehicle."
         )
     length = travel_length(track)
-    if length < least:
+    if length < min_length:
         raise ValueError(
-            f"the window is too short: the vehicle travels {length:.3g} m in it, but at least {least:.3g} m, "
-            f"{LEAST_LENGTH:.0f} times position_sigma = {sigma:g} m, are needed to tell a turn from noise. Widen the "
-            "window, with track.window(t0, t1); where the positions are more accurate, pass their position_sigma."
+            f"the window is too short: the vehicle travels {length:.3g} m in it, but at least {min_length:.3g} m, "
+            f"{MIN_LENGTH:.0f} times position_sigma = {sigma:g} m, are needed to distinguish a turn from noise. Widen "
+            f"the window, {WINDOW}, or pass a smaller position_sigma if the positions are more accurate."
         )
     return length
 
 
-def _standstill(sigma: float) -> float:
-    """Within which distance of its middle a track stands [m]: 20 standard deviations of a position, 0.1 m at most."""
-    return min(STANDSTILL, LEAST_LENGTH * sigma / 10)
+def _rms_speed(track: Track) -> float | None:
+    """The root mean square of the recorded speed [m/s]; None without velocities."""
+    if track.velocities is None:
+        return None
+    return float(np.sqrt(np.mean(np.sum(to_float64(track.velocities) ** 2, axis=1))))
 
 
-def _winding(turn: float, length: float, found: list[Bend]) -> str:
-    sharpest = max(found, key=lambda bend: abs(bend.turn))
-    where = f"{sharpest.start:.2f} to {sharpest.end:.2f} s"
+def _standstill_radius(sigma: float) -> float:
+    """The radius of a track that stands still [m]: 20 standard deviations of a position, but at most 0.1 m."""
+    return min(STANDSTILL, MIN_LENGTH * sigma / 10)
+
+
+def _opposite_bends_message(turn: float, length: float, single_bends: list[Bend]) -> str:
+    sharpest = max(single_bends, key=lambda bend: abs(bend.turn))
+    span = f"{sharpest.start:.2f} to {sharpest.end:.2f} s"
     return (
-        f"the window holds {len(found)} bends that turn against each other: over {length:.4g} m the direction of "
-        f"travel turns by {np.degrees(turn):.2f}° from start to end, but a spiral-helix follows one bend only. Choose "
-        f"a window around one, with track.window(t0, t1); the largest, from about {where}, turns by "
+        f"the window holds {len(single_bends)} bends that turn against each other: over {length:.4g} m the direction "
+        f"of travel turns by {np.degrees(turn):.2f}° from start to end, but a spiral-helix follows one bend only. "
+        "A change between driving ahead and back counts as bends too. "
+        f"Choose a window around one bend, {WINDOW}; the largest, from about {span}, turns by "
         f"{np.degrees(sharpest.turn):.1f}°."
     )
 
 
-def _straight(turn: float, length: float) -> str:
+def _straight_message(turn: float, length: float) -> str:
     return (
         f"the window is nearly straight: over {length:.4g} m the direction of travel turns by {np.degrees(turn):.2f}° "
-        f"from start to end, but at least {np.degrees(LEAST_TURN):.0f}° are needed to tell where the axis of a "
-        "spiral-helix is. Choose a window around one bend, with track.window(t0, t1)."
+        f"from start to end, but at least {np.degrees(MIN_TURN):.0f}° are needed to determine the axis of a "
+        f"spiral-helix. Choose a window around one bend, {WINDOW}."
     )

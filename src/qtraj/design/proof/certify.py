@@ -1,8 +1,10 @@
-"""Limits judged on the whole path: proved where they are polynomial inequalities, sampled where not."""
+"""Certificates of limits on whole paths: proofs for polynomial paths, refined sampling for all others."""
+
+from __future__ import annotations  # so that `help` shows short names
 
 import math
 from functools import partial
-from typing import Any
+from typing import Any, overload
 
 import equinox as eqx
 import jax
@@ -13,33 +15,46 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra.quaternion import conjugate, rotate
 from qtraj.design.limits import Limits
-from qtraj.design.proof.certificate import Certificate
-from qtraj.design.proof.corridor import with_corridor
-from qtraj.design.proof.inequalities import Parts, Vectors, parts
-from qtraj.design.proof.judge import COUNT, LIMITS, Along, Findings, Scale, judge, present
+from qtraj.design.proof.certificate import Certificate, require_float64
+from qtraj.design.proof.corridor import add_corridor
+from qtraj.design.proof.inequalities import PathDerivatives, Vectors, path_derivatives
+from qtraj.design.proof.judge import LIMIT_COUNT, LIMITS, Evaluate, Findings, Scale, indices, judge
+from qtraj.design.proof.route import certify_route
+from qtraj.design.proof.route_certificate import RouteCertificate
 from qtraj.foundation import cores
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials
+from qtraj.path.route import Route
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.values import to_turned_basis, value
 
-TOGETHER = 64
-"""Paths of a batch that are judged at once, few enough to stay in the cache."""
+BLOCK_SIZE = 64
+"""Number of paths that are judged at once, small enough for the processor's cache."""
 
-UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
+IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 
 
-class Known(eqx.Module):
-    """What is to be known of paths with polynomials, a path in each row; two of one form share a program."""
+class PolynomialPaths(eqx.Module):
+    """The data of polynomial paths, with a leading batch axis; paths of equal structure share an executable."""
 
     polynomials: MovingPolynomials
-    duration: Float[Array, " paths"]
-    orientation: Float[Array, "paths 4"]
+    duration: Float[Array, "*paths"]
+    orientation: Float[Array | np.ndarray, "*paths 4"]
 
 
+@overload
+def certify(  # pyright: ignore[reportOverlappingOverload]
+    path: Route,
+    limits: Limits,
+    *,
+    corridor: ArrayInput | None = None,
+    reference: SpiralHelix | None = None,
+    throw: bool = False,
+) -> RouteCertificate: ...
+@overload
 def certify(
     path: AbstractHodograph,
     limits: Limits,
@@ -47,101 +62,112 @@ def certify(
     corridor: ArrayInput | None = None,
     reference: SpiralHelix | None = None,
     throw: bool = False,
-) -> Certificate:
-    """What is known of `path` against `limits`, on the whole of it.
+) -> Certificate: ...
+def certify(
+    path: AbstractHodograph,
+    limits: Limits,
+    *,
+    corridor: ArrayInput | None = None,
+    reference: SpiralHelix | None = None,
+    throw: bool = False,
+) -> Certificate | RouteCertificate:
+    """Check `limits` on the whole of `path`.
 
-    Of a path with polynomials every limit is a polynomial inequality in t (paper S; see `inequalities`), whose sign is
-    proved with all rounding accounted for: "proved" is a proof for the path and limit as given, without any tolerance,
-    and "broken" names an instant. "undecided" is what no proof reached, mostly for a margin lost in rounding (relative,
-    about 1e-11). Quantities that divide by the speed or the bend need a proof that these never vanish; where they
-    cannot be told from zero they are "undefined". What refers to the vertical about an axis that is not vertical, and
-    all of a `Curve`, is judged by refined sampling, and called "sampled".
+    For a polynomial path every limit is a polynomial inequality in t (paper S; see `inequalities`). Its sign is proved
+    with all rounding errors bounded. The status of a limit is
 
-    A batch of paths (stacked, as from `jax.vmap`) gives findings with the batch in front; limits are shared, or have
-    the same batch. Under `jit` and `vmap` the certificate's arrays are known, its texts are not; `values` are
-    differentiable in the path (envelope theorem). They are the largest values found: of a limit with a wide margin a
-    needle between the samples may be missed, its proof is not.
+    - "proved": the limit is satisfied everywhere, for exactly this path and limit, without any tolerance.
+    - "broken": it is violated at the reported instant.
+    - "undecided": no proof was found, usually because the margin is below the rounding error (relative, about 1e-11).
+    - "undefined": the quantity divides by the speed or by |ṙ×r̈|, which cannot be distinguished from zero somewhere.
+    - "sampled": satisfied according to refined sampling. This is the best status for a `Curve`, and for quantities that
+      depend on the vertical if the path's axis is not vertical.
+
+    A batch of paths (stacked, as by `jax.vmap`) gives a batch of findings; limits are shared or have the same batch
+    dimension. Under `jit` and `vmap` the certificate's arrays are available, but not its texts. The `values` are
+    differentiable in the path (envelope theorem). They are the largest values found: if a limit has a wide margin, the
+    search may miss a narrow peak below the limit, but the proof does not.
+
+    For a route every segment is checked separately. The `RouteCertificate` gives the status on the whole route and on
+    each segment, and the intervals where a limit is broken. At a joint the values on both sides count. At a joint where
+    the velocity is zero, up to rounding, rates of frames and accelerations along and across the path are computed from
+    the direction of the velocity, which has a limit there. A segment without motion satisfies every limit.
 
     `corridor` [m] bounds the distance of a spiral-helix from `reference`, another one about the same axis, at equal
-    fractions of their durations, counted along the arc: one more limit, the last of the certificate.
+    fractions of their durations, measured along the arc. It is one more limit, the last of the certificate.
 
-    **Raises:** ValueError in float32, whose rounding exceeds the margins that matter here, and for a batch in which not
-    every array has the batch in front; for a corridor without a reference, or about another axis. RuntimeError with
-    `throw` where a limit is broken, undecided or undefined.
+    **Raises:** ValueError in float32, whose rounding error is too large for these proofs; for a batch in which an array
+    lacks the batch dimension; for a corridor without a reference, or about another axis. RuntimeError with `throw` if a
+    limit is broken, undecided or undefined.
     """
     if corridor is None and reference is not None:
-        raise ValueError("a reference was given without a corridor, its largest distance: pass corridor= beside it")
-    found = _certified(path, limits)
-    if corridor is not None:
-        found = with_corridor(found, path, reference, as_float(corridor))
-    return found.check() if throw else found
-
-
-def _certified(path: AbstractHodograph, limits: Limits) -> Certificate:
+        raise ValueError("a reference was given without a corridor: pass corridor=, the largest distance, as well")
     require_float64(path)
-    names, batch = tuple(limits.given()), path.duration.shape
-    dtype = path.duration.dtype
+    if isinstance(path, Route):
+        if corridor is not None:
+            raise ValueError("a corridor limits the distance of a SpiralHelix, but a Route was given: omit it")
+        route_certificate = certify_route(path, limits)
+        return route_certificate.check() if throw else route_certificate
+    certificate = _certify(path, limits)
+    if corridor is not None:
+        certificate = add_corridor(certificate, path, reference, as_float(corridor))
+    return certificate.check() if throw else certificate
+
+
+def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
+    names, batch, dtype = tuple(limits.given()), path.duration.shape, path.duration.dtype
     if not names:
-        nothing = jnp.zeros((*batch, 0), dtype)
-        return Certificate((), nothing, nothing, nothing, nothing)
+        return Certificate((), *[jnp.zeros((*batch, 0), dtype)] * 4)
     arrays, static = eqx.partition(path, eqx.is_array)
     if any(x.shape[: len(batch)] != batch for x in jax.tree.leaves(arrays)):
-        raise ValueError(f"a batch of paths has {batch} in front of every array of it: stack the paths by jax.vmap")
+        raise ValueError(f"every array of a batch of paths must start with the shape {batch}: stack them by jax.vmap")
     traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((arrays, limits)))
-    numbers = jnp if traced else np
-    bounds = [numbers.broadcast_to(numbers.asarray(limits.given()[x], dtype), batch) for x in names]
-    table = [bounds[names.index(x.name)] if x.name in names else numbers.ones(batch, dtype) for x in LIMITS]
-    source, columns = _source(path, len(batch)), numbers.stack(table, axis=-1)
+    xp = jnp if traced else np
+    bounds = [xp.broadcast_to(xp.asarray(limits.given()[x], dtype), batch) for x in names]
+    table = [bounds[names.index(x.name)] if x.name in names else xp.ones(batch, dtype) for x in LIMITS]
+    source, limits_array = _source(path, len(batch)), xp.stack(table, axis=-1)
     if traced:
-        source, columns = jax.lax.stop_gradient((source, columns))
-    found = _found(source, columns, *present(names), batch, _traced if traced else _on_cores)
-    rows = np.array([k for k, x in enumerate(LIMITS) if x.name in names])
-    codes, times, values = (x[..., rows] for x in found)
+        source, limits_array = jax.lax.stop_gradient((source, limits_array))
+    findings = _judge_batch(source, limits_array, *indices(names), batch, _traced if traced else _on_cores)
+    places = np.array([k for k, x in enumerate(LIMITS) if x.name in names])
+    codes, times, values = (x[..., places] for x in findings)
     if traced:
         values = _differentiable(names, static, arrays, times, values)
-    return Certificate(names, codes, times, values, numbers.stack(bounds, axis=-1))
+    return Certificate(names, codes, times, values, xp.stack(bounds, axis=-1))
 
 
-def _found(source: Any, limits: Any, index: Any, count: Any, batch: tuple[int, ...], work: Any) -> Any:
-    """The findings on a batch of paths by a function of rows."""
+def _judge_batch(source: Any, limits: Any, index: Any, count: Any, batch: tuple[int, ...], function: Any) -> Any:
+    """The findings on a batch of paths, by a function of paths along one axis."""
     if math.prod(batch) == 0:
-        nothing = np.zeros((*batch, COUNT), limits.dtype)
-        return nothing.astype(np.int32), nothing, nothing
-    rows = jax.tree.map(lambda x: x.reshape(-1, *x.shape[len(batch) :]), (source, limits))
-    return jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), work(*rows, index, count))
-
-
-def require_float64(path: AbstractHodograph) -> None:
-    """Raise a ValueError for a path in lower precision than float64."""
-    if path.duration.dtype != jnp.float64:
-        raise ValueError(
-            f"limits are judged in float64, but this path is in {path.duration.dtype}. Call "
-            "jax.config.update('jax_enable_x64', True) before building it."
-        )
+        empty = np.zeros((*batch, LIMIT_COUNT), limits.dtype)
+        return empty.astype(np.int32), empty, empty
+    flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[len(batch) :]), (source, limits))
+    return jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), function(*flat, index, count))
 
 
 def _source(path: AbstractHodograph, axes: int) -> Any:
-    """What the findings depend on: polynomials where there are any, or the path itself."""
-    polynomials = _over(lambda path: path.polynomials(), axes)
-    known = polynomials(path)
-    if known is None:
+    """The data that the findings depend on: polynomials where the paths have them, else the paths themselves."""
+    polynomials = _vmap_times(lambda path: path.polynomials(), axes)(path)
+    if polynomials is None:
         return path
-    placement, shape = known.placement, path.duration.shape
+    placement, shape = polynomials.placement, path.duration.shape
     if placement is None:
-        orientation: Any = np.broadcast_to(UNTURNED, (*shape, 4))
+        orientation: Any = np.broadcast_to(IDENTITY, (*shape, 4))
     else:
         orientation = placement.orientation.astype(path.duration.dtype)
-    return Known(MovingPolynomials(known.x, known.y, known.z, known.angle), path.duration, orientation)
+    return PolynomialPaths(
+        MovingPolynomials(polynomials.x, polynomials.y, polynomials.z, polynomials.angle), path.duration, orientation
+    )
 
 
-def _over(function: Any, axes: int) -> Any:
+def _vmap_times(function: Any, axes: int) -> Any:
     for _ in range(axes):
         function = eqx.filter_vmap(function)
     return function
 
 
 def _on_cores(source: Any, limits: np.ndarray, index: Any, count: Any) -> Findings:
-    """Findings on known paths, in blocks of few sizes: a program serves any number of paths."""
+    """Findings on concrete paths, in blocks of few sizes, so that few executables serve any number of paths."""
     arrays, static = eqx.partition((source, limits), eqx.is_array)
     leaves = jax.tree.leaves(arrays)
     devices = set().union(*(x.devices() for x in leaves if isinstance(x, jax.Array)))
@@ -149,15 +175,15 @@ def _on_cores(source: Any, limits: np.ndarray, index: Any, count: Any) -> Findin
     if len(devices) > 1 or any(x.platform != "cpu" for x in devices):
         return _compiled(arrays, static, index, count)
     device = next(iter(devices), None)
-    host, size = jax.tree.map(np.asarray, arrays), cores.block_size(paths)
+    arrays_on_host, size = jax.tree.map(np.asarray, arrays), cores.block_size(paths)
     pieces = cores.split(np.arange(paths), size)
-    calls = [(cores.take(host, piece, size), static, index, count) for piece in pieces]
-    found: Any = None
-    for piece, answers in zip(pieces, cores.map_blocks(_compiled, calls, device), strict=True):
-        found = cores.allocate(paths, answers) if found is None else found
-        cores.put(found, piece, answers)
+    calls = [(cores.take(arrays_on_host, piece, size), static, index, count) for piece in pieces]
+    findings: Any = None
+    for piece, block_findings in zip(pieces, cores.map_blocks(_compiled, calls, device), strict=True):
+        findings = cores.allocate(paths, block_findings) if findings is None else findings
+        cores.put(findings, piece, block_findings)
     committed = any(x.committed for x in leaves if isinstance(x, jax.Array))
-    return jax.device_put(found, device) if committed else found
+    return jax.device_put(findings, device) if committed else findings
 
 
 @eqx.filter_jit
@@ -167,84 +193,91 @@ def _compiled(arrays: Any, static: Any, index: Array, count: Array) -> Findings:
 
 
 def _traced(source: Any, limits: Array, index: Array, count: Array) -> Findings:
-    """Findings on paths in the rows of all arrays; what `vmap` adds to them are more paths."""
+    """Findings on paths along the first axis of all arrays; `vmap` adds more paths to that axis."""
     arrays, static = eqx.partition(source, eqx.is_array)
 
     @jax.custom_batching.custom_vmap
-    def work(arrays: Any, limits: Array, index: Array, count: Array) -> Findings:
-        return _in_blocks(lambda rows: _judged(eqx.combine(rows[0], static), rows[1], index, count), (arrays, limits))
-
-    @work.def_vmap
-    def batched(size: int, is_batched: Any, *given: Any) -> tuple[Findings, Findings]:
-        *rows, index, count = jax.tree.map(
-            lambda x, there: x if there else jnp.broadcast_to(x, (size, *jnp.shape(x))), given, tuple(is_batched)
+    def function(arrays: Any, limits: Array, index: Array, count: Array) -> Findings:
+        return _in_blocks(
+            lambda data: _judge_block(eqx.combine(data[0], static), data[1], index, count), (arrays, limits)
         )
-        flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), rows)
-        found = work(*flat, index[0], count[0])
-        return jax.tree.map(lambda x: x.reshape(size, -1, *x.shape[1:]), found), jax.tree.map(lambda _: True, found)
 
-    return work(arrays, limits, jnp.asarray(index), jnp.asarray(count))
+    @function.def_vmap
+    def batched(size: int, is_batched: Any, *arguments: Any) -> tuple[Findings, Findings]:
+        *data, index, count = jax.tree.map(
+            lambda x, is_batched_leaf: x if is_batched_leaf else jnp.broadcast_to(x, (size, *jnp.shape(x))),
+            arguments,
+            tuple(is_batched),
+        )
+        flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), data)
+        findings = function(*flat, index[0], count[0])
+        batched_findings = jax.tree.map(lambda x: x.reshape(size, -1, *x.shape[1:]), findings)
+        return batched_findings, jax.tree.map(lambda _: True, findings)
 
-
-def _in_blocks(work: Any, rows: Any) -> Findings:
-    """Block after block where there are many rows."""
-    count = jax.tree.leaves(rows)[0].shape[0]
-    if count <= TOGETHER:
-        return work(rows)
-    blocks = -(-count // TOGETHER)
-    order = np.minimum(np.arange(blocks * TOGETHER), count - 1).reshape(blocks, TOGETHER)
-    found = jax.lax.map(work, jax.tree.map(lambda x: x[order], rows))
-    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], found)
+    return function(arrays, limits, jnp.asarray(index), jnp.asarray(count))
 
 
-def _judged(source: Any, limits: Array, index: Array, count: Array) -> Findings:
-    along, scale, upright, known = _of_known(source) if isinstance(source, Known) else _of_curves(source)
-    found = judge(along, scale, limits.T, upright, known, index, count)
-    return jax.tree.map(lambda x: x[:COUNT].T, found)
+def _in_blocks(function: Any, data: Any) -> Findings:
+    """Apply a function to blocks of paths, one after the other."""
+    count = jax.tree.leaves(data)[0].shape[0]
+    if count <= BLOCK_SIZE:
+        return function(data)
+    n_blocks = -(-count // BLOCK_SIZE)
+    order = np.minimum(np.arange(n_blocks * BLOCK_SIZE), count - 1).reshape(n_blocks, BLOCK_SIZE)
+    findings = jax.lax.map(function, jax.tree.map(lambda x: x[order], data))
+    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], findings)
 
 
-def _of_known(source: Known) -> tuple[Along, Scale, Array, Parts]:
-    """What `judge` asks of paths with polynomials."""
-    side = jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1), source.polynomials)
-    known = parts(side, source.duration)
+def _judge_block(source: Any, limits: Array, index: Array, count: Array) -> Findings:
+    evaluate, scale, is_vertical, polynomials = (
+        _from_polynomials(source) if isinstance(source, PolynomialPaths) else _from_curves(source)
+    )
+    findings = judge(evaluate, scale, limits.T, is_vertical, polynomials, index, count)
+    return jax.tree.map(lambda x: x[:LIMIT_COUNT].T, findings)
+
+
+def _from_polynomials(source: PolynomialPaths) -> tuple[Evaluate, Scale, Array, PathDerivatives]:
+    """The arguments of `judge` for polynomial paths."""
+    coefficients = jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1), source.polynomials)
+    polynomials = path_derivatives(coefficients, source.duration)
     w, x, y, z = source.orientation.T
     vertical = jax.vmap(lambda q: rotate(conjugate(q), jnp.asarray([0.0, 0.0, 1.0], q.dtype)))(source.orientation).T
 
     @jax.jit
     def up(s: Array) -> Vectors:
-        t, angle = known.unit[None] * (s + 1), jnp.zeros_like(s)
-        for c in side.angle[::-1]:
+        t, angle = polynomials.unit[None] * (s + 1), jnp.zeros_like(s)
+        for c in coefficients.angle[::-1]:
             angle = angle * t + c[None]
         return Vectors(*to_turned_basis(vertical[:, None], angle))
 
-    def along(s: Array, order: int, upright: bool) -> Invariants:
-        derivatives = [None, *(Vectors(*r.at(s)) for r in known.derivatives[:order])]
-        return Invariants(derivatives, up(s) if upright else None)
+    def evaluate(s: Array, order: int, with_vertical: bool) -> Invariants:
+        derivatives = [None, *(Vectors(*r.at(s)) for r in polynomials.derivatives[:order])]
+        return Invariants(derivatives, up(s) if with_vertical else None)
 
-    upright = ((x == 0) & (y == 0)) | ((w == 0) & (z == 0))
-    return along, Scale(known.length, known.unit), upright, known
+    is_vertical = ((x == 0) & (y == 0)) | ((w == 0) & (z == 0))
+    return evaluate, Scale(polynomials.length, polynomials.unit), is_vertical, polynomials
 
 
-def _of_curves(paths: AbstractHodograph) -> tuple[Along, Scale, Array, None]:
-    """What `judge` asks of any paths."""
+def _from_curves(paths: AbstractHodograph) -> tuple[Evaluate, Scale, Array, None]:
+    """The arguments of `judge` for any other paths."""
     unit = 0.5 * paths.duration
     arrays, static = eqx.partition(paths, eqx.is_array)
 
-    def along(s: Array, order: int, upright: bool) -> Invariants:
+    def evaluate(s: Array, order: int, with_vertical: bool) -> Invariants:
         def of_path(arrays: Any, t: Array) -> Array:
             path = eqx.combine(arrays, static)
             return jax.vmap(lambda t: path.derivatives(t, order))(t)
 
-        rows = jax.vmap(of_path, (0, 1), 2)(arrays, unit[None] * (s + 1))  # (instants, order + 1, path, 3)
-        scaled = [rows[:, k] * (unit**k)[None, :, None] for k in range(order + 1)]
+        derivatives = jax.vmap(of_path, (0, 1), 2)(arrays, unit[None] * (s + 1))  # (instants, order + 1, path, 3)
+        scaled = [derivatives[:, k] * (unit**k)[None, :, None] for k in range(order + 1)]
         return Invariants([Vectors(r[..., 0], r[..., 1], r[..., 2]) for r in scaled])
 
-    return along, Scale(jnp.ones_like(unit), unit), jnp.ones(unit.shape, bool), None
+    return evaluate, Scale(jnp.ones_like(unit), unit), jnp.ones(unit.shape, bool), None
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
 def _differentiable(names: tuple[str, ...], static: Any, arrays: Any, times: Array, values: Array) -> Array:
-    """The values as they are; their derivatives are those at the times found, which are held constant."""
+    """The values unchanged; their derivatives are taken at the times of the maxima, which count as constant."""
     return values
 
 
@@ -256,11 +289,11 @@ def _derivative(names: tuple[str, ...], static: Any, primals: Any, tangents: Any
         path = eqx.combine(arrays, static)
         return jnp.stack([value(path, times[k], name) for k, name in enumerate(names)])
 
-    def of_all(arrays: Any) -> Array:
+    def at_all_times(arrays: Any) -> Array:
         one = at_times
         for _ in range(times.ndim - 1):
             one = jax.vmap(one)
         return one(arrays, times)
 
-    _, change = jax.jvp(of_all, (arrays,), (changes,))
+    _, change = jax.jvp(at_all_times, (arrays,), (changes,))
     return values, change

@@ -1,26 +1,26 @@
-"""Advice on any problem of a batch, when it is asked for."""
+"""Advice on the problems of a batch, computed on demand."""
 
 import itertools
 from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from qtraj.design.tuning.advice import Search, advice
-from qtraj.design.tuning.box import at_the_wall
+from qtraj.design.tuning.advice import SearchOptions, advice
+from qtraj.design.tuning.box import default_bound_warning
 from qtraj.design.tuning.multistart import take
 from qtraj.design.tuning.problem import Problem
-from qtraj.design.tuning.search import Found
-from qtraj.design.tuning.task import Present, Task
+from qtraj.design.tuning.search import SearchResult
+from qtraj.design.tuning.task import LimitSlots, Task
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress import Report
 from qtraj.path.quantity import quantity
 
 
 class Advisor:
-    """Advice on the problems of a batch, worked out once for each that is asked about.
+    """Advice on the problems of a batch, computed on demand and cached.
 
-    All advisors are equal: they are no part of what is compiled for a batch, nor of its structure. A batch keeps the
-    `number` of its own beside the place of each element, since JAX may hand on another one.
+    All advisors compare equal, so they affect neither what is compiled for a batch nor its tree structure. A batch
+    stores its advisor's `number` with the index of each element, because JAX may substitute another advisor.
     """
 
     _numbers = itertools.count(1)
@@ -28,18 +28,18 @@ class Advisor:
     def __init__(
         self,
         tasks: Task,
-        which: Present,
+        slots: LimitSlots,
         names: Sequence[str],
-        found: Found,
+        result: SearchResult,
         starts: int,
-        most_steps: int,
-        bounded: Collection[str],
+        max_steps: int,
+        user_bounds: Collection[str],
     ):
         self.number = next(self._numbers)
-        self._given = tasks, names, found
-        self._search = which, starts, most_steps
-        self._bounded = bounded
-        self._known: dict[int, str] = {}
+        self._data = tasks, names, result
+        self._search = slots, starts, max_steps
+        self._user_bounds = user_bounds
+        self._cache: dict[int, str] = {}
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Advisor)
@@ -47,34 +47,34 @@ class Advisor:
     def __hash__(self) -> int:
         return hash(Advisor)
 
-    def __call__(self, place: int, code: ResultCode, tell: Report | None = None) -> str:
-        """What to do about one problem that ended so: what would help, and which variable went too far."""
-        if place not in self._known:
-            self._known[place] = " ".join(filter(None, self._words(place, code, tell)))
-        return self._known[place]
+    def __call__(self, place: int, code: ResultCode, report: Report | None = None) -> str:
+        """Advice on one problem with this result code: what would help, and which variables reached their bounds."""
+        if place not in self._cache:
+            self._cache[place] = " ".join(filter(None, self._sentences(place, code, report)))
+        return self._cache[place]
 
-    def _words(self, place: int, code: ResultCode, tell: Report | None) -> list[str]:
-        tasks, names, found = self._given
-        one, at = take(tasks, slice(place, place + 1)), take(found, slice(place, place + 1))
-        search = Search(*self._search, tell)
-        words = [at_the_wall(tasks.problem.names, np.asarray(at.z[0]), self._bounded)]
+    def _sentences(self, place: int, code: ResultCode, report: Report | None) -> list[str]:
+        tasks, names, result = self._data
+        one, at = take(tasks, slice(place, place + 1)), take(result, slice(place, place + 1))
+        options = SearchOptions(*self._search, report)
+        sentences = [default_bound_warning(tasks.problem.names, np.asarray(at.z[0]), self._user_bounds)]
         if code != ResultCode.successful:
-            words = [at_a_stop(take(one.problem, 0), names), *words]
+            sentences = [standstill_warning(take(one.problem, 0), names), *sentences]
         if code == ResultCode.infeasible:
-            return [advice(one, names, at, search), *words]
-        if code == ResultCode.not_converged and not words[0]:
-            more = "a larger max_steps, " if int(at.steps[0]) >= search.most_steps else ""
-            words.append(f"Try {more}more starts, other starting velocities, or wider limits.")
-        return words
+            return [advice(one, names, at, options), *sentences]
+        if code == ResultCode.not_converged and not sentences[0]:
+            more = "a larger max_steps, " if int(at.steps[0]) >= options.max_steps else ""
+            sentences.append(f"Try {more}more starts, other starting velocities, or wider limits.")
+        return sentences
 
 
-def at_a_stop(problem: Problem, names: Sequence[str]) -> str:
-    """What to say where a given state stands still, of limits that divide by the speed."""
-    divided = [name for name in names if quantity(name).divisor not in (None, "level")]
+def standstill_warning(problem: Problem, names: Sequence[str]) -> str:
+    """A message for an initial state of zero velocity, if a limit divides by the speed; otherwise empty."""
+    singular = [name for name in names if quantity(name).divisor not in (None, "level")]
     ends = [x for x in ("start", "end") if not np.any(np.asarray(getattr(problem, x).velocity))]
-    if not (divided and ends):
+    if not (singular and ends):
         return ""
     return (
-        f"The given {' and '.join(ends)} stands still, where {', '.join(divided)} may grow without bound. Give a small "
-        "velocity there, or limit speed, acceleration or jerk instead."
+        f"The velocity at the {' and the '.join(ends)} is zero, where {', '.join(singular)} may grow without bound. "
+        "Give a small velocity there, or limit speed, acceleration or jerk instead."
     )

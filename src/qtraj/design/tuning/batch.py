@@ -1,8 +1,8 @@
-"""Many searches at once: block by block on all cores, the unfinished ones gathered together from time to time.
+"""Many searches at once: blocks on all cores, with the unfinished searches regrouped from time to time.
 
-Searches that are computed together wait for the slowest of them. So each stage runs a few steps, and what is not done
-by then moves together into fewer blocks, side by side with others whose last steps took as much effort. The blocks are
-independent calls of one compiled function, and the cores share them.
+Searches that are computed together wait for the slowest of them. So each stage runs a few steps, and the searches that
+are not done by then are packed into fewer blocks, next to others whose last step took a similar effort. The blocks are
+independent calls of one compiled function, distributed over the cores.
 """
 
 from collections.abc import Callable
@@ -14,53 +14,55 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from qtraj.design.tuning.search import AbstractSearch
-from qtraj.design.tuning.task import Present, Task
+from qtraj.design.tuning.task import LimitSlots, Task
 from qtraj.foundation import cores
 
-Told = Callable[[int, int], None]
+Callback = Callable[[int, int], None]
 
 
-def search(method: AbstractSearch, tasks: Task, which: Present, z: ArrayLike, tell: Told | None = None) -> Any:
-    """The searches of stacked tasks, each from its own `z`: a state of NumPy arrays.
+def search(
+    method: AbstractSearch, tasks: Task, slots: LimitSlots, z: ArrayLike, callback: Callback | None = None
+) -> Any:
+    """The final state (NumPy arrays) of the searches of stacked tasks, each from its own `z`.
 
-    `tell(done, searches)` is called after every block.
+    `callback(done, searches)` is called after every block.
     """
-    given = jax.tree.map(np.asarray, tasks)
+    tasks = jax.tree.map(np.asarray, tasks)
     z = np.asarray(z)
     count = z.shape[0]
-    states: Any = ()  # arrays of all searches, once the first block is known
-    left = np.arange(count)
-    most = int(method.most_steps)
-    for steps in (*(s for s in method.stages if s < most), most):
-        size = cores.size_for(left.size)
-        parts = cores.split(left, size)
-        call, source = (_begin, z) if states == () else (_proceed, states)
+    states: Any = ()  # arrays of all searches, allocated after the first block
+    unfinished = np.arange(count)
+    max_steps = int(method.step_limit)
+    for steps in (*(s for s in method.stages if s < max_steps), max_steps):
+        size = cores.block_size(unfinished.size)
+        parts = cores.split(unfinished, size)
+        call, source = (_start, z) if states == () else (_run, states)
         calls = [
             (
                 method,
                 np.asarray(steps, np.int32),
-                cores.take(given, part, size),
-                which,
+                cores.take(tasks, part, size),
+                slots,
                 cores.take(source, part, size),
             )
             for part in parts
         ]
-        for part, found in zip(parts, cores.each(call, calls), strict=True):
-            states = cores.room(count, found) if states == () else states
-            cores.put(states, part, found)
-            if tell is not None:
-                tell(int(np.sum(states.done)), count)
-        left = left[~states.done[left]]
-        if left.size == 0:
+        for part, block in zip(parts, cores.map_blocks(call, calls), strict=True):
+            states = cores.allocate(count, block) if states == () else states
+            cores.put(states, part, block)
+            if callback is not None:
+                callback(int(np.sum(states.done)), count)
+        unfinished = unfinished[~states.done[unfinished]]
+        if unfinished.size == 0:
             break
-        left = left[np.argsort(states.effort[left], kind="stable")]
+        unfinished = unfinished[np.argsort(states.effort[unfinished], kind="stable")]
     return states
 
 
-def _begin(method: AbstractSearch, steps: Any, tasks: Task, which: Present, z: np.ndarray) -> Any:
-    return _proceed(method, steps, tasks, which, method.unstarted(tasks, z))
+def _start(method: AbstractSearch, steps: Any, tasks: Task, slots: LimitSlots, z: np.ndarray) -> Any:
+    return _run(method, steps, tasks, slots, method.init(tasks, z))
 
 
 @eqx.filter_jit
-def _proceed(method: AbstractSearch, steps: Any, tasks: Task, which: Present, states: Any) -> Any:
-    return method.proceed(tasks, which, states, steps)
+def _run(method: AbstractSearch, steps: Any, tasks: Task, slots: LimitSlots, states: Any) -> Any:
+    return method.run(tasks, slots, states, steps)

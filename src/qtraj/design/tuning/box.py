@@ -1,4 +1,4 @@
-"""Which variables are free, held or bounded, and how much each change weighs: by name."""
+"""Fixed and bounded variables, and the weights of their changes, by name."""
 
 from collections.abc import Collection, Mapping, Sequence
 
@@ -13,16 +13,17 @@ from qtraj.design.tuning.problem import DURATION, Problem, Variables, variable_n
 from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.types import ArrayInput, Scalar
 
-LARGEST_CHANGE, LARGEST_LOGARITHM = 10.0, 3.0
-"""How far a velocity may move, in reference speeds, and the logarithm of the duration, where bounds do not say."""
+MAX_CHANGE, MAX_LOG_DURATION = 10.0, 3.0
+"""Default bounds on the change of a velocity, in reference speeds, and on the logarithm of the duration ratio."""
 
-AT_WALL = 1e-6
+BOUND_TOLERANCE = 1e-6
+"""A variable this close to a default bound is at the bound."""
 
 Bounds = TypeAliasType("Bounds", Mapping[str, tuple[ArrayInput | None, ArrayInput | None]])
 
 
 def require_names(motion: AbstractMotion, objective: AbstractObjective, fixed: Sequence[str], bounds: Bounds) -> None:
-    """Raise a ValueError for names that are no variables, bounds that contradict, or nothing left to move."""
+    """Raise a ValueError for unknown names, contradictory bounds, or if no variable is left free."""
     names = variable_names(motion, objective)
     for name in (*fixed, *bounds):
         if name in HEADINGS and name not in bounds:
@@ -34,62 +35,66 @@ def require_names(motion: AbstractMotion, objective: AbstractObjective, fixed: S
                 f"takes {', '.join(HEADINGS)}"
             )
         if name in fixed and name in bounds:
-            raise ValueError(f"{name} is both fixed and bounded: leave one out")
-    for name in (held_by(x) for x in fixed if x in HEADINGS):
+            raise ValueError(f"{name} is both fixed and bounded: remove one of the two")
+    for name in (dependent_velocity(x) for x in fixed if x in HEADINGS):
         if name in fixed or name in bounds:
-            raise ValueError(f"a fixed heading leaves no choice of {name}: leave one out")
-    if set(names) <= {held_by(x) if x in HEADINGS else x for x in fixed}:
-        raise ValueError("every variable is fixed, so there is nothing to tune: leave one out of fixed")
+            raise ValueError(f"a fixed heading determines {name}: do not fix or bound both")
+    if set(names) <= {dependent_velocity(x) if x in HEADINGS else x for x in fixed}:
+        raise ValueError("every variable is fixed, so there is nothing to tune: remove one from fixed")
     for name, (low, high) in bounds.items():
         _require_order(name, low, high)
 
 
-def held_by(heading: str) -> str:
-    """The variable that follows from the others where this heading is fixed."""
+def dependent_velocity(heading: str) -> str:
+    """The variable that a fixed heading determines."""
     return heading.replace("heading", "V_rho")
 
 
-def weights_of(
+def change_weights(
     weights: Mapping[str, float], objective: AbstractObjective, motion: AbstractMotion
 ) -> Float[Array, " 7"]:
-    """The weights of the squared changes, in the order of `Problem.weights`; 1 where nothing is said.
+    """The weights of the squared changes, in the order of `Problem.weights`; 1 by default.
 
-    **Raises:** ValueError for a name that weighs nothing, or a weight that is not a finite number of 0 or more.
+    **Raises:** ValueError for an unknown name, or a weight that is not a finite number of 0 or more.
     """
     names = VELOCITIES if motion.is_uniform else (*VELOCITIES, DURATION)
     if weights and objective.name != "nearest":
-        raise ValueError(
-            f"weights belong to objective='nearest', but the objective is {objective.name!r}: leave them out"
-        )
+        raise ValueError(f"weights apply to objective='nearest', but the objective is {objective.name!r}: remove them")
     for name, weight in weights.items():
         if name not in names:
-            raise ValueError(f"{name!r} cannot be weighed: the changes that 'nearest' sums are {', '.join(names)}")
+            raise ValueError(f"{name!r} cannot be weighted: the changes that 'nearest' sums are {', '.join(names)}")
         if not (np.ndim(weight) == 0 and np.isfinite(weight) and weight >= 0):
             raise ValueError(f"the weight of {name} must be a finite number of 0 or more, but {weight!r} was given")
     return as_float([float(weights.get(name, 1.0)) for name in (*VELOCITIES, DURATION)])
 
 
 def box(problem: Problem, fixed: Sequence[str], bounds: Bounds) -> tuple[Variables, Variables]:
-    """Lowest and highest values of the variables z of one problem."""
-    held = {held_by(x) if x in HEADINGS else x for x in fixed}
+    """Lower and upper bounds of the variables z of one problem."""
+    fixed_variables = {dependent_velocity(x) if x in HEADINGS else x for x in fixed}
     low: list[Scalar] = []
     high: list[Scalar] = []
     for name in problem.names:
-        farthest = LARGEST_LOGARITHM if name == DURATION else LARGEST_CHANGE
-        if name in held:
-            farthest = 0.0
-        below, above = (None if x is None else _variable(problem, name, x) for x in bounds.get(name, (None, None)))
-        # What is not bounded reaches far, and from a bound that is itself far as far again.
-        low.append(below if below is not None else jnp.minimum(-farthest, (0.0 if above is None else above) - farthest))
-        high.append(above if above is not None else jnp.maximum(farthest, (0.0 if below is None else below) + farthest))
-    forwards = [_forwards(problem, name, fixed) for name in problem.names]
-    low = [below if way is None else jnp.maximum(below, way[0]) for below, way in zip(low, forwards, strict=True)]
-    high = [above if way is None else jnp.minimum(above, way[1]) for above, way in zip(high, forwards, strict=True)]
+        reach = MAX_LOG_DURATION if name == DURATION else MAX_CHANGE
+        if name in fixed_variables:
+            reach = 0.0
+        lower, upper = (None if x is None else _variable(problem, name, x) for x in bounds.get(name, (None, None)))
+        # A side without a bound gets the default, or if the other bound lies beyond zero, the same distance from that.
+        low.append(lower if lower is not None else jnp.minimum(-reach, (0.0 if upper is None else upper) - reach))
+        high.append(upper if upper is not None else jnp.maximum(reach, (0.0 if lower is None else lower) + reach))
+    forward_ranges = [_forward_range(problem, name, fixed) for name in problem.names]
+    low = [
+        lower if forward is None else jnp.maximum(lower, forward[0])
+        for lower, forward in zip(low, forward_ranges, strict=True)
+    ]
+    high = [
+        upper if forward is None else jnp.minimum(upper, forward[1])
+        for upper, forward in zip(high, forward_ranges, strict=True)
+    ]
     return _stacked(low, problem), _stacked(high, problem)
 
 
-def _forwards(problem: Problem, name: str, fixed: Sequence[str]) -> tuple[Scalar, Scalar] | None:
-    """Between which values V_φ keeps its sign, where the heading is fixed: else the vehicle would drive backwards."""
+def _forward_range(problem: Problem, name: str, fixed: Sequence[str]) -> tuple[Scalar, Scalar] | None:
+    """The range in which V_φ keeps its sign where the heading is fixed: outside, the vehicle would drive backwards."""
     end, _, component = name.partition(".")
     if component != "V_phi" or f"{end}.heading" not in fixed:
         return None
@@ -97,15 +102,15 @@ def _forwards(problem: Problem, name: str, fixed: Sequence[str]) -> tuple[Scalar
     return jnp.where(zero < 0, zero, -jnp.inf), jnp.where(zero > 0, zero, jnp.inf)
 
 
-def at_the_wall(names: Sequence[str], z: Float[np.ndarray, " n"], named: Collection[str]) -> str:
-    """What to say where a variable that no bound names stands as far away as it may; nothing where none does."""
-    walls = [LARGEST_LOGARITHM if name == DURATION else LARGEST_CHANGE for name in names]
-    far = np.abs(z) > np.asarray(walls) - AT_WALL
-    there = [name for name, at in zip(names, far, strict=True) if at and name not in named]
-    if not there:
+def default_bound_warning(names: Sequence[str], z: Float[np.ndarray, " n"], user_bounds: Collection[str]) -> str:
+    """A message that names the variables at their default bounds; empty if there are none."""
+    max_values = [MAX_LOG_DURATION if name == DURATION else MAX_CHANGE for name in names]
+    is_at_bound = np.abs(z) > np.asarray(max_values) - BOUND_TOLERANCE
+    names_at_bound = [name for name, at in zip(names, is_at_bound, strict=True) if at and name not in user_bounds]
+    if not names_at_bound:
         return ""
-    how = "Bounds by name (bounds=, or [tune.bounds] in a scenario) allow more, or less."
-    return f"Mind: {', '.join(there)} went as far as the search goes. {how}"
+    advice = "Set bounds by name (bounds=, or [tune.bounds] in a scenario) to change them."
+    return f"Note: {', '.join(names_at_bound)} reached the default bounds of the search. {advice}"
 
 
 def _stacked(values: list[Scalar], problem: Problem) -> Variables:
@@ -131,5 +136,5 @@ def _require_order(name: str, low: ArrayInput | None, high: ArrayInput | None) -
             raise ValueError(f"the bounds of {name} must be positive [s], but {value} was given")
     if ends[0] is not None and ends[1] is not None and np.any(ends[0] >= ends[1]):
         raise ValueError(
-            f"the bounds of {name} contradict: {ends[0]} is not below {ends[1]}. To hold it, name it in fixed"
+            f"the bounds of {name} contradict: {ends[0]} is not below {ends[1]}. To keep its value, add it to fixed"
         )

@@ -1,6 +1,6 @@
-"""What makes no tuning problem: choices that contradict are refused, data are refused or, in a batch, given a code.
+"""Checks of the input of a tuning: contradictory options raise, and so do the data of a single ill-posed problem.
 
-One problem that is ill-posed raises, with what was given and what to do. In a batch it is a result of its element.
+In a batch, an ill-posed problem gets a result code of its own instead.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from qtraj.design.limits import Limits
 from qtraj.design.tuning.motions.motion import AbstractMotion
 from qtraj.design.tuning.objectives.objective import AbstractObjective
 from qtraj.design.tuning.problem import Problem
-from qtraj.design.tuning.task import bounds_of
+from qtraj.design.tuning.task import named_limits
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import Scalar
@@ -24,14 +24,17 @@ from qtraj.path.boundary_problem import axis_between
 from qtraj.path.quantity import QUANTITIES, quantity
 
 BOUNDING = tuple(name for name, entry in QUANTITIES.items() if entry.per_time > 0 and entry.bounds_speed)
-"""Limits of which a fastest path needs one, not to arrive at once."""
+"""Limits that bound the speed: the fastest path needs one of them."""
 
-FAR, FAR_OF_LOOPS = 100.0, 1e4
-"""Without a placement, an axis that is more than so many distances of the states away was hardly meant: for a small
-turn, and for one beyond half a revolution, whose ends may lie close together."""
+MAX_AXIS_DISTANCE, MAX_AXIS_DISTANCE_LOOPS = 100.0, 1e3
+"""Largest distance of the default axis over the distance between the states: beyond it a placement is probably missing.
+
+The second value is for turns beyond half a revolution in the sense of both velocities: their ends may be close
+together.
+"""
 
 TURN_TOLERANCE = 1e-6
-"""[rad] A given turn may miss the azimuth of the end by this much."""
+"""[rad] Tolerance on the user's turn, which must lead to the azimuth of the end."""
 
 
 def require_choices(
@@ -40,72 +43,71 @@ def require_choices(
     limits: Limits,
     objective: AbstractObjective,
     motion: AbstractMotion,
-    holds_a_duration: bool,
+    has_duration: bool,
 ) -> None:
-    """Raise a ValueError for arguments that do not fit together.
-
-    `holds_a_duration` tells whether a duration was given.
-    """
+    """Raise a ValueError for arguments that contradict each other; `has_duration` says whether the user gave one."""
     if not isinstance(limits, Limits):
         raise ValueError(f"limits must be a Limits, such as Limits(curvature=0.05), but {limits!r} was given")
-    given = limits.given()
-    if not given:
+    user_limits = limits.given()
+    if not user_limits:
         raise ValueError("no limit was given, so there is nothing to tune for: set at least one field of Limits")
-    if objective.needs_time_limit and not any(name in BOUNDING for name in given):
+    if objective.needs_time_limit and not any(name in BOUNDING for name in user_limits):
         raise ValueError(
-            f"nothing bounds the fastest path: the given limits ({', '.join(given)}) allow any speed. "
+            f"nothing bounds the fastest path: the given limits ({', '.join(user_limits)}) allow any speed. "
             f"Give one of {', '.join(BOUNDING)}."
         )
     if start.acceleration is not None or end.acceleration is not None:
-        raise ValueError("tuning moves the boundary velocities and cannot keep given accelerations: leave them out")
-    if holds_a_duration and motion.is_uniform and not objective.holds_duration:
+        raise ValueError("tuning changes the boundary velocities and cannot keep given accelerations: leave them out")
+    if has_duration and motion.is_uniform and not objective.fixes_duration:
         raise ValueError(
-            "a duration was given, but uniform motion lasts as long as its rate says, and the rate is tuned. Leave it "
-            "out, or take motion='hermite' or objective='smoothest', which hold or weigh a duration."
+            "a duration was given, but the tuned rate of uniform motion determines the duration. Leave it out, or use "
+            "motion='hermite' or objective='smoothest'."
         )
 
 
 class _Data(NamedTuple):
-    """What is looked at: a problem or many, the given turn and limits, in arrays of one kind, `xp`."""
+    """The data to check, of one problem or a batch: all NumPy arrays or all JAX arrays, as `xp` says."""
 
     problem: Problem
     turn: Any
     limits: dict[str, Any]
-    placed: bool
+    has_placement: bool
     xp: Any
 
 
-def ill_posed(
-    problem: Problem, turn: Scalar | None, limits: Limits, corridor: Array | None, placed: bool
+def fault_codes(
+    problem: Problem, turn: Scalar | None, limits: Limits, corridor: Array | None, has_placement: bool
 ) -> Int[Array | np.ndarray, "*batch"]:
-    """The code of what is wrong with each problem, or `successful`; it can be traced.
+    """The code of the first fault of each problem, or `successful`. It can be traced.
 
-    `turn` is the given one, and `placed` tells whether a placement was given.
+    `turn` is the user's, and `has_placement` says whether the user gave a placement.
     """
-    data = _data(problem, turn, limits, corridor, placed)
+    data = _data(problem, turn, limits, corridor, has_placement)
     code = data.xp.full(data.problem.speed.shape, ResultCode.successful, np.int32)
     for fault in reversed(FAULTS):
-        code = data.xp.where(fault.found(data), fault.code, code)
+        code = data.xp.where(fault.occurs(data), fault.code, code)
     return code
 
 
-def require_sound(problem: Problem, turn: Scalar | None, limits: Limits, corridor: Array | None, placed: bool) -> None:
-    """Raise a ValueError where the data of one problem, which must be known, make none; see `ill_posed`."""
-    data = _data(problem, turn, limits, corridor, placed)
+def require_well_posed(
+    problem: Problem, turn: Scalar | None, limits: Limits, corridor: Array | None, has_placement: bool
+) -> None:
+    """Raise a ValueError if one problem, whose data must be concrete, is ill-posed; see `fault_codes`."""
+    data = _data(problem, turn, limits, corridor, has_placement)
     for fault in FAULTS:
-        if np.any(fault.found(data)):
+        if np.any(fault.occurs(data)):
             raise ValueError(fault.message(data))
 
 
-def _data(problem: Problem, turn: Scalar | None, limits: Limits, corridor: Array | None, placed: bool) -> _Data:
+def _data(problem: Problem, turn: Scalar | None, limits: Limits, corridor: Array | None, has_placement: bool) -> _Data:
     parts = (problem.start, problem.end, problem.duration, problem.speed, problem.scale, problem.turn)
-    given = bounds_of(limits, corridor)
-    if any(concrete(leaf) is None for leaf in jax.tree.leaves((parts, turn, given))):
-        return _Data(problem, turn, given, placed, jnp)
-    problem, turn, given = jax.tree.map(
-        lambda x: np.asarray(x) if isinstance(x, jax.Array) else x, (problem, turn, given)
+    user_limits = named_limits(limits, corridor)
+    if any(concrete(leaf) is None for leaf in jax.tree.leaves((parts, turn, user_limits))):
+        return _Data(problem, turn, user_limits, has_placement, jnp)
+    problem, turn, user_limits = jax.tree.map(
+        lambda x: np.asarray(x) if isinstance(x, jax.Array) else x, (problem, turn, user_limits)
     )
-    return _Data(problem, turn, given, placed, np)
+    return _Data(problem, turn, user_limits, has_placement, np)
 
 
 def _positive(x: Any, xp: Any) -> Any:
@@ -116,12 +118,12 @@ def _rates(data: _Data) -> tuple[Any, Any]:
     """V_phi/rho at both ends [rad/s], zero on the axis."""
     rates = []
     for state in (data.problem.start, data.problem.end):
-        apart = state.radius > 0
-        rates.append(data.xp.where(apart, state.velocity[..., 1] / data.xp.where(apart, state.radius, 1.0), 0.0))
+        off_axis = state.radius > 0
+        rates.append(data.xp.where(off_axis, state.velocity[..., 1] / data.xp.where(off_axis, state.radius, 1.0), 0.0))
     return rates[0], rates[1]
 
 
-def _across(data: _Data) -> Any:
+def _angular_velocities(data: _Data) -> Any:
     """V_phi at both ends."""
     a, b = data.problem.start, data.problem.end
     return data.xp.stack([a.velocity[..., 1], b.velocity[..., 1]], axis=-1)
@@ -141,11 +143,13 @@ def _not_finite(data: _Data) -> Any:
     return ~good
 
 
-def _far(data: _Data) -> Any:
+def _axis_far_away(data: _Data) -> Any:
     a, b = data.problem.start, data.problem.end
-    apart = data.xp.sqrt(data.xp.sum((b.planar - a.planar) ** 2, axis=-1))
-    most = data.xp.where(data.xp.abs(data.problem.turn) > np.pi, FAR_OF_LOOPS, FAR)
-    return (data.xp.minimum(a.radius, b.radius) > most * apart) & (not data.placed) & (apart > 0)
+    distance = data.xp.sqrt(data.xp.sum((b.planar - a.planar) ** 2, axis=-1))
+    first, last = _rates(data)
+    loops = (data.xp.abs(data.problem.turn) > np.pi) & (first * last > 0)
+    max_ratio = data.xp.where(loops, MAX_AXIS_DISTANCE_LOOPS, MAX_AXIS_DISTANCE)
+    return (data.xp.minimum(a.radius, b.radius) > max_ratio * distance) & (not data.has_placement) & (distance > 0)
 
 
 def _senses_oppose(data: _Data) -> Any:
@@ -154,72 +158,72 @@ def _senses_oppose(data: _Data) -> Any:
     return ~(data.problem.duration > 0) & (xp.sign(first) * xp.sign(last) <= 0)
 
 
-def _turn_missed(data: _Data) -> Any:
+def _turn_mismatch(data: _Data) -> Any:
     if data.turn is None:
         return data.xp.zeros_like(data.problem.turn, bool)
     return ~(data.xp.abs(data.problem.turn - data.turn) <= TURN_TOLERANCE)
 
 
-def _say_limit(data: _Data) -> str:
+def _limit_message(data: _Data) -> str:
     name, limit = next((name, x) for name, x in data.limits.items() if not np.all(_positive(x, np)))
     return f"the limit {name} must be positive and finite [{quantity(name).label}], but {limit.tolist()} was given"
 
 
-def _say_far(data: _Data) -> str:
+def _far_message(data: _Data) -> str:
     states = [_in_world(state) for state in (data.problem.start, data.problem.end)]
-    apart = np.linalg.norm(np.asarray(states[1].position - states[0].position)[:2])
+    distance = np.linalg.norm(np.asarray(states[1].position - states[0].position)[:2])
     message = (
-        f"the states are {apart:.4g} m apart, but {data.problem.start.radius:.6g} m away from the world's z axis, "
-        "about which the path turns unless a placement is given (Placement() where that is meant)"
+        f"the states are {distance:.4g} m apart, but {data.problem.start.radius:.6g} m away from the world's z axis, "
+        "about which the path turns by default (pass Placement() to confirm that axis)"
     )
     try:
         x, y, _ = np.asarray(axis_between(*states).origin)
     except ValueError:
-        return f"{message}: give one (in a scenario a table [placement])"
+        return f"{message}: give a placement (in a scenario, a table [placement])"
     return (
-        f"{message}: give one, such as axis_between(start, end), where the normals of the velocities meet, or in a "
-        f"scenario a table [placement] with origin = [{x:.3f}, {y:.3f}, 0.0]"
+        f"{message}: give a placement such as axis_between(start, end), where the normals of the velocities meet, or "
+        f"in a scenario a table [placement] with origin = [{x:.3f}, {y:.3f}, 0.0]"
     )
 
 
 def _in_world(state: Cylindrical) -> BoundaryState:
-    """A state about the world's z axis in world axes."""
-    (cos, sin), (along, across, up) = state.planar[:2] / state.radius, state.velocity
-    velocity = [along * cos - across * sin, along * sin + across * cos, up]
+    """The boundary state, in world axes, of a cylindrical state about the world's z axis."""
+    (cos, sin), (radial, angular, up) = state.planar[:2] / state.radius, state.velocity
+    velocity = [radial * cos - angular * sin, radial * sin + angular * cos, up]
     return BoundaryState([*state.planar[:2], state.height], velocity)
 
 
-def _say_senses(data: _Data) -> str:
+def _senses_message(data: _Data) -> str:
     first, last = _rates(data)
     return (
-        f"the given states turn in opposite senses (V_phi/rho is {first:.6g} rad/s at the start and {last:.6g} at the "
-        "end), so they have no common duration: give the end a velocity in the sense of the start's, or take "
+        f"the states turn in opposite senses (V_phi/rho is {first:.6g} rad/s at the start and {last:.6g} at the end), "
+        "so they do not define a duration: give the end a velocity in the sense of the start's, or use "
         "motion='hermite' with a duration."
     )
 
 
 class _Fault(NamedTuple):
-    """One way to be ill-posed: its code, where it is found, and what to say of one problem."""
+    """A kind of ill-posed problem: its code, its test, and the message for one problem."""
 
     code: ResultCode
-    found: Callable[[_Data], Any]
+    occurs: Callable[[_Data], Any]
     message: Callable[[_Data], str]
 
 
 FAULTS = (
-    _Fault(ResultCode.limit_not_positive, _bad_limit, _say_limit),
+    _Fault(ResultCode.limit_not_positive, _bad_limit, _limit_message),
     _Fault(ResultCode.state_not_finite, _not_finite, lambda _: ResultCode.state_not_finite.text),
     _Fault(
         ResultCode.velocity_vanishes,
         lambda d: ~_positive(d.problem.speed, d.xp),
-        lambda d: f"the given velocities must be finite and not all zero: their mean is {d.problem.speed} m/s",
+        lambda d: f"the velocities must be finite and not all zero: their mean is {d.problem.speed} m/s",
     ),
     _Fault(
         ResultCode.position_on_axis,
         lambda d: (d.problem.start.radius == 0) | (d.problem.end.radius == 0),
         lambda _: "a boundary position lies on the axis (radius 0): give a placement whose axis lies elsewhere",
     ),
-    _Fault(ResultCode.axis_far_away, _far, _say_far),
+    _Fault(ResultCode.axis_far_away, _axis_far_away, _far_message),
     _Fault(
         ResultCode.sense_unknown,
         lambda d: (d.problem.start.velocity[..., 1] == 0) & (d.turn is None),
@@ -230,7 +234,7 @@ FAULTS = (
     ),
     _Fault(
         ResultCode.heading_unknown,
-        lambda d: d.xp.any((d.problem.headed > 0) & (_across(d) == 0), axis=-1),
+        lambda d: d.xp.any((d.problem.heading_fixed > 0) & (_angular_velocities(d) == 0), axis=-1),
         lambda _: ResultCode.heading_unknown.text,
     ),
     _Fault(
@@ -238,13 +242,13 @@ FAULTS = (
         lambda d: d.problem.turn == 0,
         lambda _: "the start and the end have the same azimuth: pass turns=1 for one whole turn",
     ),
-    _Fault(ResultCode.senses_opposite, _senses_oppose, _say_senses),
+    _Fault(ResultCode.senses_opposite, _senses_oppose, _senses_message),
     _Fault(
         ResultCode.turn_against_sense,
         lambda d: (d.problem.duration < 0) & (d.turn is not None),
         lambda _: (
-            "the given turn is against the sense of V_phi, so the states have no duration of their own: give one, "
-            "with motion='hermite', or a turn in the sense of the states"
+            "the turn is against the sense of V_phi, so the states do not define a duration: give one with "
+            "motion='hermite', or a turn in the sense of the states"
         ),
     ),
     _Fault(
@@ -255,15 +259,15 @@ FAULTS = (
     _Fault(
         ResultCode.objective_not_finite,
         lambda d: ~d.xp.isfinite(d.problem.scale),
-        lambda d: f"the objective is {d.problem.scale} at the given boundary states: it must be finite there",
+        lambda d: f"the objective is {d.problem.scale} at the initial boundary states: it must be finite there",
     ),
     _Fault(
         ResultCode.turn_mismatch,
-        _turn_missed,
+        _turn_mismatch,
         lambda d: (
-            f"a turn of {d.turn:.9g} rad does not lead from the start's azimuth to the end's: the nearest that does "
+            f"a turn of {d.turn:.9g} rad does not lead from the start's azimuth to the end's: the nearest valid turn "
             f"is {d.problem.turn:.9g} rad"
         ),
     ),
 )
-"""In this order: the first that is found is told."""
+"""All faults, in order: the first one that occurs is reported."""

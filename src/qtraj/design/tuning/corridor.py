@@ -1,7 +1,7 @@
-"""The distance from the given path as a constraint: its square, with derivatives in the slopes at the ends and in u.
+"""The distance from the initial path as a constraint: its square, with derivatives in the end slopes and in u.
 
-ρ, φ and h are linear in the slopes, so that all there is to differentiate twice is the square itself, a polynomial in
-the four numbers of `Offset`.
+ρ, φ and h are linear in the slopes. So only the square itself needs second derivatives; it is a polynomial in the four
+numbers of `Offset`.
 """
 
 import jax
@@ -15,44 +15,46 @@ Cubics = Float[Array, "terms 3"]
 Places = Float[Array, " places"]
 
 
-def value(place: Cubics, given: Cubics, u: Places) -> Places:
-    """The square at the places `u`."""
-    return _square(along_u(_offset(place, given), u, 0)[0])
+def value(place: Cubics, reference: Cubics, u: Places) -> Places:
+    """The squared distance at the places `u`."""
+    return _square(along_u(_offset(place, reference), u, 0)[0])
 
 
 def slopes(
-    place: Cubics, moved: Float[Array, "k terms 3"], given: Cubics, u: Places
+    place: Cubics, directions: Float[Array, "k terms 3"], reference: Cubics, u: Places
 ) -> tuple[Places, Float[Array, "k places"]]:
-    """The square at the places `u`, and its derivatives in the slopes."""
-    p = along_u(_offset(place, given), u, 0)[0]
+    """The squared distance at the places `u`, and its derivatives in the slopes."""
+    p = along_u(_offset(place, reference), u, 0)[0]
     gradient = jax.grad(lambda p: jnp.sum(_square(p)))(p)
-    return _square(p), _along(gradient, along_u(_padded(moved), u, 0)[0])
+    return _square(p), _along(gradient, along_u(_padded(directions), u, 0)[0])
 
 
-def expanded(
-    place: Cubics, moved: Float[Array, "k terms 3"], given: Cubics, u: Places
+def second_order(
+    place: Cubics, directions: Float[Array, "k terms 3"], reference: Cubics, u: Places
 ) -> tuple[Places, Array, Array, Array, Places, Places]:
-    """The square, its derivatives in the slopes, those in slopes and u, and in u."""
-    p, in_u, in_u_twice = along_u(_offset(place, given), u, 2)
-    first, first_in_u = along_u(_padded(moved), u, 1)
-    n = moved.shape[0]
+    """The squared distance, with first and second derivatives in the slopes, mixed ones, and those in u."""
+    p, in_u, in_u_twice = along_u(_offset(place, reference), u, 2)
+    first, first_in_u = along_u(_padded(directions), u, 1)
+    n = directions.shape[0]
     w = jnp.concatenate([first, in_u[None]])
-    gradient, of_w = jax.vjp(lambda p: jax.grad(lambda p: jnp.sum(_square(p)))(p), p)
-    onto = jax.vmap(lambda v: of_w(v)[0])(w)  # the Hessian, which is symmetric and of each place its own
-    curved = jnp.sum(w[:, None] * onto[None], axis=2)
-    flat = _along(gradient, w)
-    mixed = curved[:n, n] + _along(gradient, first_in_u)
-    bend = curved[n, n] + 2 * jnp.sum(gradient * in_u_twice, axis=0)
-    return _square(p), flat[:n], curved[:n, :n], mixed, flat[n], bend
+    gradient, hessian_vp = jax.vjp(lambda p: jax.grad(lambda p: jnp.sum(_square(p)))(p), p)
+    projected = jax.vmap(lambda v: hessian_vp(v)[0])(
+        w
+    )  # by the Hessian, which is symmetric and separate for each place
+    hessian = jnp.sum(w[:, None] * projected[None], axis=2)
+    first_order = _along(gradient, w)
+    mixed = hessian[:n, n] + _along(gradient, first_in_u)
+    second_rate = hessian[n, n] + 2 * jnp.sum(gradient * in_u_twice, axis=0)
+    return _square(p), first_order[:n], hessian[:n, :n], mixed, first_order[n], second_rate
 
 
-def _offset(place: Cubics, given: Cubics) -> Float[Array, "terms 4"]:
-    """Coefficients of the numbers of an `Offset`."""
-    return jnp.concatenate([place - given, given[:, :1]], axis=1)
+def _offset(place: Cubics, reference: Cubics) -> Float[Array, "terms 4"]:
+    """Coefficients of the four numbers of an `Offset`."""
+    return jnp.concatenate([place - reference, reference[:, :1]], axis=1)
 
 
-def _padded(moved: Float[Array, "k terms 3"]) -> Float[Array, "k terms 4"]:
-    return jnp.pad(moved, ((0, 0), (0, 0), (0, 1)))
+def _padded(directions: Float[Array, "k terms 3"]) -> Float[Array, "k terms 4"]:
+    return jnp.pad(directions, ((0, 0), (0, 0), (0, 1)))
 
 
 def _square(p: Float[Array, "4 places"]) -> Places:

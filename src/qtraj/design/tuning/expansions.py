@@ -23,7 +23,7 @@ class Expansion(NamedTuple):
     curvature: Float[Array, "n n places"]
     mixed: Float[Array, "n places"]  # ∂²g/∂z∂u
     rate: Places  # ∂g/∂u
-    bend: Places  # ∂²g/∂u²
+    second_rate: Places  # ∂²g/∂u²
 
 
 def slopes(
@@ -82,7 +82,7 @@ def expansions(
         0.5 * scale * (curvature + second + cross + jnp.swapaxes(cross, 0, 1)),
         0.5 * scale * (mixed + first * G.rate[None]),
         0.5 * scale * G.rate,
-        0.5 * scale * G.bend,
+        0.5 * scale * G.second_rate,
     )
 
 
@@ -98,9 +98,9 @@ def _second_order(
     r, in_u, in_u_twice = along_u(curves.up_to(group.order), u, 2)
     moved, moved_in_u = along_u(derivatives.first.up_to(group.order), u, 1)
     w = jnp.concatenate([moved, in_u[None]])
-    pull_back: Any = lambda gradient: (gradient, 0.0)  # noqa: E731
+    map_back: Any = lambda gradient: (gradient, 0.0)  # noqa: E731
     if group.upright:
-        r, w, pull_back = world_derivatives(setting.axes, setting.curves.angle, derivatives.first.angle, r, w, u)
+        r, w, map_back = world_derivatives(setting.axes, setting.curves.angle, derivatives.first.angle, r, w, u)
     directions = _vectors(w)
     vectors = _vectors(r)
     G, gradient, (Y, block_gradient, in_invariants, hessian) = _gradient(group, vectors, index)
@@ -131,7 +131,7 @@ def _second_order(
         )
         hessian_w += [product, jnp.swapaxes(product, 0, 1)]
     hessian_w = add(hessian_w)
-    local, rotation_terms = pull_back(jnp.stack([jnp.stack(b) for b in gradient]))
+    local, rotation_terms = map_back(jnp.stack([jnp.stack(b) for b in gradient]))
     hessian_w = hessian_w + rotation_terms
     if derivatives.second is not None:
         second = derivatives.second.up_to(group.order)
@@ -145,8 +145,15 @@ def _second_order(
     first_order = add([dot(_broadcast(b), v) for b, v in zip(gradient, directions, strict=True)])
     local = _vectors(local)
     mixed = add([dot(_broadcast(b), v) for b, v in zip(local, _vectors(moved_in_u), strict=True)])
-    bend = add([dot(b, v) for b, v in zip(local, _vectors(in_u_twice), strict=True)])
-    return G, first_order[:n], hessian_w[:n, :n], hessian_w[:n, n] + mixed, first_order[n], hessian_w[n, n] + 2 * bend
+    second_rate = add([dot(b, v) for b, v in zip(local, _vectors(in_u_twice), strict=True)])
+    return (
+        G,
+        first_order[:n],
+        hessian_w[:n, :n],
+        hessian_w[:n, n] + mixed,
+        first_order[n],
+        hessian_w[n, n] + 2 * second_rate,
+    )
 
 
 def _gradient(group: Group, r: list[Triple], index: Int[Array, ""]) -> tuple[Places, list[Triple], tuple[Any, ...]]:

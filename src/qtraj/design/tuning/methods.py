@@ -1,4 +1,4 @@
-"""The methods of tuning by what names them: "sqp", "lbfgs", or an optimiser of optax."""
+"""Search methods by name: "sqp", "lbfgs", or an optimiser of optax."""
 
 from functools import lru_cache
 from typing import Any
@@ -10,38 +10,38 @@ from qtraj.design.tuning.sqp import SequentialQuadratic
 METHODS = ("sqp", "lbfgs")
 
 MEMORY = 12
-"""Steps that "lbfgs" remembers."""
+"""Number of past steps that "lbfgs" keeps."""
 
 Method = Any
 """One of `METHODS`, or an `optax.GradientTransformation`, with extra arguments or without."""
 
 
-def method_of(given: Method | None, smooth: bool, max_steps: int, inner_steps: int) -> AbstractSearch:
-    """The search that a method means; without one "sqp", or "lbfgs" for an objective that may not be smooth.
+def get_method(method: Method | None, smooth: bool, max_steps: int, inner_steps: int) -> AbstractSearch:
+    """The search for a method. None means "sqp", or "lbfgs" for an objective that may not be twice differentiable.
 
-    **Raises:** ValueError for what is no method, and for steps that are no positive whole numbers.
+    **Raises:** ValueError for an unknown method, and for step counts that are not positive integers.
     """
     for name, steps in (("max_steps", max_steps), ("inner_steps", inner_steps)):
         if isinstance(steps, bool) or int(steps) != steps or steps < 1:
-            raise ValueError(f"{name} must be a whole number, 1 or more, but {steps} was given")
-    if given is None:
-        given = "sqp" if smooth else "lbfgs"
-    if isinstance(given, str) and given == "sqp":
+            raise ValueError(f"{name} must be an integer, 1 or more, but {steps} was given")
+    if method is None:
+        method = "sqp" if smooth else "lbfgs"
+    if isinstance(method, str) and method == "sqp":
         return SequentialQuadratic(max_steps)
-    return AugmentedLagrangian(_optimiser(given), max_steps, inner_steps)
+    return AugmentedLagrangian(_optimiser(method), max_steps, inner_steps)
 
 
-def _optimiser(given: Method) -> Any:
-    if isinstance(given, str) and given == "lbfgs":
+def _optimiser(method: Method) -> Any:
+    if isinstance(method, str) and method == "lbfgs":
         return _lbfgs()
-    if isinstance(given, str) or not all(callable(getattr(given, name, None)) for name in ("init", "update")):
+    if isinstance(method, str) or not all(callable(getattr(method, name, None)) for name in ("init", "update")):
         raise ValueError(
             f"method must be {' or '.join(map(repr, METHODS))}, or an optimiser of optax such as optax.adam(1e-2), "
-            f"but {given!r} was given"
+            f"but {method!r} was given"
         )
-    import optax  # here, so that importing qtraj does not wait for it
+    import optax  # here, so that importing qtraj does not import optax
 
-    return optax.with_extra_args_support(given)
+    return optax.with_extra_args_support(method)
 
 
 @lru_cache(maxsize=1)

@@ -1,8 +1,8 @@
-"""The problem about one point: the cost and the constraints with their derivatives.
+"""The local model at one point: the cost and the constraints with their derivatives.
 
 A peak moves with the variables so that ∂g/∂u = 0: its gradient is ∂g/∂z (envelope theorem), its Hessian
-g_zz − g_zu g_uz/g_uu. At an end it stands still. Fixed times between the peaks, with gradients alone, foretell the
-peaks that a step would raise.
+g_zz − g_zu g_uz/g_uu. A peak at an end of the path does not move. Constraints at fixed times between the peaks, with
+gradients alone, predict new peaks that a step would raise.
 """
 
 from typing import NamedTuple
@@ -12,110 +12,114 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.tuning.constraints import Setting, values
-from qtraj.design.tuning.curves import Changes, changes, curve, given
+from qtraj.design.tuning.curves import CurveDerivatives, curve, curve_derivatives, reference_cubics
 from qtraj.design.tuning.expansions import expansions, slopes
 from qtraj.design.tuning.peaks import ABSENT, NODES, PEAKS, Peaks
 from qtraj.design.tuning.problem import Problem, Variables
-from qtraj.design.tuning.task import SLOTS, Present, Task
+from qtraj.design.tuning.task import SLOTS, LimitSlots, Task
 from qtraj.foundation.derivatives import with_derivatives
 from qtraj.foundation.types import Scalar
 
-STRIDE = 8
-"""Every so many nodes one is a fixed time, with a constraint of its own."""
+NODE_STRIDE = 8
+"""Every eighth node is a fixed time, with a constraint of its own."""
 
-FIXED = len(range(STRIDE, NODES - 1, STRIDE))
-ROWS = PEAKS + FIXED
-"""Constraints of each limit: peaks and ends before fixed times."""
+FIXED_TIMES = len(range(NODE_STRIDE, NODES - 1, NODE_STRIDE))
+PER_LIMIT = PEAKS + FIXED_TIMES
+"""Number of constraints for each limit: peaks and ends first, then fixed times."""
 
-FOLLOWED = 0.1
-"""So far a peak is followed through one step; a fraction of the duration."""
+MAX_DRIFT = 0.1
+"""How far a peak is followed during one step, at most; a fraction of the duration."""
 
 
 class Constraints(NamedTuple):
     """The constraints of all limits, linearised."""
 
-    value: Float[Array, "slots rows"]
-    slope: Float[Array, "slots rows n"]
-    time: Float[Array, "slots rows"]
+    value: Float[Array, "slots r"]
+    slope: Float[Array, "slots r n"]
+    time: Float[Array, "slots r"]
     curvature: Float[Array, "slots peaks n n"]
-    drift: Float[Array, "slots peaks n"]  # how the times of peaks change with the variables
+    drift: Float[Array, "slots peaks n"]  # derivatives of the peaks' times in the variables
 
 
 class Model(NamedTuple):
-    """The problem about one point."""
+    """The local model of the problem at one point."""
 
     slope: Variables  # of the cost
     curvature: Float[Array, "n n"]
     constraints: Constraints
 
 
-def setting(problem: Problem, z: Variables) -> Setting:
-    """The path of the variables, in unit time."""
+def make_setting(problem: Problem, z: Variables) -> Setting:
+    """The path for the variables `z`, in unit time."""
     slopes, log_duration = problem.slopes(z)
-    return Setting(curve(problem, slopes), log_duration, problem.axes, given(problem))
+    return Setting(curve(problem, slopes), log_duration, problem.axes, reference_cubics(problem))
 
 
-def build(task: Task, which: Present, z: Variables, peaks: Peaks) -> Model:
+def build(task: Task, slots: LimitSlots, z: Variables, peaks: Peaks) -> Model:
     """The cost and the constraints at `z`, with their derivatives."""
     _, slope, curvature = with_derivatives(task.problem.cost, z)
     slopes, log_duration = task.problem.slopes(z)
-    at, changed = changes(task.problem, z, slopes)
-    here = Setting(at, log_duration, task.problem.axes, given(task.problem))
-    nodes = jnp.linspace(0.0, 1.0, NODES, dtype=z.dtype)[STRIDE:-1:STRIDE]
+    at, derivatives = curve_derivatives(task.problem, z, slopes)
+    here = Setting(at, log_duration, task.problem.axes, reference_cubics(task.problem))
+    nodes = jnp.linspace(0.0, 1.0, NODES, dtype=z.dtype)[NODE_STRIDE:-1:NODE_STRIDE]
     n = z.shape[0]
 
-    def of_slot(slot: Int[Array, ""], found: Constraints) -> Constraints:
-        index, limit = jnp.asarray(which.index)[slot], task.limits[slot]
-        own = jax.tree.map(lambda x: x[slot], peaks)
-        one = _constraints(here, changed, index, limit, own, nodes)
-        return jax.tree.map(lambda x, one: x.at[slot].set(one), found, one)
+    def of_slot(slot: Int[Array, ""], carry: Constraints) -> Constraints:
+        index, limit = jnp.asarray(slots.index)[slot], task.limits[slot]
+        peak = jax.tree.map(lambda x: x[slot], peaks)
+        one = _constraints(here, derivatives, index, limit, peak, nodes)
+        return jax.tree.map(lambda x, one: x.at[slot].set(one), carry, one)
 
-    nothing = Constraints(
-        jnp.full((SLOTS, ROWS), ABSENT, z.dtype),
-        jnp.zeros((SLOTS, ROWS, n), z.dtype),
-        jnp.zeros((SLOTS, ROWS), z.dtype),
+    empty = Constraints(
+        jnp.full((SLOTS, PER_LIMIT), ABSENT, z.dtype),
+        jnp.zeros((SLOTS, PER_LIMIT, n), z.dtype),
+        jnp.zeros((SLOTS, PER_LIMIT), z.dtype),
         jnp.zeros((SLOTS, PEAKS, n, n), z.dtype),
         jnp.zeros((SLOTS, PEAKS, n), z.dtype),
     )
-    return Model(slope, curvature, jax.lax.fori_loop(0, jnp.asarray(which.count), of_slot, nothing))
+    return Model(slope, curvature, jax.lax.fori_loop(0, jnp.asarray(slots.count), of_slot, empty))
 
 
 def values_nearby(
-    task: Task, which: Present, z: Variables, step: Variables, known: Constraints
-) -> Float[Array, "slots rows"]:
-    """The values at `z`, a step away from where the constraints are known: their peaks are followed there."""
-    here = setting(task.problem, z)
+    task: Task, slots: LimitSlots, z: Variables, step: Variables, constraints: Constraints
+) -> Float[Array, "slots r"]:
+    """The constraint values at `z`, one `step` from the point of `constraints`; the times of peaks drift along."""
+    here = make_setting(task.problem, z)
 
-    def of_slot(slot: Int[Array, ""], found: Array) -> Array:
-        shift = jnp.clip(known.drift[slot] @ step, -FOLLOWED, FOLLOWED)
-        times = jnp.clip(known.time[slot] + jnp.pad(shift, (0, FIXED)), 0.0, 1.0)
-        there = values(here, jnp.asarray(which.index)[slot], task.limits[slot], times)
-        own = known.value[slot]
-        kept = jnp.where(own > ABSENT, jnp.where(jnp.isfinite(there), there, own), ABSENT)
-        return found.at[slot].set(kept)
+    def of_slot(slot: Int[Array, ""], carry: Array) -> Array:
+        shift = jnp.clip(constraints.drift[slot] @ step, -MAX_DRIFT, MAX_DRIFT)
+        times = jnp.clip(constraints.time[slot] + jnp.pad(shift, (0, FIXED_TIMES)), 0.0, 1.0)
+        new = values(here, jnp.asarray(slots.index)[slot], task.limits[slot], times)
+        old = constraints.value[slot]
+        return carry.at[slot].set(jnp.where(old > ABSENT, jnp.where(jnp.isfinite(new), new, old), ABSENT))
 
-    return jax.lax.fori_loop(0, jnp.asarray(which.count), of_slot, jnp.full_like(known.value, ABSENT))
+    return jax.lax.fori_loop(0, jnp.asarray(slots.count), of_slot, jnp.full_like(constraints.value, ABSENT))
 
 
 def _constraints(
-    here: Setting, changed: Changes, index: Int[Array, ""], limit: Scalar, own: Peaks, nodes: Float[Array, " fixed"]
+    here: Setting,
+    derivatives: CurveDerivatives,
+    index: Int[Array, ""],
+    limit: Scalar,
+    peak: Peaks,
+    nodes: Float[Array, " fixed"],
 ) -> Constraints:
     """The constraints of one limit."""
-    g = expansions(here, changed, index, limit, own.time)
-    bends = own.moving & (g.bend < 0)
-    follows = jnp.where(bends, 1 / jnp.where(bends, g.bend, 1.0), 0.0)
-    drift = -follows[None] * g.mixed
-    # To the peak itself, which the search in time only came near to.
+    g = expansions(here, derivatives, index, limit, peak.time)
+    is_maximum = peak.moving & (g.second_rate < 0)
+    inv_second_rate = jnp.where(is_maximum, 1 / jnp.where(is_maximum, g.second_rate, 1.0), 0.0)
+    drift = -inv_second_rate[None] * g.mixed
+    # At the peak itself: the search in time found it only approximately.
     slope = g.slope + drift * g.rate[None]
     curvature = g.curvature + drift[:, None] * g.mixed[None]
-    kept = own.present & jnp.all(jnp.isfinite(slope), 0) & jnp.all(jnp.isfinite(curvature), (0, 1))
-    value_there, slope_there = slopes(here, changed, index, limit, nodes)
-    known = jnp.isfinite(value_there) & jnp.all(jnp.isfinite(slope_there), axis=0)
-    both = jnp.concatenate([jnp.where(kept[None], slope, 0.0), jnp.where(known[None], slope_there, 0.0)], axis=1)
+    valid = peak.present & jnp.all(jnp.isfinite(slope), 0) & jnp.all(jnp.isfinite(curvature), (0, 1))
+    node_value, node_slope = slopes(here, derivatives, index, limit, nodes)
+    at_node = jnp.isfinite(node_value) & jnp.all(jnp.isfinite(node_slope), axis=0)
+    both = jnp.concatenate([jnp.where(valid[None], slope, 0.0), jnp.where(at_node[None], node_slope, 0.0)], axis=1)
     return Constraints(
-        jnp.concatenate([own.value, jnp.where(known, value_there, ABSENT)]),
+        jnp.concatenate([peak.value, jnp.where(at_node, node_value, ABSENT)]),
         both.T,
-        jnp.concatenate([own.time, nodes]),
-        jnp.moveaxis(jnp.where(kept[None, None], curvature, 0.0), 2, 0),
-        jnp.where(kept[None], drift, 0.0).T,
+        jnp.concatenate([peak.time, nodes]),
+        jnp.moveaxis(jnp.where(valid[None, None], curvature, 0.0), 2, 0),
+        jnp.where(valid[None], drift, 0.0).T,
     )

@@ -1,7 +1,7 @@
-"""The squares of path quantities as sums of monomials in the invariants: tables of coefficients and exponents.
+"""Squares of path quantities as sums of monomials in the invariants: tables of coefficients and exponents.
 
-The tables follow from the formulas of the registry, which are evaluated in symbols. The derivatives of a square
-Σ c·Π sᵢ^eᵢ are monomials again, ∂/∂sᵢ = eᵢ/sᵢ and so on: one piece of arithmetic serves every quantity.
+The tables are computed from the formulas of the registry by evaluating them with symbols. The derivatives of a sum
+Σ c·Π sᵢ^eᵢ are again sums of monomials, since ∂/∂sᵢ multiplies by eᵢ/sᵢ. So one function serves every quantity.
 """
 
 from collections.abc import Sequence
@@ -14,8 +14,8 @@ from jaxtyping import Array, Float
 
 from qtraj.path.quantity import PathQuantity
 
-VANISHING = 1e-70
-"""Stands for an invariant that is zero: its monomials and their derivatives then come out as their limits."""
+TINY = 1e-70
+"""Replaces an invariant that is zero: the monomials and their derivatives then take their limit values."""
 
 
 class Table(NamedTuple):
@@ -25,27 +25,27 @@ class Table(NamedTuple):
     exponents: np.ndarray
 
 
-class _Sum:
-    """A polynomial in symbols: exponents of each term, and its coefficient."""
+class _Polynomial:
+    """A symbolic polynomial: a map from exponents to coefficients."""
 
     def __init__(self, terms: dict[tuple[int, ...], float]):
         self.terms = terms
 
-    def __add__(self, other: "_Sum") -> "_Sum":
+    def __add__(self, other: "_Polynomial") -> "_Polynomial":
         terms = dict(self.terms)
         for exponents, coefficient in other.terms.items():
             terms[exponents] = terms.get(exponents, 0.0) + coefficient
-        return _Sum(terms)
+        return _Polynomial(terms)
 
-    def __sub__(self, other: "_Sum") -> "_Sum":
+    def __sub__(self, other: "_Polynomial") -> "_Polynomial":
         return self + (-1) * other
 
-    def __mul__(self, other: Any) -> "_Sum":
-        if not isinstance(other, _Sum):
-            return _Sum({exponents: other * coefficient for exponents, coefficient in self.terms.items()})
-        total = _Sum({})
+    def __mul__(self, other: Any) -> "_Polynomial":
+        if not isinstance(other, _Polynomial):
+            return _Polynomial({exponents: other * coefficient for exponents, coefficient in self.terms.items()})
+        total = _Polynomial({})
         for p, a in self.terms.items():
-            total = total + _Sum(
+            total = total + _Polynomial(
                 {tuple(x + y for x, y in zip(p, q, strict=True)): a * b for q, b in other.terms.items()}
             )
         return total
@@ -54,39 +54,45 @@ class _Sum:
 
 
 def table(entry: PathQuantity, invariants: Sequence[str]) -> Table:
-    """The square of one quantity in these invariants.
+    """The square of one quantity as a table of monomials in these invariants.
 
-    **Raises:** ValueError for a denominator that is no single product of invariants.
+    **Raises:** ValueError for a denominator that is not a single product of invariants.
     """
-    unit = np.eye(len(invariants), dtype=int)
-    symbols = SimpleNamespace(**{name: _Sum({tuple(unit[k].tolist()): 1.0}) for k, name in enumerate(invariants)})
-    part = entry.numerator(symbols).terms
-    whole = {(0,) * len(invariants): 1.0} if entry.denominator is None else entry.denominator(symbols).terms
-    if len(whole) != 1:
+    identity = np.eye(len(invariants), dtype=int)
+    symbols = SimpleNamespace(
+        **{name: _Polynomial({tuple(identity[k].tolist()): 1.0}) for k, name in enumerate(invariants)}
+    )
+    numerator = entry.numerator(symbols).terms
+    denominator = {(0,) * len(invariants): 1.0} if entry.denominator is None else entry.denominator(symbols).terms
+    if len(denominator) != 1:
         raise ValueError(f"the denominator of {entry.name} is a sum: give it as one product of invariants")
-    (below, divisor) = next(iter(whole.items()))
-    exponents = np.asarray([*part]) - np.asarray(below)
-    return Table(np.asarray([*part.values()]) / divisor, exponents)
+    (divisor_exponents, divisor) = next(iter(denominator.items()))
+    exponents = np.asarray([*numerator]) - np.asarray(divisor_exponents)
+    return Table(np.asarray([*numerator.values()]) / divisor, exponents)
 
 
 def stacked(tables: Sequence[Table]) -> Table:
-    """Tables of several squares in one, filled up with monomials that vanish: quantities on the first axis."""
-    most = max(len(t.coefficients) for t in tables)
-    coefficients = np.stack([np.pad(t.coefficients, (0, most - len(t.coefficients))) for t in tables])
-    exponents = np.stack([np.pad(t.exponents, ((0, most - len(t.exponents)), (0, 0))) for t in tables])
+    """Several tables stacked on a first axis, padded with monomials whose coefficient is zero."""
+    max_terms = max(len(t.coefficients) for t in tables)
+    coefficients = np.stack([np.pad(t.coefficients, (0, max_terms - len(t.coefficients))) for t in tables])
+    exponents = np.stack([np.pad(t.exponents, ((0, max_terms - len(t.exponents)), (0, 0))) for t in tables])
     return Table(coefficients, exponents.astype(float))
 
 
 def expand(
     coefficients: Float[Array, " t"], exponents: Float[Array, "t i"], s: Float[Array, "i p"]
 ) -> tuple[Float[Array, " p"], Float[Array, "i p"], Float[Array, "i i p"]]:
-    """A square at many places, its gradient and its Hessian in the invariants."""
-    safe = jnp.where(jnp.abs(s) < VANISHING, VANISHING, s)
+    """The square at many places, with its gradient and Hessian in the invariants."""
+    safe = jnp.where(jnp.abs(s) < TINY, TINY, s)
     negative = (exponents % 2) @ jnp.where(safe < 0, 1.0, 0.0)
     sign = jnp.where(negative % 2 == 1, -coefficients[:, None], coefficients[:, None])
     terms = sign * jnp.exp(exponents @ jnp.log(jnp.abs(safe)))
-    over = 1 / safe
-    once = exponents.T @ terms
-    twice = jnp.einsum("ti,tj,tp->ijp", exponents, exponents, terms)
-    unit = jnp.eye(s.shape[0], dtype=s.dtype)[:, :, None]
-    return jnp.sum(terms, axis=0), once * over, (twice - unit * once[:, None]) * over[:, None] * over[None]
+    inv = 1 / safe
+    first_order = exponents.T @ terms
+    second_order = jnp.einsum("ti,tj,tp->ijp", exponents, exponents, terms)
+    identity = jnp.eye(s.shape[0], dtype=s.dtype)[:, :, None]
+    return (
+        jnp.sum(terms, axis=0),
+        first_order * inv,
+        (second_order - identity * first_order[:, None]) * inv[:, None] * inv[None],
+    )

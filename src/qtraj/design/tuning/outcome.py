@@ -1,4 +1,4 @@
-"""The outcome of a tuning, of one problem or of many."""
+"""The outcome of a tuning, of one problem or a batch."""
 
 import dataclasses
 import os
@@ -16,10 +16,10 @@ from qtraj.design.tuning.verdict import verdict
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_array, as_float, concrete, part, require_element
 from qtraj.foundation.document import reads_older, storable
-from qtraj.foundation.drawing import drawing
-from qtraj.foundation.outcome import ILL_POSED, AbstractOutcome, ResultCode, known_codes, names_of, renumbered
+from qtraj.foundation.drawing import draw
+from qtraj.foundation.outcome import ILL_POSED, AbstractOutcome, ResultCode, concrete_codes, names_of, renumbered
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import batch_prefix, counted, extent
+from qtraj.foundation.result import batch_prefix, counts_text, extent
 from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.spiral_helix import SpiralHelix
@@ -30,28 +30,30 @@ if TYPE_CHECKING:
 CONVERGED, INFEASIBLE, NOT_CONVERGED = ResultCode.successful, ResultCode.infeasible, ResultCode.not_converged
 
 STATUSES = {CONVERGED: "converged", INFEASIBLE: "infeasible", NOT_CONVERGED: "not converged"}
-"""By their codes; every other code is that of a problem that is ill-posed."""
+"""The status for each code; every other code means an ill-posed problem."""
 
 ILL_POSED_STATUS = "ill-posed"
 
 _OLDER_CODES = {1: INFEASIBLE, 2: NOT_CONVERGED}
-"""From the codes of older documents to those of `ResultCode`."""
+"""Maps the codes of older documents to those of `ResultCode`."""
 
 
-def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
+def _reads_older_codes(fields: dict[str, Any]) -> dict[str, Any]:
     return fields | {"code": renumbered(fields["code"], _OLDER_CODES)} if "code" in fields else fields
 
 
-@reads_older(_from_older)
+@reads_older(_reads_older_codes)
 @storable
 class Tuned(AbstractOutcome):
-    """The outcome of `tune`, of one problem or of many (`*lanes` in front of every array).
+    """The outcome of `tune`, of one problem or a batch (batch dimensions in front of every array).
 
-    `path`, with its boundary states `start` and `end` (world axes); `objective`, the attained value in its own units;
-    `certificate`, the findings on the given limits; `code`, a `ResultCode`, `status`, the same in a word, and `result`,
-    the same in words with what to do; `iterations`, the steps of the search that won. `advice` says what would help
-    where the limits cannot be met; of many problems `advisor` works it out when the `result` of one is asked for, whose
-    `place` holds the number of its advisor and the row there. `outcome[k]` is one of many.
+    `path` is the tuned path, `start` and `end` are its boundary states in world axes, and `objective` is the attained
+    value in its own units. `certificate` holds the findings on the limits. `code` is a `ResultCode`, `status` the same
+    in a word, and `result` a text that also says what to do. `iterations` counts the steps of the best search.
+
+    `advice` says what would help where the limits cannot be met. For a batch, `advisor` computes it when the `result`
+    of an element is requested; `place` holds the number of the advisor and the index there. `outcome[k]` is one element
+    of a batch.
     """
 
     path: SpiralHelix
@@ -67,15 +69,15 @@ class Tuned(AbstractOutcome):
 
     def __init__(
         self,
-        path: SpiralHelix,
-        start: BoundaryState,
-        end: BoundaryState,
+        path: "SpiralHelix",
+        start: "BoundaryState",
+        end: "BoundaryState",
         objective: ArrayInput,
-        certificate: Certificate,
+        certificate: "Certificate",
         code: ArrayInput,
         iterations: ArrayInput,
         advice: str = "",
-        advisor: Advisor | None = None,
+        advisor: "Advisor | None" = None,
         place: ArrayInput | None = None,
     ):
         self.path, self.start, self.end = path, start, end
@@ -86,18 +88,18 @@ class Tuned(AbstractOutcome):
 
     @property
     def status(self) -> Any:
-        """ "converged", "infeasible", "not converged" or "ill-posed": a text, or an array of texts."""
-        texts = names_of(known_codes(self), STATUSES, ILL_POSED_STATUS)
+        """One of "converged", "infeasible", "not converged" and "ill-posed"; an array of texts for a batch."""
+        texts = names_of(concrete_codes(self), STATUSES, ILL_POSED_STATUS)
         return texts.item() if texts.ndim == 0 else texts
 
     @property
     def converged(self) -> Any:
-        """Whether the tuning ended at a path that meets every limit and whose objective is stationary."""
-        good = known_codes(self) == CONVERGED
+        """Whether the path meets every limit and its objective is stationary."""
+        good = concrete_codes(self) == CONVERGED
         return good.item() if good.ndim == 0 else good
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """How the tuning of one problem ended, and what to do."""
+        """The result of one problem in words, and what to do."""
         code, steps, radius, duration = (
             np.asarray(x)[at] for x in (self.code, self.iterations, self.path.radius, self.path.duration)
         )
@@ -105,20 +107,20 @@ class Tuned(AbstractOutcome):
         return verdict(ResultCode(int(code)), findings, int(steps), self._advice(at), radius, float(duration))
 
     def _advice(self, at: tuple[int, ...]) -> str:
-        code, place = known_codes(self)[at], concrete(self.place)
+        code, place = concrete_codes(self)[at], concrete(self.place)
         if self.advisor is None or place is None or code >= ILL_POSED:
             return self.advice
-        number, row = place[at].tolist()
-        return self.advisor(row, ResultCode(int(code))) if number == self.advisor.number else self.advice
+        number, index = place[at].tolist()
+        return self.advisor(index, ResultCode(int(code))) if number == self.advisor.number else self.advice
 
     def record(self) -> Record:
-        """Path, boundary states and findings, with the objective and how the search ended."""
+        """Path, boundary states, findings, objective and result codes as labelled quantities."""
         findings, status = self.certificate.record(), np.asarray(self.status)
         variables = {
             "objective": Quantity(self.objective, "", "attained value of the objective, in its own units"),
             "outcome": Quantity(status, "", f"one of {', '.join([*STATUSES.values(), ILL_POSED_STATUS])}"),
-            "code": Quantity(self.code, "1", "how the tuning ended, as a number"),
-            "iterations": Quantity(self.iterations, "1", "steps of the search that won"),
+            "code": Quantity(self.code, "1", "result code of the tuning"),
+            "iterations": Quantity(self.iterations, "1", "steps of the best search"),
             **findings.variables,
             **self.path.record().variables,
         }
@@ -128,7 +130,9 @@ class Tuned(AbstractOutcome):
                 variables[f"{side}_{name}"] = Quantity(values, unit, text, ("world",))
         steps = extent(self.iterations)
         search = f"objective {extent(self.objective)}, {steps} {'step' if steps == '1' else 'steps'}"
-        summary = f"{batch_prefix(self.code.shape, 'problems')}{counted(status)}, {search}; {self.certificate.summary}"
+        summary = (
+            f"{batch_prefix(self.code.shape, 'problems')}{counts_text(status)}, {search}; {self.certificate.summary}"
+        )
         return Record(summary, variables, findings.coordinates, findings.attributes)
 
     def __getitem__(self, index: Any) -> "Tuned":
@@ -138,7 +142,7 @@ class Tuned(AbstractOutcome):
         return jax.tree.map(lambda x: part(x, index), self)
 
     def __bool__(self) -> bool:
-        return True  # it is there, whatever it says; else Python would ask for its length
+        return True  # without this, Python would use the length
 
     def __len__(self) -> int:
         if self.code.ndim == 0:
@@ -146,23 +150,24 @@ class Tuned(AbstractOutcome):
         return self.code.shape[0]
 
     def plot(self, frame: Any = None) -> "Figure":
-        """The tuned path in space, and what its limits bound over time, as a matplotlib figure (extra `viz`).
+        """The tuned path in space and its limited quantities over time, as a matplotlib figure (extra `viz`).
 
-        `frame` is that of the trihedra, as for `qtraj.evaluate`: the natural one unless it says otherwise.
+        `frame` selects the trihedra, as for `qtraj.evaluate`; the default is the natural one.
 
-        **Raises:** ModuleNotFoundError, naming the extra, where matplotlib is missing; ValueError for the outcome of
-        many problems.
+        **Raises:** ModuleNotFoundError, naming the extra, where matplotlib is missing; ValueError for the outcome of a
+        batch.
         """
-        return drawing("tuned_plot", self, frame)
+        return draw("tuned_plot", self, frame)
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the outcome to a TOML or JSON file, exactly; `qtraj.load` reads it.
+        """Write the outcome to a TOML or JSON file, without loss of precision; `qtraj.load` reads it.
 
-        **Raises:** ValueError for the outcome of many problems: save one lane, or the paths as a dataset.
+        **Raises:** ValueError for the outcome of a batch: save one element, or the paths as a dataset.
         """
         if self.code.ndim > 0:
             raise ValueError(
-                f"the outcome of {len(self)} problems does not go into one document: save outcome[k].save(...)"
+                f"one document holds one outcome, but these are {len(self)}: save one by outcome[k].save(...), or the "
+                "paths as a dataset"
             )
         document.save(dataclasses.replace(self, advice=self._advice(()), advisor=None, place=None), file)
 
@@ -170,5 +175,5 @@ class Tuned(AbstractOutcome):
         if self.code.ndim == 0:
             return f"{self.result}\n{self.certificate}"
         texts, names = np.ravel(self.status), [*STATUSES.values(), ILL_POSED_STATUS]
-        found = ", ".join(f"{np.sum(texts == name)} {name}" for name in names if name in texts)
-        return f"{self.code.size} tunings: {found}\n{self.certificate}"
+        counts = ", ".join(f"{np.sum(texts == name)} {name}" for name in names if name in texts)
+        return f"{self.code.size} tunings: {counts}\n{self.certificate}"

@@ -1,4 +1,4 @@
-"""The tuning problem: which numbers may move, the path they make, and what is asked of it."""
+"""The tuning problem: its variables, the path that they define, and the objective."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -24,10 +24,10 @@ Variables = Float[Array, " n"]
 
 
 class Problem(eqx.Module):
-    """Boundary velocities and the duration as dimensionless variables z, zero at the initial states.
+    """Boundary velocities and the duration as dimensionless variables z, which are zero at the initial states.
 
-    The velocities that the motion names, counted in units of `speed` from the initial ones, then ln T/T₀, which keeps
-    the sense of rotation and the duration positive. The last variable is left out where the objective holds the
+    z holds the changes of the velocities that the motion names, in units of `speed`, and then ln(T/T₀). The logarithm
+    keeps the duration positive and the sense of rotation unchanged. It is omitted where the objective fixes the
     duration.
     """
 
@@ -36,17 +36,17 @@ class Problem(eqx.Module):
     turn: Scalar
     duration: Scalar  # T₀ [s]
     speed: Scalar  # V_ref [m/s]
-    scale: Scalar  # the size of the objective
+    scale: Scalar  # the magnitude of the objective
     placement: Placement
-    axes: Float[Array, "3 3"]  # from the axes of the placement to the world's
-    weights: Float[Array, " 7"]  # of the squared changes in "nearest": of VELOCITIES, and of the duration
-    headed: Float[Array, " 2"]  # 1 where the heading is fixed, at the start and at the end, and 0 where not
+    axes: Float[Array, "3 3"]  # rotation from the placement's axes to the world's
+    weights: Float[Array, " 7"]  # of the squared changes in "nearest": of VELOCITIES, then of the duration
+    heading_fixed: Float[Array, " 2"]  # 1 where the heading is fixed, else 0; at the start and at the end
     motion: AbstractMotion
     objective: AbstractObjective
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The variables, in their order in z."""
+        """The names of the variables, in the order of z."""
         return variable_names(self.motion, self.objective)
 
     @property
@@ -55,7 +55,7 @@ class Problem(eqx.Module):
         return len(self.names)
 
     def path(self, z: Variables) -> SpiralHelix:
-        """The path of these variables."""
+        """The path for the variables `z`."""
         duration = self.time(z)
         return SpiralHelix(*self._between(*self.velocities(z, duration), duration), duration, self.placement)
 
@@ -67,38 +67,40 @@ class Problem(eqx.Module):
         return jnp.stack(first), jnp.stack(last)
 
     def slopes(self, z: Variables) -> tuple[Float[Array, "2 3"], Scalar]:
-        """The derivatives of ρ, φ and h in the fraction of the duration T [s] at both ends, and ln T."""
+        """The derivatives of ρ, φ and h at both ends in u = t/T, and ln T, with T in seconds."""
         duration = self.time(z)
         angular = jnp.asarray([[False, True, False]])
         radii = jnp.stack([self.start.radius, self.end.radius])[:, None]
-        both = duration * jnp.stack(self.velocities(z, duration)) / jnp.where(angular, radii, 1.0)
+        slopes = duration * jnp.stack(self.velocities(z, duration)) / jnp.where(angular, radii, 1.0)
         logarithm = jnp.log(self.duration)
-        return both, logarithm if self.objective.holds_duration else logarithm + z[-1]
+        return slopes, logarithm if self.objective.fixes_duration else logarithm + z[-1]
 
     def time(self, z: Variables) -> Scalar:
-        """The duration [s] of the path of these variables."""
-        return self.duration if self.objective.holds_duration else self.duration * jnp.exp(z[-1])
+        """The duration [s] of the path for the variables `z`."""
+        return self.duration if self.objective.fixes_duration else self.duration * jnp.exp(z[-1])
 
     def velocities(self, z: Variables, duration: Scalar) -> tuple[Vec3, Vec3]:
         """The cylindrical velocities [m/s] at both ends."""
-        changes = self.speed * (z if self.objective.holds_duration else z[:-1])
+        changes = self.speed * (z if self.objective.fixes_duration else z[:-1])
         va, vb = self.motion.boundary_velocities(self.start, self.end, changes, self.turn, duration)
-        return self._headed(va, self.start, self.headed[0]), self._headed(vb, self.end, self.headed[1])
+        return self._with_heading(va, self.start, self.heading_fixed[0]), self._with_heading(
+            vb, self.end, self.heading_fixed[1]
+        )
 
     def without_objective(self) -> "Problem":
-        """The same variables and path, with an objective that is cheap and smooth."""
-        return dataclasses.replace(self, objective=Smoothest() if self.objective.holds_duration else Nearest())
+        """The same problem with a cheap and smooth objective."""
+        return dataclasses.replace(self, objective=Smoothest() if self.objective.fixes_duration else Nearest())
 
     def cost(self, z: Variables) -> Scalar:
-        """The objective over its scale."""
+        """The objective divided by its scale."""
         return self.objective.value(self, z) / self.scale
 
     @staticmethod
-    def _headed(velocity: Vec3, given: Cylindrical, headed: Scalar) -> Vec3:
-        """A velocity whose V_ρ keeps the given heading, where that is fixed."""
-        outwards, across = given.velocity[0], given.velocity[1]
-        kept = outwards / jnp.where(across == 0, 1.0, across) * velocity[1]
-        return jnp.where(jnp.asarray([True, False, False]) & (headed > 0), kept, velocity)
+    def _with_heading(velocity: Vec3, initial: Cylindrical, heading_fixed: Scalar) -> Vec3:
+        """The velocity, with V_ρ replaced to keep the initial heading where that is fixed."""
+        outward, angular = initial.velocity[0], initial.velocity[1]
+        radial = outward / jnp.where(angular == 0, 1.0, angular) * velocity[1]
+        return jnp.where(jnp.asarray([True, False, False]) & (heading_fixed > 0), radial, velocity)
 
     def _between(self, va: Vec3, vb: Vec3, duration: Scalar) -> tuple[Array, Array, Array]:
         a = dataclasses.replace(self.start, velocity=va)
@@ -107,8 +109,8 @@ class Problem(eqx.Module):
 
 
 def variable_names(motion: AbstractMotion, objective: AbstractObjective) -> tuple[str, ...]:
-    """The variables of a motion, in their order in z."""
-    return motion.velocities if objective.holds_duration else (*motion.velocities, DURATION)
+    """The names of the variables, in the order of z."""
+    return motion.velocities if objective.fixes_duration else (*motion.velocities, DURATION)
 
 
 def pose(
@@ -123,10 +125,10 @@ def pose(
     weights: Float[Array, " 7"] | None = None,
     fixed: Sequence[str] = (),
 ) -> Problem:
-    """The tuning problem between two states, of choices that `checks` has accepted; it can be traced."""
+    """The tuning problem between two states, for arguments that `checks` has accepted. It can be traced."""
     placement = Placement() if placement is None else placement
     a, b = cylindrical(start, placement), cylindrical(end, placement)
-    angle = directed_turn(a, b, turns) if turn is None else _next_turn(a, b, turn)
+    angle = directed_turn(a, b, turns) if turn is None else _nearest_turn(a, b, turn)
     speed = jnp.sqrt((start.velocity @ start.velocity + end.velocity @ end.velocity) / 2)
     problem = Problem(
         start=a,
@@ -138,14 +140,14 @@ def pose(
         placement=placement,
         axes=rotation.to_dcm(placement.orientation).T,
         weights=jnp.ones(7, speed.dtype) if weights is None else weights,
-        headed=jnp.asarray([float(name in fixed) for name in HEADINGS], speed.dtype),
+        heading_fixed=jnp.asarray([float(name in fixed) for name in HEADINGS], speed.dtype),
         motion=motion,
         objective=objective,
     )
     return dataclasses.replace(problem, scale=objective.scale(problem))
 
 
-def _next_turn(a: Cylindrical, b: Cylindrical, given: ScalarLike) -> Scalar:
-    """The signed turn [rad] nearest to a given one that leads from azimuth to azimuth."""
+def _nearest_turn(a: Cylindrical, b: Cylindrical, turn: ScalarLike) -> Scalar:
+    """The signed turn [rad] between the azimuths of `a` and `b` that is nearest to the user's turn."""
     short = azimuth_difference(a, b)
-    return short + 2 * jnp.pi * jnp.round((given - short) / (2 * jnp.pi))
+    return short + 2 * jnp.pi * jnp.round((turn - short) / (2 * jnp.pi))

@@ -1,4 +1,4 @@
-"""The abstract search: what one method does to many tuning problems side by side."""
+"""The abstract search method: it solves many tuning problems side by side."""
 
 import abc
 from typing import Any, ClassVar, NamedTuple
@@ -7,14 +7,15 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from qtraj.design.tuning.task import Present, Task
+from qtraj.design.tuning.task import LimitSlots, Task
 
 
-class Found(NamedTuple):
-    """Where the searches of one problem, or of many, ended; outside a trace in NumPy arrays.
+class SearchResult(NamedTuple):
+    """The results of searches, of one problem or a batch; NumPy arrays outside a trace.
 
-    `multipliers`, `times` and `values` are those of peaks and ends; `violation` is the largest, zero where the limits
-    are met; `settled` tells of a stationary point.
+    `multipliers`, `times` and `values` belong to the peaks and ends of each limit. `violation` is the largest
+    constraint value, or zero where all limits are met. `stationary` is true where the search ended at a stationary
+    point.
     """
 
     z: Float[Array, "*batch n"]
@@ -22,38 +23,38 @@ class Found(NamedTuple):
     times: Float[Array, "*batch slots k"]
     values: Float[Array, "*batch slots k"]
     violation: Float[Array, "*batch"]
-    settled: Bool[Array, "*batch"]
+    stationary: Bool[Array, "*batch"]
     steps: Int[Array, "*batch"]
 
 
 class AbstractSearch(eqx.Module):
-    """A method that searches from one start; many searches, a batch in front, run side by side.
+    """A search method. It runs a batch of searches, each from its own start.
 
-    A search is a state, a pytree of arrays with the fields `steps`, `done` and `effort` (of the last step). `stages`
-    are numbers of steps after which the unfinished searches of a large batch are gathered, and after `most_steps` a
-    search ends in any case.
+    The state of the searches is a pytree of arrays with the fields `steps`, `done` and `effort` (the cost of the last
+    step). After each number of steps in `stages`, the unfinished searches of a large batch are gathered into fewer
+    blocks. A search stops after `step_limit` at the latest.
     """
 
     stages: ClassVar[tuple[int, ...]]
 
     @property
     @abc.abstractmethod
-    def most_steps(self) -> Int[Array | np.ndarray, ""]:
-        """Steps after which a search ends in any case."""
+    def step_limit(self) -> Int[Array | np.ndarray, ""]:
+        """Number of steps after which a search stops."""
 
     @abc.abstractmethod
-    def unstarted(self, tasks: Task, z: Any) -> Any:
-        """Searches from `z` before their first step; in NumPy arrays for NumPy arrays."""
+    def init(self, tasks: Task, z: Any) -> Any:
+        """The state of searches from `z` before their first step; NumPy arrays in, NumPy arrays out."""
 
     @abc.abstractmethod
-    def proceed(self, tasks: Task, which: Present, states: Any, most_steps: Int[Array | np.ndarray, ""]) -> Any:
-        """The searches after further steps, until each is done or has taken `most_steps`."""
+    def run(self, tasks: Task, slots: LimitSlots, states: Any, max_steps: Int[Array | np.ndarray, ""]) -> Any:
+        """The state after further steps, until each search is done or has taken `max_steps`."""
 
     @abc.abstractmethod
-    def ended(self, tasks: Task, states: Any, xp: Any) -> tuple[Found, Any]:
-        """Where the searches stand, and their costs; `xp` is NumPy or JAX's NumPy, as the states are."""
+    def result(self, tasks: Task, states: Any, xp: Any) -> tuple[SearchResult, Any]:
+        """The results of the searches and their costs. `xp` is NumPy or JAX's NumPy, as the states are."""
 
 
-def whole(number: Any) -> np.ndarray:
-    """A number of steps as an array: another number is then no other executable."""
+def step_count(number: Any) -> np.ndarray:
+    """A number of steps as an array, so that changing it does not recompile."""
     return np.asarray(number, np.int32)

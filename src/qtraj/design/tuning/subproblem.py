@@ -1,4 +1,4 @@
-"""The step from a point of the search: a convex quadratic program in the step d and the violation t that it allows."""
+"""One SQP step: a convex quadratic program (QP) in the step d and the allowed violation t, corrected by a second QP."""
 
 from typing import NamedTuple
 
@@ -6,44 +6,44 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from qtraj.design.tuning import quadratic
-from qtraj.design.tuning.model import ROWS, Constraints, Model, values_nearby
+from qtraj.design.tuning import qp
+from qtraj.design.tuning.model import PER_LIMIT, Constraints, Model, values_nearby
 from qtraj.design.tuning.peaks import PEAKS
 from qtraj.design.tuning.problem import Variables
-from qtraj.design.tuning.task import Present, Task
+from qtraj.design.tuning.task import LimitSlots, Task
 from qtraj.foundation.types import Flag, Scalar
 
-FAR = 1e3  # in units of the trust radius: a constraint this far away is not reached
+FAR = 1e3  # in units of the trust radius: the step cannot reach a constraint this far away
 
-ACTIVE = 1e-7  # a multiplier above this takes its constraint for active
-AT_BOUND = 1e-7  # a variable this near to a bound stands on it
-ELASTIC = 0.9  # of the penalty: multipliers with this sum are those of limits that cannot be met yet
-OF_VIOLATION = 1e-4  # a little curvature of t keeps the program strictly convex
-CONVEX = 1e-7  # least pivot, of the largest entry, of a Hessian that is used as it is
-LADDER = ((0.0, 0.0), (1.0, 0.0), (30.0, 0.0), (1e3, 0.0), (1e2, 0.01), (10.0, 0.1), (1.0, 1.0), (0.0, 10.0))
-"""What is added to a Hessian, in turn: so much of the squares of active constraints, so much of the identity."""
+ACTIVE = 1e-7  # a constraint with a larger multiplier is active
+AT_BOUND = 1e-7  # a variable closer to a bound is at the bound
+PENALISED = 0.9  # multipliers with a larger sum, relative to the penalty, mean that the limits cannot be met yet
+MAX_STIFFNESS = 1e-4  # curvature in t, which keeps the QP strictly convex
+MIN_PIVOT = 1e-7  # smallest pivot of an accepted Hessian, relative to its largest entry
+REGULARIZATION = ((0.0, 0.0), (1.0, 0.0), (30.0, 0.0), (1e3, 0.0), (1e2, 0.01), (10.0, 0.1), (1.0, 1.0), (0.0, 10.0))
+"""Regularizations of the Hessian, tried in turn: weights of the squares of active constraints and of the identity."""
 
-OfPeaks = Float[Array, "slots peaks"]
-OfRows = Float[Array, "slots rows"]
+PerPeak = Float[Array, "slots peaks"]
+PerConstraint = Float[Array, "slots r"]
 
 
 class Step(NamedTuple):
-    """A step, the multipliers there, the violation it allows, and the decrease of the merit function it promises."""
+    """A step, with the multipliers, the allowed violation, and the predicted decrease of the merit function."""
 
     d: Variables
-    multipliers: OfRows
-    allowed: Scalar
-    promise: Scalar
-    solved: Flag  # or else rounding spoilt a program, and the step may not be the best one
-    residual: Scalar  # of the stationarity that the multipliers leave, over the penalty
-    left: Scalar  # of the way, as far as the second program's correction of the first tells
-    effort: Int[Array, ""]  # steps that the programs took
+    multipliers: PerConstraint
+    allowed_violation: Scalar
+    predicted_decrease: Scalar
+    solved: Flag  # false where rounding spoilt a QP, and the step may not be optimal
+    residual: Scalar  # of the gradient of the Lagrangian, over the penalty
+    remaining: Scalar  # estimated distance to the solution after this step, from the size of the correction
+    effort: Int[Array, ""]  # steps that the QP solver took
 
 
 class _Sums(NamedTuple):
     """Sums over the active peaks.
 
-    `products` are those of (slope, value, 1) of each with itself, `hessian` is weighed by the multipliers.
+    `products` sums the outer products of (slope, value, 1) with itself; `hessian` is weighted by the multipliers.
     """
 
     products: Float[Array, "n+2 n+2"]
@@ -51,171 +51,177 @@ class _Sums(NamedTuple):
 
 
 class _Trial(NamedTuple):
-    """Where the programs so far have led: the step, the values of the constraints there, multipliers of the peaks."""
+    """The result of the previous QP: the step, the constraint values after it, and the multipliers of the peaks."""
 
     d: Variables
-    value: OfRows
-    multipliers: OfPeaks
+    value: PerConstraint
+    multipliers: PerPeak
 
 
-class _Solved(NamedTuple):
-    """The solution of one program, in the problem's own units."""
+class _QPResult(NamedTuple):
+    """The solution of one QP, in the units of the tuning problem."""
 
-    multipliers: OfRows
-    allowed: Scalar
-    violation: Scalar  # the largest that the linearised constraints have there
-    imbalance: Variables  # of the slopes of the cost and of the active constraints
-    correction: Scalar  # the size of this program's own part of d
+    multipliers: PerConstraint
+    allowed_violation: Scalar
+    violation: Scalar  # the largest value of the linearised constraints after the step
+    imbalance: Variables  # gradient of the Lagrangian
+    correction: Scalar  # the size of the part of d that this QP added
     solved: Flag
     steps: Int[Array, ""]
 
 
-def best_step(
-    task: Task, which: Present, z: Variables, model: Model, multipliers: OfPeaks, penalty: Scalar, radius: Scalar
+def compute_step(
+    task: Task, slots: LimitSlots, z: Variables, model: Model, multipliers: PerPeak, penalty: Scalar, radius: Scalar
 ) -> Step:
-    """The step from `z`: that of the program there, and that of the program about where the first one leads.
+    """The step from `z`: the solution of a QP about `z`, corrected by a second QP about the point that it reaches.
 
-    The second knows the true values of the constraints there, their peaks followed, and their slopes as the Hessians
-    foretell them.
+    The second QP uses the true constraint values at that point, at peaks that drift along, and slopes extrapolated by
+    the constraints' Hessians.
     """
 
-    def correct(at: _Trial, last: Flag) -> tuple[_Trial, _Solved]:
-        d, found = _solve(task, which, z, model, at, penalty, radius)
-        there = jax.lax.cond(last, lambda: at.value, lambda: values_nearby(task, which, z + d, d, model.constraints))
-        return _Trial(d, there, found.multipliers[:, :PEAKS]), found
+    def correct(at: _Trial, last: Flag) -> tuple[_Trial, _QPResult]:
+        d, result = _solve(task, slots, z, model, at, penalty, radius)
+        there = jax.lax.cond(last, lambda: at.value, lambda: values_nearby(task, slots, z + d, d, model.constraints))
+        return _Trial(d, there, result.multipliers[:, :PEAKS]), result
 
     start = _Trial(jnp.zeros_like(z), model.constraints.value, multipliers)
     end, both = jax.lax.scan(correct, start, jnp.asarray([False, True]))
-    last: _Solved = jax.tree.map(lambda x: x[-1], both)
+    last: _QPResult = jax.tree.map(lambda x: x[-1], both)
     d = end.d
-    present = jnp.maximum(jnp.max(model.constraints.value), 0.0)
+    largest = jnp.maximum(jnp.max(model.constraints.value), 0.0)
     cost = task.weight * (model.slope @ d + 0.5 * d @ (model.curvature @ d))
     inside = (z > task.low + AT_BOUND) & (z < task.high - AT_BOUND)
     size = jnp.max(jnp.abs(d))
     return Step(
         d=d,
         multipliers=last.multipliers,
-        allowed=last.allowed,
-        promise=penalty * (present - last.violation) - cost,
+        allowed_violation=last.allowed_violation,
+        predicted_decrease=penalty * (largest - last.violation) - cost,
         solved=jnp.all(both.solved),
         residual=jnp.max(jnp.abs(jnp.where(inside, last.imbalance, 0.0))) / jnp.maximum(penalty, 1.0),
-        # What is left where corrections go on to shrink as they did from the first program to the second.
-        left=jnp.where(last.correction < size, last.correction**2 / jnp.where(size > 0, size, 1.0), size),
+        # Assumes that further corrections shrink by the same factor as from the first QP to the second.
+        remaining=jnp.where(last.correction < size, last.correction**2 / jnp.where(size > 0, size, 1.0), size),
         effort=jnp.sum(both.steps, dtype=jnp.int32),
     )
 
 
 def _solve(
-    task: Task, which: Present, z: Variables, model: Model, at: _Trial, penalty: Scalar, radius: Scalar
-) -> tuple[Variables, _Solved]:
-    """The program about the trial: its values are known, its slopes follow from the second derivatives."""
-    free = jnp.where(task.high > task.low, 1.0, 0.0).astype(z.dtype)
-    present = jnp.maximum(jnp.max(at.value), 0.0)
-    sums, slopes = _sums(which, model.constraints, at, free, present)
-    total, squares = sums.products[:-2, -1], sums.products[:-2, :-2]
-    elastic = jnp.sum(at.multipliers) > ELASTIC * penalty
-    # Measured from their mean where that moves with t.
-    over = jnp.where(elastic, 1 / jnp.maximum(sums.products[-1, -1], 1.0), 0.0)
+    task: Task, slots: LimitSlots, z: Variables, model: Model, at: _Trial, penalty: Scalar, radius: Scalar
+) -> tuple[Variables, _QPResult]:
+    """Solve the QP about a trial point, whose constraint values are evaluated and whose slopes are extrapolated."""
+    is_free = jnp.where(task.high > task.low, 1.0, 0.0).astype(z.dtype)
+    largest = jnp.maximum(jnp.max(at.value), 0.0)
+    sums, slopes = _sums(slots, model.constraints, at, is_free, largest)
+    slope_sum, squares = sums.products[:-2, -1], sums.products[:-2, :-2]
+    penalised = jnp.sum(at.multipliers) > PENALISED * penalty
+    # Where all active values move with t, they are measured from their mean.
+    inv_count = jnp.where(penalised, 1 / jnp.maximum(sums.products[-1, -1], 1.0), 0.0)
     lagrangian = task.weight * model.curvature + sums.hessian
-    lagrangian = lagrangian * free[:, None] * free[None] + jnp.diag(1.0 - free)
-    hessian, inverse, squared = _convex(lagrangian, squares - over * total[:, None] * total[None])
+    lagrangian = lagrangian * is_free[:, None] * is_free[None] + jnp.diag(1.0 - is_free)
+    hessian, inverse, square_weight = _convex(lagrangian, squares - inv_count * slope_sum[:, None] * slope_sum[None])
 
-    # Against the present violation, in units of the radius, and of the penalty where that is large: numbers near one.
-    force = jnp.maximum(penalty, 1.0)
+    # Values relative to the current violation, in units of the radius and of a large penalty: numbers near one.
+    scale = jnp.maximum(penalty, 1.0)
     low, high = jnp.maximum(task.low - z, -radius) - at.d, jnp.minimum(task.high - z, radius) - at.d
-    offset = sums.products[:-2, -2] - over * sums.products[-1, -2] * total
-    cost_slope = task.weight * (model.slope + model.curvature @ at.d) * free
-    scaled = hessian * (radius / force)
-    found = quadratic.minimise(
-        quadratic.Program(
+    offset = sums.products[:-2, -2] - inv_count * sums.products[-1, -2] * slope_sum
+    cost_slope = task.weight * (model.slope + model.curvature @ at.d) * is_free
+    scaled = hessian * (radius / scale)
+    solution = qp.minimise(
+        qp.QP(
             hessian=scaled,
-            inverse=inverse * (force / radius),
-            slope=(cost_slope + squared * offset) / force,
-            rows=slopes,
-            bounds=jnp.minimum((present - at.value) / radius, FAR),
-            slots=jnp.asarray(which.count),
+            inverse=inverse * (scale / radius),
+            gradient=(cost_slope + square_weight * offset) / scale,
+            normals=slopes,
+            bounds=jnp.minimum((largest - at.value) / radius, FAR),
+            n_slots=jnp.asarray(slots.count),
             low=low / radius,
             high=high / radius,
-            penalty=penalty / force,
-            stiffness=jnp.minimum(jnp.trace(scaled) / z.shape[0], OF_VIOLATION),
-            least=jnp.maximum(-present / radius, -FAR),
+            penalty=penalty / scale,
+            stiffness=jnp.minimum(jnp.trace(scaled) / z.shape[0], MAX_STIFFNESS),
+            min_violation=jnp.maximum(-largest / radius, -FAR),
         )
     )
-    e = jnp.where(high > low, jnp.clip(found.d * radius, low, high), 0.0)
-    mean = over * (sums.products[-1, -2] + total @ e)
-    dense, held, violation = _outcome(which, at, slopes, e, found.active, force, squared, present + mean)
-    # No more than the penalty is ever needed: a program solved badly must not leave more behind.
-    part = jnp.minimum(1.0, penalty / jnp.maximum(jnp.sum(dense), penalty))
-    d = at.d + e
-    return d, _Solved(
-        multipliers=dense * part,
-        allowed=present + found.t * radius,
+    correction = jnp.where(high > low, jnp.clip(solution.d * radius, low, high), 0.0)
+    mean = inv_count * (sums.products[-1, -2] + slope_sum @ correction)
+    multipliers, reaction, violation = _multipliers(
+        slots, at, slopes, correction, solution.active, scale, square_weight, largest + mean
+    )
+    # The multipliers never need to exceed the penalty; an inaccurate QP solution must not either.
+    part = jnp.minimum(1.0, penalty / jnp.maximum(jnp.sum(multipliers), penalty))
+    d = at.d + correction
+    return d, _QPResult(
+        multipliers=multipliers * part,
+        allowed_violation=largest + solution.t * radius,
         violation=jnp.maximum(violation, 0.0),
-        imbalance=task.weight * (model.slope + model.curvature @ d) + part * held,
-        correction=jnp.max(jnp.abs(e)),
-        solved=found.solved,
-        steps=found.steps,
+        imbalance=task.weight * (model.slope + model.curvature @ d) + part * reaction,
+        correction=jnp.max(jnp.abs(correction)),
+        solved=solution.solved,
+        steps=solution.steps,
     )
 
 
 def _sums(
-    which: Present, known: Constraints, at: _Trial, free: Variables, present: Scalar
-) -> tuple[_Sums, Float[Array, "slots rows n"]]:
-    """Sums over the active peaks, and the slopes of all constraints about the trial, as the Hessians foretell them."""
-    n = free.shape[0]
+    slots: LimitSlots, constraints: Constraints, at: _Trial, is_free: Variables, largest: Scalar
+) -> tuple[_Sums, Float[Array, "slots r n"]]:
+    """Sums over the active peaks, and the slopes of all constraints, extrapolated to the trial point."""
+    n = is_free.shape[0]
 
-    def of_slot(slot: Int[Array, ""], found: tuple[_Sums, Array]) -> tuple[_Sums, Array]:
-        sums, slopes = found
-        multiplier, curvature = at.multipliers[slot], known.curvature[slot]
-        slope = (known.slope[slot] + jnp.pad(curvature @ at.d, ((0, ROWS - PEAKS), (0, 0)))) * free[None]
-        below = at.value[slot][:PEAKS] - present
-        each = jnp.concatenate([slope[:PEAKS], below[:, None], jnp.ones_like(below)[:, None]], axis=1)
-        each = jnp.where((multiplier > ACTIVE)[:, None], each, 0.0)
-        weighed = jnp.sum(multiplier[:, None, None] * curvature, axis=0)
-        return _Sums(sums.products + each.T @ each, sums.hessian + weighed), slopes.at[slot].set(slope)
+    def of_slot(slot: Int[Array, ""], carry: tuple[_Sums, Array]) -> tuple[_Sums, Array]:
+        sums, slopes = carry
+        multiplier, curvature = at.multipliers[slot], constraints.curvature[slot]
+        slope = (constraints.slope[slot] + jnp.pad(curvature @ at.d, ((0, PER_LIMIT - PEAKS), (0, 0)))) * is_free[None]
+        below = at.value[slot][:PEAKS] - largest
+        stacked = jnp.concatenate([slope[:PEAKS], below[:, None], jnp.ones_like(below)[:, None]], axis=1)
+        stacked = jnp.where((multiplier > ACTIVE)[:, None], stacked, 0.0)
+        weighted = jnp.sum(multiplier[:, None, None] * curvature, axis=0)
+        return _Sums(sums.products + stacked.T @ stacked, sums.hessian + weighted), slopes.at[slot].set(slope)
 
-    nothing = _Sums(jnp.zeros((n + 2, n + 2), free.dtype), jnp.zeros((n, n), free.dtype))
-    return jax.lax.fori_loop(0, jnp.asarray(which.count), of_slot, (nothing, jnp.zeros_like(known.slope)))
+    empty = _Sums(jnp.zeros((n + 2, n + 2), is_free.dtype), jnp.zeros((n, n), is_free.dtype))
+    return jax.lax.fori_loop(0, jnp.asarray(slots.count), of_slot, (empty, jnp.zeros_like(constraints.slope)))
 
 
-def _outcome(
-    which: Present,
+def _multipliers(
+    slots: LimitSlots,
     at: _Trial,
-    slopes: Float[Array, "slots rows n"],
-    e: Variables,
-    active: quadratic.Active,
-    force: Scalar,
-    squared: Scalar,
+    slopes: Float[Array, "slots r n"],
+    correction: Variables,
+    active: qp.Active,
+    scale: Scalar,
+    square_weight: Scalar,
     mean: Scalar,
-) -> tuple[OfRows, Variables, Scalar]:
-    """The multipliers of all constraints, the sum of slopes times these, and the largest linearised value after e.
+) -> tuple[PerConstraint, Variables, Scalar]:
+    """The multipliers of all constraints, the sum of multiplier·slope, and the largest linearised value after the QP.
 
-    Of active peaks a part of the multipliers stands in the Hessian as their squares.
+    The squares of active peaks that were added to the Hessian contribute a part of their multipliers.
     """
-    number = jnp.where(active.used, active.multiplier, 0.0) * force
+    active_multipliers = jnp.where(active.used, active.multiplier, 0.0) * scale
 
-    def of_slot(slot: Int[Array, ""], found: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        dense, held, largest = found
-        rows = slot * ROWS + jnp.arange(ROWS, dtype=jnp.int32)
-        linear = at.value[slot] + slopes[slot] @ e
-        of_squares = jnp.where(at.multipliers[slot] > ACTIVE, squared * (linear[:PEAKS] - mean), 0.0)
-        of_rows = jnp.where(active.row[None] == rows[:, None], 1.0, 0.0) @ number
-        of_rows = jnp.maximum(of_rows + jnp.pad(of_squares, (0, ROWS - PEAKS)), 0.0)
-        return dense.at[slot].set(of_rows), held + of_rows @ slopes[slot], jnp.maximum(largest, jnp.max(linear))
+    def of_slot(slot: Int[Array, ""], carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        multipliers, reaction, max_linear = carry
+        indices = slot * PER_LIMIT + jnp.arange(PER_LIMIT, dtype=jnp.int32)
+        linearised = at.value[slot] + slopes[slot] @ correction
+        from_squares = jnp.where(at.multipliers[slot] > ACTIVE, square_weight * (linearised[:PEAKS] - mean), 0.0)
+        from_qp = jnp.where(active.constraint[None] == indices[:, None], 1.0, 0.0) @ active_multipliers
+        own = jnp.maximum(from_qp + jnp.pad(from_squares, (0, PER_LIMIT - PEAKS)), 0.0)
+        return (
+            multipliers.at[slot].set(own),
+            reaction + own @ slopes[slot],
+            jnp.maximum(max_linear, jnp.max(linearised)),
+        )
 
-    nothing = jnp.zeros_like(at.value), jnp.zeros_like(e), jnp.full_like(force, -jnp.inf)
-    return jax.lax.fori_loop(0, jnp.asarray(which.count), of_slot, nothing)
+    empty = jnp.zeros_like(at.value), jnp.zeros_like(correction), jnp.full_like(scale, -jnp.inf)
+    return jax.lax.fori_loop(0, jnp.asarray(slots.count), of_slot, empty)
 
 
 def _convex(
     lagrangian: Float[Array, "n n"], squares: Float[Array, "n n"]
 ) -> tuple[Float[Array, "n n"], Float[Array, "n n"], Scalar]:
-    """The Hessian, made positive definite, its inverse, and how much of the squares it took."""
-    of_squares, of_unit = jnp.asarray(LADDER, lagrangian.dtype).T
-    unit = jnp.eye(lagrangian.shape[0], dtype=lagrangian.dtype)
-    scale = jnp.maximum(jnp.max(jnp.abs(lagrangian)), 1.0)
-    added = of_squares[:, None, None] * squares[None] + of_unit[:, None, None] * unit[None]
-    rungs = lagrangian[None] + scale * added
-    inverses, pivots = jax.vmap(quadratic.inverse)(rungs)
-    chosen = jnp.argmax(pivots > CONVEX * scale)
-    return rungs[chosen], inverses[chosen], scale * of_squares[chosen]
+    """The Hessian, made positive definite, its inverse, and the weight of the squares in it."""
+    square_weights, unit_weights = jnp.asarray(REGULARIZATION, lagrangian.dtype).T
+    identity = jnp.eye(lagrangian.shape[0], dtype=lagrangian.dtype)
+    size = jnp.maximum(jnp.max(jnp.abs(lagrangian)), 1.0)
+    added = square_weights[:, None, None] * squares[None] + unit_weights[:, None, None] * identity[None]
+    hessians = lagrangian[None] + size * added
+    inverses, pivots = jax.vmap(qp.inverse)(hessians)
+    chosen = jnp.argmax(pivots > MIN_PIVOT * size)
+    return hessians[chosen], inverses[chosen], size * square_weights[chosen]

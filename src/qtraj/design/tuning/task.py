@@ -1,4 +1,4 @@
-"""What one search is about."""
+"""The input of a search: a problem, its limits by slots, bounds on the variables, and the weight of the cost."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,23 +9,23 @@ import numpy as np
 from jaxtyping import Array
 
 from qtraj.design.limits import Limits
-from qtraj.design.tuning.constraints import CORRIDOR_AT
+from qtraj.design.tuning.constraints import CORRIDOR_INDEX
 from qtraj.design.tuning.problem import Problem
 from qtraj.foundation.arrays import concrete
 from qtraj.path.quantity import CORRIDOR, QUANTITIES
 
 SLOTS = len(QUANTITIES) + 1
-"""Room for every limit there is, and a corridor: one compiled search serves every set of them."""
+"""One slot for every possible limit and one for a corridor: one compiled search serves every set of limits."""
 
-AIM = 1 - 4e-9
-"""Tuning aims at this part of each limit, so that round-off at a peak does not violate the limit that was given."""
+TARGET_RATIO = 1 - 4e-9
+"""Tuning aims at this fraction of each limit, so that round-off at a peak does not violate the user's limit."""
 
-LEAST_LIMIT = 1e-100
-"""A smaller limit counts as this: its square would vanish, and with it the way to go."""
+MIN_LIMIT = 1e-100
+"""A smaller limit is replaced by this one: its square would underflow, and the gradient would vanish."""
 
 
-class Present(eqx.Module):
-    """Which limits there are: the first `count` slots hold places in the registry. Shared by a whole batch."""
+class LimitSlots(eqx.Module):
+    """Which limits are set: the first `count` slots hold indices into the registry. A whole batch shares them."""
 
     index: Any  # Int[" slots"] of NumPy or JAX
     count: Any  # Int[""]
@@ -44,33 +44,35 @@ class Task(eqx.Module):
     weight: Any  # Float["*batch"]
 
 
-def bounds_of(limits: Limits, corridor: Any = None) -> dict[str, Any]:
-    """The limits that are given by name, in the order of their slots; a corridor is the last."""
+def named_limits(limits: Limits, corridor: Any = None) -> dict[str, Any]:
+    """The limits that are set, by name and in the order of their slots; a corridor comes last."""
     return limits.given() | ({} if corridor is None else {CORRIDOR.name: corridor})
 
 
-def names_of(limits: Limits, corridor: Any = None) -> tuple[str, ...]:
-    """The names of `bounds_of`."""
-    return tuple(bounds_of(limits, corridor))
+def limit_names(limits: Limits, corridor: Any = None) -> tuple[str, ...]:
+    """The names of `named_limits`."""
+    return tuple(named_limits(limits, corridor))
 
 
-def present(names: Sequence[str]) -> Present:
-    """Which limits are given."""
-    known = [*QUANTITIES]
-    places = [CORRIDOR_AT if name == CORRIDOR.name else known.index(name) for name in names]
+def limit_slots(names: Sequence[str]) -> LimitSlots:
+    """The slots of the limits with these names."""
+    registry = [*QUANTITIES]
+    places = [CORRIDOR_INDEX if name == CORRIDOR.name else registry.index(name) for name in names]
     index = np.zeros(SLOTS, np.int32)
     index[: len(places)] = places
-    return Present(index, np.asarray(len(places), np.int32))
+    return LimitSlots(index, np.asarray(len(places), np.int32))
 
 
-def by_slots(limits: Limits, corridor: Array | None, count: int) -> Array | np.ndarray:
-    """The limits that are given, as the search aims at them, for each of so many problems: (count, slots).
+def slot_limits(limits: Limits, corridor: Array | None, count: int) -> Array | np.ndarray:
+    """The values of the limits that the search aims at, for each of `count` problems: (count, slots).
 
-    In NumPy arrays where they are known. A slot without a limit holds one.
+    NumPy arrays where the limits are concrete. An unused slot holds one.
     """
-    given = bounds_of(limits, corridor)
-    known = all(concrete(x) is not None for x in given.values())
-    xp: Any = np if known else jnp
-    aims = [xp.maximum(AIM * (np.asarray(x) if known else x), LEAST_LIMIT) for x in given.values()]
-    rows = [xp.broadcast_to(xp.asarray(x, float), (count,)) for x in aims]
-    return xp.stack([*rows, *[xp.ones(count)] * (SLOTS - len(rows))], axis=1)
+    user_limits = named_limits(limits, corridor)
+    is_concrete = all(concrete(x) is not None for x in user_limits.values())
+    xp: Any = np if is_concrete else jnp
+    targets = [
+        xp.maximum(TARGET_RATIO * (np.asarray(x) if is_concrete else x), MIN_LIMIT) for x in user_limits.values()
+    ]
+    columns = [xp.broadcast_to(xp.asarray(x, float), (count,)) for x in targets]
+    return xp.stack([*columns, *[xp.ones(count)] * (SLOTS - len(columns))], axis=1)

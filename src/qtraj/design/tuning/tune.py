@@ -1,4 +1,6 @@
-"""Boundary velocities that meet limits: the path nearest to the given states, the fastest or the smoothest."""
+"""Tunes boundary velocities to satisfy limits: for the path nearest to the initial states, the fastest or smoothest."""
+
+from __future__ import annotations  # so that `help` shows short names
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -14,17 +16,17 @@ from jaxtyping import Array, Float
 from qtraj.design.limits import Limits
 from qtraj.design.tuning import multistart
 from qtraj.design.tuning.advisor import Advisor
-from qtraj.design.tuning.box import Bounds, box, require_names, weights_of
-from qtraj.design.tuning.checks import ill_posed, require_choices, require_sound
-from qtraj.design.tuning.ended import outcome_of
-from qtraj.design.tuning.methods import Method, method_of
+from qtraj.design.tuning.assembly import make_outcome
+from qtraj.design.tuning.box import Bounds, box, change_weights, require_names
+from qtraj.design.tuning.checks import fault_codes, require_choices, require_well_posed
+from qtraj.design.tuning.methods import Method, get_method
 from qtraj.design.tuning.motions.motion import AbstractMotion
-from qtraj.design.tuning.motions.registry import motion_of
+from qtraj.design.tuning.motions.registry import get_motion
 from qtraj.design.tuning.multistart import take
-from qtraj.design.tuning.objectives.registry import Objective, objective_of
+from qtraj.design.tuning.objectives.registry import Objective, get_objective
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.design.tuning.problem import Problem, pose
-from qtraj.design.tuning.task import Task, by_slots, names_of, present
+from qtraj.design.tuning.task import Task, limit_names, limit_slots, slot_limits
 from qtraj.foundation.arrays import as_array, as_float
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress import Report, throttled
@@ -33,8 +35,8 @@ from qtraj.path.boundary import BoundaryState
 from qtraj.path.boundary_problem import whole_turns
 from qtraj.path.placement import Placement
 
-SMALLEST_BATCH = 8
-"""Batches are filled up to a power of two from here on, so that most sizes share what is compiled."""
+MIN_BATCH = 8
+"""Batches are padded to a power of two, at least this one, so that most sizes share compiled code."""
 
 
 def tune(
@@ -59,97 +61,98 @@ def tune(
     progress: Report | None = None,
     throw: bool = False,
 ) -> Tuned:
-    """Tune the boundary velocities between two positions until `limits` hold on the whole path.
+    """Tune the boundary velocities between two positions until the path satisfies `limits` everywhere.
 
-    `objective`: "nearest" (least change of the six cylindrical velocity components at the ends; for hermite motion
-    also of the duration), "fastest" (the duration), "smoothest" (∫|r⃛|²dt at fixed duration), or a differentiable
-    callable of a path. `motion`: "uniform" moves V_ρ, V_h at both ends and the one rate ω; "hermite" moves all six
-    components and, unless the objective is "smoothest", the duration. `duration` [s]: T₀ of "hermite", and the held
-    duration of "smoothest"; by default the turn over the rate of the given states, whose V_φ/ρ need not agree. The
-    turn has the sense of V_φ at the start, a magnitude in (0, 2π), and `turns` whole turns besides; where it is known,
-    `turn` [rad, signed] gives it instead. The axis is the z axis of `placement`, by default the world's: give one where
-    the states are far from that, such as `axis_between(start, end)`.
+    `objective` is "nearest" (the change of the six cylindrical velocity components at the ends, and for hermite motion
+    of the duration), "fastest" (the duration), "smoothest" (∫|r⃛|²dt at fixed duration), or a differentiable callable
+    of a path. `motion` "uniform" varies V_ρ and V_h at both ends and the angular rate ω; "hermite" varies all six
+    components and, unless the objective is "smoothest", the duration. `duration` [s] is T₀ of "hermite", and the fixed
+    duration of "smoothest"; the default is the turn over the rate of the initial states, whose V_φ/ρ need not agree.
+    The turn has the sense of V_φ at the start and a magnitude in (0, 2π), plus `turns` whole turns. Alternatively,
+    `turn` [rad, signed] sets it. The axis is the z axis of `placement`, by default the world's. Give a placement where
+    the states are far from that axis, such as `axis_between(start, end)`.
 
-    The variables have names: "start.V_rho", "start.V_phi", "start.V_h", the same of "end" [m/s, about the axis], and
-    "duration" [s]; uniform motion has no V_phi, which follows from the duration. `fixed` names those that keep their
-    given value, and also takes "start.heading" and "end.heading": there the direction of the horizontal velocity stays
-    and its magnitude is free, so that a turn can be driven slower on the same street. `bounds` maps names to (lowest,
-    highest), either of which may be None; `weights` multiplies the squared changes that "nearest" sums.
+    The variables have names: "start.V_rho", "start.V_phi", "start.V_h", the same for "end" [m/s, about the axis], and
+    "duration" [s]. Uniform motion has no V_phi, which follows from the duration. `fixed` names the variables that keep
+    their initial value. It also takes "start.heading" and "end.heading", which fix the direction of the horizontal
+    velocity and leave its magnitude free: a vehicle may then drive the same street more slowly. `bounds` maps names to
+    (lower, upper), where None means no bound. `weights` multiplies the squared changes that "nearest" sums.
 
-    `corridor` [m] bounds how far the path departs from the given one, from which the search starts: the distance at
-    equal fractions of the two durations, counted along the arc (which is no shorter), is at most that. It is one more
-    limit, proved like the others, and stands last in the certificate.
+    `corridor` [m] bounds the deviation from the initial path: the distance at equal fractions of the two durations,
+    measured along the arc (which is no shorter). It is one more limit, proved like the others, and comes last in the
+    certificate.
 
-    `starts` searches begin at the given states and about them, and the best is kept. Where no path meets the limits,
-    the one that breaks them least is given, with advice. `progress` is called with a `Progress` a few times a second.
+    The search runs from `starts` starts, the initial states and points about them, and keeps the best result. If no
+    path meets the limits, the result is the path found that violates them least, with advice. `progress` is called with
+    a `Progress` a few times a second.
 
-    `method` is "sqp", sequential quadratic programming on refined peaks with exact second derivatives: the default,
-    and by far the fastest. Or it is any `optax.GradientTransformation`, such as `optax.adam(1e-2)`, a chain, or
-    "lbfgs", which is `optax.lbfgs()`: an augmented Lagrangian in rounds of at most `inner_steps` steps of that
-    optimiser, which asks for first derivatives only. It is the default for a callable objective, which need not be
-    twice differentiable. `max_steps` counts steps of "sqp", and rounds of the others. Keep an optimiser to use it
-    again: what is compiled belongs to the object.
+    `method` "sqp" is sequential quadratic programming on refined peaks with exact second derivatives: the default, and
+    by far the fastest. Any `optax.GradientTransformation`, such as `optax.adam(1e-2)` or a chain, or "lbfgs" for
+    `optax.lbfgs()`, selects an augmented Lagrangian method in rounds of at most `inner_steps` steps of that optimiser.
+    It needs first derivatives only, and is the default for a callable objective. `max_steps` counts the steps of "sqp",
+    or the rounds. Reuse the same optimiser object to avoid recompilation.
 
-    **Batches**: states with lanes in front (`jax.vmap(BoundaryState)(positions, velocities)`), and limits, duration,
-    turn and placement with the same lanes or shared, give an outcome with lanes, one compiled search for all. An
-    element whose data make no problem has the status "ill-posed", a path of NaN, and its reason in `result`.
-    **Traces**: under `jit`, `vmap` and `grad` the same search runs on whole arrays, and the derivatives of its path in
-    the boundary data and the limits are those of the solution (implicit function theorem), by whatever method it was
-    found; infeasible problems are not looked into.
+    **Batches**: states with a batch dimension (`jax.vmap(BoundaryState)(positions, velocities)`), and limits, duration,
+    turn and placement with the same dimension or shared, give a batched outcome from one compiled search. An ill-posed
+    element has the status "ill-posed", a path of NaN, and the reason in `result`.
 
-    **Raises:** ValueError for input that makes no problem, or in float32. A problem without a solution is no error:
-    its `status` is "infeasible" and its `result` says why and what would help. RuntimeError with `throw` where the
-    status of a problem is not "converged".
+    **Transformations**: under `jit`, `vmap` and `grad` the same search runs on whole arrays. The derivatives of the
+    path in the boundary data and the limits are those of the solution (implicit function theorem), for any method.
+    There is no advice on infeasible problems.
+
+    **Raises:** ValueError for an ill-posed problem, or in float32. A problem without a solution is not an error: its
+    `status` is "infeasible", and its `result` says why and what would help. With `throw`, RuntimeError if the status of
+    any problem is not "converged".
     """
-    aim, motion = objective_of(objective), motion_of(motion)
-    require_choices(start, end, limits, aim, motion, duration is not None)
-    search = method_of(method, aim.is_smooth, max_steps, inner_steps)
+    objective, motion = get_objective(objective), get_motion(motion)
+    require_choices(start, end, limits, objective, motion, duration is not None)
+    search = get_method(method, objective.is_smooth, max_steps, inner_steps)
     bounds = dict(bounds or {})
-    require_names(motion, aim, fixed, bounds)
+    require_names(motion, objective, fixed, bounds)
     if starts < 1:
         raise ValueError(f"starts must be 1 or more, but {starts} was given")
-    weighed = weights_of(weights or {}, aim, motion)
+    weight_array = change_weights(weights or {}, objective, motion)
     duration, turn, corridor = (None if x is None else as_float(x) for x in (duration, turn, corridor))
 
-    start, end, batch = _stacked(start, end)
-    known = (duration, turn, Placement() if placement is None else placement, _as_floats(bounds))
-    _require_batch((*known, limits, corridor), batch)
-    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((start, end, known, limits, corridor)))
+    start, end, batch = _as_batch(start, end)
+    shared = (duration, turn, Placement() if placement is None else placement, _as_floats(bounds))
+    _require_batch((*shared, limits, corridor), batch)
+    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((start, end, shared, limits, corridor)))
     count = start.position.shape[0]
-    size = count if traced or not batch else _bucket(count)
-    data, axes = _filled((start, end, *known), batch, size)
-    # A callable objective may hold arrays, which are constants of the problem: it is not traced.
-    posed = _posed_once if aim.is_smooth else _posed
-    problem, low, high = posed(data, axes, aim, motion, whole_turns(turns), tuple(fixed), weighed)
+    size = count if traced or not batch else _padded_size(count)
+    data, axes = _pad((start, end, *shared), batch, size)
+    # A callable objective may contain arrays, which are constants of the problem: it is not traced.
+    make_problems = _make_problems_jit if objective.is_smooth else _make_problems
+    problem, low, high = make_problems(data, axes, objective, motion, whole_turns(turns), tuple(fixed), weight_array)
     xp: Any = jnp if traced else np
-    aims = by_slots(limits, corridor, count)
-    aims = xp.concatenate([aims, xp.repeat(aims[-1:], size - count, axis=0)])
-    tasks = Task(problem, aims, low, high, xp.ones(size))
-    names = names_of(limits, corridor)
-    which = present(names)
-    given = take(problem, slice(0, count) if batch else 0)
+    targets = slot_limits(limits, corridor, count)
+    targets = xp.concatenate([targets, xp.repeat(targets[-1:], size - count, axis=0)])
+    tasks = Task(problem, targets, low, high, xp.ones(size))
+    names = limit_names(limits, corridor)
+    slots = limit_slots(names)
+    unpadded = take(problem, slice(0, count) if batch else 0)
     if not (traced or batch):
-        require_sound(given, turn, limits, corridor, placement is not None)
-    faults = ill_posed(given, turn, limits, corridor, placement is not None)
+        require_well_posed(unpadded, turn, limits, corridor, placement is not None)
+    faults = fault_codes(unpadded, turn, limits, corridor, placement is not None)
     if traced:
-        found = multistart.best_of(search, jax.lax.stop_gradient(tasks), which, starts)
-        outcome = outcome_of(tasks, limits, corridor, found, start, end, batch, placement, faults)
+        result = multistart.solve_traced(search, jax.lax.stop_gradient(tasks), slots, starts)
+        outcome = make_outcome(tasks, limits, corridor, result, start, end, batch, placement, faults)
         return outcome.check() if throw else outcome
-    own = jax.tree.map(lambda x: np.asarray(x)[:count], tasks)
-    tell = None if progress is None else throttled(progress)
-    found = multistart.best_of_each(search, own, which, starts, max_steps, tell)
-    filled = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], size - count, axis=0)]), found)
-    outcome = outcome_of(tasks, limits, corridor, filled, data[0], data[1], batch, placement, faults)
-    advisor = Advisor(own, which, names, found, starts, max_steps, bounds)
+    tasks_unpadded = jax.tree.map(lambda x: np.asarray(x)[:count], tasks)
+    report = None if progress is None else throttled(progress)
+    result = multistart.solve(search, tasks_unpadded, slots, starts, max_steps, report)
+    padded = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], size - count, axis=0)]), result)
+    outcome = make_outcome(tasks, limits, corridor, padded, data[0], data[1], batch, placement, faults)
+    advisor = Advisor(tasks_unpadded, slots, names, result, starts, max_steps, bounds)
     if batch:
         place = np.stack([np.full(count, advisor.number), np.arange(count)], axis=1)
         outcome = dataclasses.replace(outcome, advisor=advisor, place=place)
     else:
-        outcome = dataclasses.replace(outcome, advice=advisor(0, ResultCode(int(outcome.code)), tell))
+        outcome = dataclasses.replace(outcome, advice=advisor(0, ResultCode(int(outcome.code)), report))
     return outcome.check() if throw else outcome
 
 
-def _posed(
+def _make_problems(
     data: tuple[Any, ...],
     axes: tuple[Any, ...],
     objective: Any,
@@ -158,7 +161,7 @@ def _posed(
     fixed: tuple[str, ...],
     weights: Float[Array, " 7"],
 ) -> tuple[Problem, Array, Array]:
-    """The problems and the boxes of their variables."""
+    """The problems and the bounds of their variables."""
 
     def one(
         start: Any, end: Any, duration: Any, turn: Any, placement: Any, bounds: Any
@@ -169,18 +172,18 @@ def _posed(
     return eqx.filter_vmap(one, in_axes=axes)(*data)
 
 
-_posed_once = eqx.filter_jit(_posed)
+_make_problems_jit = eqx.filter_jit(_make_problems)
 
 
-def _bucket(count: int) -> int:
-    """The size to which a batch is filled up."""
-    return max(SMALLEST_BATCH, 1 << (count - 1).bit_length())
+def _padded_size(count: int) -> int:
+    """The size to which a batch is padded."""
+    return max(MIN_BATCH, 1 << (count - 1).bit_length())
 
 
-def _stacked(start: BoundaryState, end: BoundaryState) -> tuple[BoundaryState, BoundaryState, tuple[int, ...]]:
-    """Both states as a batch, and its shape: () for one problem.
+def _as_batch(start: BoundaryState, end: BoundaryState) -> tuple[BoundaryState, BoundaryState, tuple[int, ...]]:
+    """Both states with a batch dimension, and the user's batch shape: () for one problem.
 
-    **Raises:** ValueError in lower precision than float64, and for batches that are empty or do not agree.
+    **Raises:** ValueError for less than float64, and for batches that are empty or do not match.
     """
     for state in (start, end):
         if state.position.dtype != jnp.float64:
@@ -191,7 +194,7 @@ def _stacked(start: BoundaryState, end: BoundaryState) -> tuple[BoundaryState, B
     shapes = {state.position.shape[:-1] for state in (start, end)} - {()}
     if len(shapes) > 1 or any(len(shape) != 1 or shape[0] == 0 for shape in shapes):
         raise ValueError(
-            f"the states must have one batch axis, the same for both or none: shapes {start.position.shape} and "
+            f"the states must have no batch dimension or the same one, not empty: shapes {start.position.shape} and "
             f"{end.position.shape} were given"
         )
     batch: tuple[int, ...] = shapes.pop() if shapes else ()
@@ -205,29 +208,29 @@ def _as_floats(bounds: Bounds) -> Any:
 
 
 def _require_batch(shared: tuple[Any, ...], batch: tuple[int, ...]) -> None:
-    """Raise a ValueError for data whose batch is not that of the states."""
+    """Raise a ValueError for data whose batch shape differs from the states'."""
     for each in shared:
-        plain = int(isinstance(each, Placement))
+        core_ndim = int(isinstance(each, Placement))
         for x in jax.tree.leaves(each):
-            if x.ndim != plain and x.shape[: x.ndim - plain] != batch:
+            if x.ndim != core_ndim and x.shape[: x.ndim - core_ndim] != batch:
                 raise ValueError(
-                    f"the states have the batch {batch}, but other data have the shape {x.shape}: stack the states "
-                    "likewise"
+                    f"the states have the batch shape {batch}, but other data have the shape {x.shape}: stack the "
+                    "states likewise"
                 )
 
 
-def _filled(parts: tuple[Any, ...], batch: tuple[int, ...], size: int) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """The data of a batch filled up to a size by its last element, and the batch axis of every array (None: shared)."""
+def _pad(parts: tuple[Any, ...], batch: tuple[int, ...], size: int) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """The data of a batch, padded to a size with its last element, and the batch axis of every array (None: shared)."""
 
-    def filled(x: Any, plain: int) -> Any:
-        missing = size - x.shape[0] if x.ndim > plain else 0
+    def padded(x: Any, core_ndim: int) -> Any:
+        missing = size - x.shape[0] if x.ndim > core_ndim else 0
         if missing == 0:
             return x
         return as_array(np.concatenate([x, np.repeat(np.asarray(x)[-1:], missing, axis=0)]), x.dtype)
 
     data, axes = [], []
     for each in parts:
-        plain = int(isinstance(each, BoundaryState | Placement))
-        data.append(jax.tree.map(lambda x, plain=plain: filled(x, plain), each))
-        axes.append(jax.tree.map(lambda x, plain=plain: 0 if x.ndim > plain else None, each))
+        core_ndim = int(isinstance(each, BoundaryState | Placement))
+        data.append(jax.tree.map(lambda x, core_ndim=core_ndim: padded(x, core_ndim), each))
+        axes.append(jax.tree.map(lambda x, core_ndim=core_ndim: 0 if x.ndim > core_ndim else None, each))
     return tuple(data), tuple(axes)

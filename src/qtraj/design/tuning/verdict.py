@@ -1,4 +1,4 @@
-"""The outcome of a tuning in words: what was met, what binds, and what to do."""
+"""The outcome of a tuning in words: which limits are met, which are active, and what to do."""
 
 from collections.abc import Sequence
 
@@ -9,11 +9,11 @@ from numpy.polynomial import polynomial
 from qtraj.design.proof.certificate import Finding
 from qtraj.foundation.outcome import ILL_POSED, ResultCode
 
-RADII = 257
-"""Instants at which the radius is looked at."""
+RADIUS_SAMPLES = 257
+"""Number of instants at which the sign of the radius is checked."""
 
-ALONE = "Tune this problem alone for advice on what would help."
-GO_ON = "Try a larger max_steps, more starts, other starting velocities, or wider limits."
+ADVICE_BATCH = "Try more starts. Tune this problem alone for advice on what would help."
+ADVICE_NOT_CONVERGED = "Try a larger max_steps, more starts, other starting velocities, or wider limits."
 
 
 def verdict(
@@ -24,50 +24,50 @@ def verdict(
     radius: Float[np.ndarray, " n"],
     duration: float,
 ) -> str:
-    """How one tuning ended, and what to do; `radius` and `duration` are those of its path."""
+    """The result of one tuning, and what to do; `radius` and `duration` are those of its path."""
     if code >= ILL_POSED:
         return f"ill-posed: {code.text}"
-    say = {ResultCode.successful: converged, ResultCode.infeasible: infeasible}.get(code, not_converged)
+    describe = {ResultCode.successful: converged, ResultCode.infeasible: infeasible}.get(code, not_converged)
     if code != ResultCode.successful and not advice:
-        advice = ALONE if code == ResultCode.infeasible else GO_ON
-    return " ".join(part for part in (say(findings, steps), advice, remark(radius, duration)) if part)
+        advice = ADVICE_BATCH if code == ResultCode.infeasible else ADVICE_NOT_CONVERGED
+    return " ".join(part for part in (describe(findings, steps), advice, axis_warning(radius, duration)) if part)
 
 
 def converged(findings: Sequence[Finding], steps: int) -> str:
-    """What to say of a tuning that met every limit."""
-    holds = all(found.status == "proved" for found in findings)
-    known = "proved on the whole path" if holds else "met, some as far as refined sampling shows"
-    lines = [f"converged in {_counted(steps)}: every limit is {known}."]
-    active = [f"{found.name} binds: {found.text}." for found in findings if found.binding]
-    return " ".join([*lines, *(active or ["No limit binds: the path is the best one without them."])])
+    """The message for a converged tuning."""
+    all_proved = all(finding.status == "proved" for finding in findings)
+    proof = "proved on the whole path" if all_proved else "met, some of them only as far as refined sampling shows"
+    lines = [f"converged in {_counted(steps)}: every limit is {proof}."]
+    active = [f"{finding.name} is active: {finding.text}." for finding in findings if finding.active]
+    return " ".join([*lines, *(active or ["No limit is active: the path is the optimum without limits."])])
 
 
 def not_converged(findings: Sequence[Finding], steps: int) -> str:
-    """What to say of a search that stopped early, although the limits can be met or nearly so."""
-    unmet = "; ".join(f"{found.name} is {found.status}: {found.text}" for found in findings if not found.met)
-    state = unmet or "every limit is met, but the objective may not be at its least"
-    return f"not converged after {_counted(steps)}: {state}."
+    """The message for a search that stopped before convergence."""
+    unmet = "; ".join(f"{finding.name} is {finding.status}: {finding.text}" for finding in findings if not finding.met)
+    problems = unmet or "every limit is met, but the objective may not be at its minimum"
+    return f"not converged after {_counted(steps)}: {problems}."
 
 
 def infeasible(findings: Sequence[Finding], steps: int) -> str:
-    """What to say where no boundary velocities were found that meet the limits."""
-    unmet = "; ".join(f"{found.name} is {found.text}" for found in findings if not found.met)
+    """The message where no boundary velocities were found that meet the limits."""
+    unmet = "; ".join(f"{finding.name} is {finding.text}" for finding in findings if not finding.met)
     return (
-        "infeasible: no boundary velocities were found that meet the limits. Of the paths found this one breaks them "
+        "infeasible: no boundary velocities were found that meet the limits. Of the paths found this one violates them "
         f"least: {unmet}."
     )
 
 
-def remark(radius: Float[np.ndarray, " n"], duration: float) -> str:
-    """What else should be known of a path: whether it runs through its own axis, where the radius is negative."""
-    times = np.linspace(0.0, duration, RADII)
+def axis_warning(radius: Float[np.ndarray, " n"], duration: float) -> str:
+    """A warning if the path runs through its own axis, where the radius is negative; otherwise empty."""
+    times = np.linspace(0.0, duration, RADIUS_SAMPLES)
     radii = polynomial.polyval(times, radius)
-    least = int(np.argmin(radii))
-    if not radii[least] <= 0:
+    min_index = int(np.argmin(radii))
+    if not radii[min_index] <= 0:
         return ""
     return (
-        f"Mind: the path runs through its own axis (the radius is {radii[least]:.4g} m at t = "
-        f"{times[least]:.4g} s). An axis farther away, or other boundary velocities, avoid that."
+        f"Note: the path runs through its own axis (the radius is {radii[min_index]:.4g} m at t = "
+        f"{times[min_index]:.4g} s). Move the axis farther away, or change the boundary velocities."
     )
 
 

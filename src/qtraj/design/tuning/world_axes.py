@@ -1,4 +1,4 @@
-"""Derivatives of a path in the axes of the world, for limits on its upright frame."""
+"""Derivatives of a path in world axes, for limits on the upright frame."""
 
 from typing import Any
 
@@ -9,22 +9,22 @@ from jaxtyping import Array
 from qtraj.design.tuning.curves import angle_at
 
 
-def upright(axes: Array, angle: Array, r: Array, u: Array) -> Array:
-    """r', r'', … with the third axis vertical, where the axis of the path is not."""
+def upright_derivatives(axes: Array, angle: Array, r: Array, u: Array) -> Array:
+    """r', r'', … in world axes where the path's axis is tilted; unchanged where it is vertical."""
     tilted = jnp.any(axes[2, :2] != 0)
-    return jax.lax.cond(tilted, lambda: turned(axes, angle_at(angle, u, 0)[0], r), lambda: r)
+    return jax.lax.cond(tilted, lambda: to_world(axes, angle_at(angle, u, 0)[0], r), lambda: r)
 
 
-def turned(axes: Array, angle: Array, v: Array) -> Array:
-    """Vectors (…, 3, places) from the moving basis to the world's."""
+def to_world(axes: Array, angle: Array, v: Array) -> Array:
+    """Vectors (…, 3, places) from the moving basis to world axes."""
     x, y, z = v[..., 0, :], v[..., 1, :], v[..., 2, :]
     cos, sin = _cos_sin(angle, x.ndim)
     local = jnp.stack([x * cos - y * sin, x * sin + y * cos, z], axis=-2)
     return jnp.einsum("ij,...jp->...ip", axes, local)
 
 
-def _turned_back(axes: Array, angle: Array, v: Array) -> Array:
-    """Vectors (…, 3, places) from the world's axes to the moving basis."""
+def _from_world(axes: Array, angle: Array, v: Array) -> Array:
+    """Vectors (…, 3, places) from world axes to the moving basis."""
     local = jnp.einsum("ji,...jp->...ip", axes, v)
     x, y, z = local[..., 0, :], local[..., 1, :], local[..., 2, :]
     cos, sin = _cos_sin(angle, x.ndim)
@@ -32,36 +32,36 @@ def _turned_back(axes: Array, angle: Array, v: Array) -> Array:
 
 
 def _cos_sin(angle: Array, ndim: int) -> tuple[Array, Array]:
-    wide = angle[(None,) * (ndim - 1)]
-    return jnp.cos(wide), jnp.sin(wide)
+    angles = angle[(None,) * (ndim - 1)]
+    return jnp.cos(angles), jnp.sin(angles)
 
 
-def spun(v: Array) -> Array:
-    """k × v."""
+def cross_axis(v: Array) -> Array:
+    """k × v, with k the axis of the moving basis."""
     x, y = v[..., 0, :], v[..., 1, :]
     return jnp.stack([-y, x, jnp.zeros_like(x)], axis=-2)
 
 
-def in_world(
-    axes: Array, coefficients: Array, changes: Array, r: Array, w: Array, u: Array
+def world_derivatives(
+    axes: Array, coefficients: Array, angle_derivatives: Array, r: Array, w: Array, u: Array
 ) -> tuple[Array, Array, Any]:
-    """r', r'', … and their derivatives in all directions in the world's axes; and what takes derivatives back.
+    """r', r'', … and their derivatives in all directions, in world axes; and a function that maps gradients back.
 
-    That gives derivatives in the moving basis, and what the turning of the basis adds to second ones.
+    It returns the gradient in the moving basis, and the terms that the rotation of the basis adds to the Hessian.
     """
     angle, in_u, in_u_twice = angle_at(coefficients, u, 2)
-    moved, moved_in_u = angle_at(changes, u, 1)
-    second = jnp.zeros((*moved.shape[:1] * 2, *moved.shape[1:]), u.dtype)  # φ is linear in the slopes
-    first = jnp.concatenate([moved, in_u[None]])
-    once, again = spun(r), spun(spun(r))
-    twice = jnp.concatenate([second, moved_in_u[:, None]], axis=1)
-    twice = jnp.concatenate([twice, jnp.concatenate([moved_in_u, 2 * in_u_twice[None]])[None]])
+    moved_angle, moved_in_u = angle_at(angle_derivatives, u, 1)
+    second = jnp.zeros((*moved_angle.shape[:1] * 2, *moved_angle.shape[1:]), u.dtype)  # φ is linear in the slopes
+    first = jnp.concatenate([moved_angle, in_u[None]])
+    rotated, twice_rotated = cross_axis(r), cross_axis(cross_axis(r))
+    second_angle = jnp.concatenate([second, moved_in_u[:, None]], axis=1)
+    second_angle = jnp.concatenate([second_angle, jnp.concatenate([moved_in_u, 2 * in_u_twice[None]])[None]])
 
-    def back(bar: Array) -> tuple[Array, Array]:
-        own = _turned_back(axes, angle, bar)
-        half = first[:, None] * jnp.einsum("okp,mokp->mp", own, spun(w))[None]
-        square = first[:, None] * first[None] * jnp.einsum("okp,okp->p", own, again)[None, None]
-        added = twice * jnp.einsum("okp,okp->p", own, once)[None, None]
-        return own, half + jnp.swapaxes(half, 0, 1) + square + added
+    def map_back(gradient: Array) -> tuple[Array, Array]:
+        local = _from_world(axes, angle, gradient)
+        half = first[:, None] * jnp.einsum("okp,mokp->mp", local, cross_axis(w))[None]
+        square = first[:, None] * first[None] * jnp.einsum("okp,okp->p", local, twice_rotated)[None, None]
+        added = second_angle * jnp.einsum("okp,okp->p", local, rotated)[None, None]
+        return local, half + jnp.swapaxes(half, 0, 1) + square + added
 
-    return turned(axes, angle, r), turned(axes, angle, w + first[:, None, None] * once[None]), back
+    return to_world(axes, angle, r), to_world(axes, angle, w + first[:, None, None] * rotated[None]), map_back

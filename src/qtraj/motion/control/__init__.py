@@ -8,6 +8,7 @@ from qtraj.motion.control.closed_form import ClosedMotion, closed_motion
 from qtraj.motion.control.commands import body_command, body_correction, inertial_command, inertial_correction
 from qtraj.motion.control.errors import error_angle, error_quaternion, error_rate, state_from_error
 from qtraj.motion.control.gains import from_damping, from_settling_time, from_weights, rate_from_settling_time
+from qtraj.motion.control.hysteresis import HystereticLaw
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
 from qtraj.motion.control.quaternion_sign import choose_sign, gibbs_normalization, least_norm, place
 from qtraj.motion.control.response import error_response, error_state, spectral_abscissa
@@ -17,6 +18,7 @@ __all__ = [
     "AccelerationLaw",
     "ClosedMotion",
     "GeometricFeedback",
+    "HystereticLaw",
     "LogarithmicFeedback",
     "QuaternionFeedback",
     "RateLaw",
@@ -44,6 +46,10 @@ __all__ = [
 
 _RENAMED = {"gibbs_gauge": "gibbs_normalization", "growth": "spectral_abscissa"}
 """Former public names, which warn until 1.0, and the present ones."""
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 def __getattr__(name: str) -> Any:

@@ -10,8 +10,9 @@ import jax.numpy as jnp
 from qtraj.algebra.quaternion import conjugate, rotate, unit
 from qtraj.algebra.rotation import to_rotation_vector
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Vec3
-from qtraj.motion.attitude import Attitude
+from qtraj.motion.attitude import Attitude, require_body_axes
 from qtraj.motion.control.errors import error_quaternion, pure
 from qtraj.motion.control.laws import AbstractLaw, Gain, apply, gain
 
@@ -29,10 +30,13 @@ class QuaternionFeedback(AbstractLaw):
     def __init__(self, k1: ArrayInput, k2: ArrayInput):
         self.k1, self.k2 = gain(k1, "k1", 3), gain(k2, "k2", 3)
 
+    def __repr__(self) -> str:
+        return shown(self, k1="1/s", k2="1/s²")
+
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
         """The command (4,) [rad/s²] in body axes; its virtual part is 0."""
-        mu = unit(error_quaternion(reference, quaternion))
-        return _feedback(self, reference, mu, rate, 2 * jnp.where(mu[0] < 0, -mu[1:], mu[1:]))
+        mu = error_quaternion(reference, quaternion)
+        return signed_quaternion_feedback(self, reference, jnp.where(mu[0] < 0, -quaternion, quaternion), rate)
 
     def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
         """The error quaternion μ (4,)."""
@@ -52,6 +56,9 @@ class GeometricFeedback(AbstractLaw):
 
     def __init__(self, k1: ArrayInput, k2: ArrayInput):
         self.k1, self.k2 = gain(k1, "k1", 3), gain(k2, "k2", 3)
+
+    def __repr__(self) -> str:
+        return shown(self, k1="1/s", k2="1/s²")
 
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
         """The command (4,) [rad/s²] in body axes; its virtual part is 0."""
@@ -73,6 +80,9 @@ class LogarithmicFeedback(AbstractLaw):
     def __init__(self, k1: ArrayInput, k2: ArrayInput):
         self.k1, self.k2 = gain(k1, "k1", 3), gain(k2, "k2", 3)
 
+    def __repr__(self) -> str:
+        return shown(self, k1="1/s", k2="1/s²")
+
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
         """The command (4,) [rad/s²] in body axes; its virtual part is 0."""
         mu = error_quaternion(reference, quaternion)
@@ -83,6 +93,12 @@ class LogarithmicFeedback(AbstractLaw):
         return error_quaternion(reference, quaternion)
 
 
+def signed_quaternion_feedback(law: QuaternionFeedback, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
+    """The command of `law` with e = 2μ_v/|μ|, for the sign of λ that is given."""
+    mu = unit(error_quaternion(reference, quaternion))
+    return _feedback(law, reference, mu, rate, 2 * mu[1:])
+
+
 def _feedback(
     law: QuaternionFeedback | GeometricFeedback | LogarithmicFeedback,
     reference: Attitude,
@@ -91,6 +107,7 @@ def _feedback(
     attitude_error: Vec3,
 ) -> Quat:
     """(0, μ⁻¹ε⁰μ + w×Ω − K1Ω − K2e): the program's acceleration in body axes plus the feedback."""
+    require_body_axes(reference)
     back = conjugate(mu)
     w = rotate(back, reference.rate)
     rate_error = rate[1:] - w

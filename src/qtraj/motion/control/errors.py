@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from qtraj.algebra.quaternion import conjugate, derivative, inverse, product
 from qtraj.algebra.vector import norm
 from qtraj.foundation.types import Quat, Scalar, Vec3
-from qtraj.motion.attitude import Attitude
+from qtraj.motion.attitude import Attitude, require_body_axes
 
 KINDS = ("body", "inertial", "additive")
 
@@ -48,6 +48,7 @@ def error_rate(reference: Attitude, quaternion: Quat, rate: Quat, kind: str = "b
 
     **Raises:** ValueError for another kind.
     """
+    require_body_axes(reference)
     error = error_quaternion(reference, quaternion, kind)
     if kind == "body":
         return 0.5 * (product(error, rate) - product(pure(reference.rate), error))
@@ -71,6 +72,7 @@ def state_from_error(reference: Attitude, error: Quat, rate: Quat, kind: str = "
 
     **Raises:** ValueError for another kind.
     """
+    require_body_axes(reference)
     require_kind(kind)
     if kind == "body":
         quaternion = product(reference.quaternion, error)

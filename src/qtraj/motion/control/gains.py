@@ -58,9 +58,9 @@ def from_weights(error: ArrayInput, rate: ArrayInput, command: ArrayInput) -> tu
     require_positive(q1, "the weight of the error", "1/s⁴")
     require_positive(r, "the weight of the command", "1")
     require_finite(q2, "the weight of the rate")
-    known = concrete(q2)
-    if known is not None and known < 0:
-        raise ValueError(f"the weight of the rate must not be negative, but {known.tolist()} was given")
+    value = concrete(q2)
+    if value is not None and value < 0:
+        raise ValueError(f"the weight of the rate must not be negative, but {value.tolist()} was given")
     k2 = jnp.sqrt(q1 / r)
     return jnp.sqrt(q2 / r + 2 * k2), k2
 
@@ -69,9 +69,9 @@ def _settling(time: ArrayInput, residual: ArrayInput) -> list[Scalar]:
     """Time and residual as scalars of one dtype, with their ranges checked."""
     time, residual = _common_dtype(time, residual)
     require_positive(time, "the settling time", "s")
-    known = concrete(residual)
-    if known is not None and not 0 < known < 1:
-        raise ValueError(f"the residual must lie between 0 and 1, but {known.tolist()} was given")
+    value = concrete(residual)
+    if value is not None and not 0 < value < 1:
+        raise ValueError(f"the residual must lie between 0 and 1, but {value.tolist()} was given")
     return [time, residual]
 
 

@@ -16,8 +16,9 @@ from qtraj.algebra.quaternion import derivative, inverse, product
 from qtraj.foundation import document
 from qtraj.foundation.arrays import as_float, require_finite
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat
-from qtraj.motion.attitude import Attitude
+from qtraj.motion.attitude import Attitude, require_body_axes
 from qtraj.motion.control.errors import (
     error_quaternion,
     error_rate,
@@ -71,6 +72,9 @@ class AccelerationLaw(AbstractLaw):
         require_kind(error)
         self.error = error
 
+    def __repr__(self) -> str:
+        return shown(self, k1="1/s", k2="1/s²")
+
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
         """The command (4,) [rad/s²] in body axes: virtual part first, then the physical vector."""
         x = error_quaternion(reference, quaternion, self.error)
@@ -108,8 +112,12 @@ class RateLaw(AbstractLaw):
     def __init__(self, k: ArrayInput):
         self.k = gain(k, "k", 4)
 
+    def __repr__(self) -> str:
+        return shown(self, k="1/s")
+
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat | None = None) -> Quat:
         """The command (4,) [rad/s] in body axes; `rate` is not used."""
+        require_body_axes(reference)
         mu = error_quaternion(reference, quaternion)
         feedback = apply(self.k, mu - target("body", mu))
         return product(inverse(mu), product(pure(reference.rate), mu) - 2 * feedback)

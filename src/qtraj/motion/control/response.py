@@ -5,6 +5,8 @@ where x is the error minus its target. With scalar and diagonal gains the compon
 solutions are exact to round-off and smooth across critical damping.
 """
 
+from __future__ import annotations  # so that `help` shows short names
+
 import math
 
 import equinox as eqx
@@ -14,6 +16,7 @@ import numpy as np
 from jax.scipy.linalg import expm
 from jaxtyping import Array, Float
 
+from qtraj.algebra.polynomial import horner
 from qtraj.foundation.arrays import as_float, real_vector
 from qtraj.foundation.types import ArrayInput, Mat4, Quat, ScalarLike
 from qtraj.motion.control.errors import target
@@ -114,7 +117,7 @@ def _waves(half: Quat, d: Quat, t: Array) -> tuple[Quat, Quat]:
     real, imaginary = (z > 0) & ~small, (z < 0) & ~small
     decay = jnp.exp(-half * t)
     near = jnp.where(small, z, 0.0)
-    cosine, sine = decay * _series(_COSINE, near), decay * t * _series(_SINE, near)
+    cosine, sine = decay * horner(_COSINE, near), decay * t * horner(_SINE, near)
     root = jnp.sqrt(jnp.where(real, d, 1.0))
     slow, fast = (jnp.exp(jnp.where(real, (sign * root - half) * t, 0.0)) for sign in (1, -1))
     cosine = jnp.where(real, 0.5 * (slow + fast), cosine)
@@ -138,10 +141,3 @@ def _decayed(k: Array, x: Quat, t: Array) -> Quat:
 
 def _matrix(k: Array) -> Mat4:
     return k if k.ndim == 2 else jnp.diag(jnp.broadcast_to(k, (4,)))
-
-
-def _series(coefficients: list[float], z: Quat) -> Quat:
-    total = jnp.full_like(z, coefficients[-1])
-    for coefficient in coefficients[-2::-1]:
-        total = total * z + coefficient
-    return total

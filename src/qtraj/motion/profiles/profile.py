@@ -193,8 +193,8 @@ def limit(value: ArrayInput | None) -> Scalar | None:
     if value is None:
         return None
     number = real_scalar(value, "a limit or duration")
-    known = concrete(number)
-    return None if known is not None and known == math.inf else number
+    constant = concrete(number)
+    return None if constant is not None and constant == math.inf else number
 
 
 UNITS = {"max_rate": "rad/s", "max_acceleration": "rad/s²", "max_jerk": "rad/s³", "duration": "s"}
@@ -213,7 +213,7 @@ def require_limits(motion_profile: AbstractProfile) -> None:
 
 
 def fixed_duration(duration: Scalar, minimum: Scalar) -> tuple[Scalar, Flag]:
-    """max(duration, minimum), and whether `duration` is feasible, which is so from `minimum` on."""
+    """The duration or, where it is shorter, the minimum; and whether the duration is feasible, up to round-off."""
     feasible = duration >= minimum * (1 - TOLERANCE * float(jnp.finfo(minimum.dtype).eps))
     return jnp.where(feasible, duration, minimum), feasible
 

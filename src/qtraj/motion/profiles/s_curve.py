@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import real_scalar
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Scalar
 from qtraj.motion.profiles.profile import (
     AbstractProfile,
@@ -51,6 +52,9 @@ class SCurve(AbstractProfile):
         self.max_jerk = real_scalar(max_jerk, "max_jerk")
         self.duration = limit(duration)
         require_limits(self)
+
+    def __repr__(self) -> str:
+        return shown(self, max_rate="rad/s", max_acceleration="rad/s²", max_jerk="rad/s³", duration="s")
 
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
         """The profile of a slew by `total` [rad], and the minimum duration [s] within the limits."""

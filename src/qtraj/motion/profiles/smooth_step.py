@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import Scalar
 from qtraj.motion.profiles.profile import (
     AbstractProfile,
@@ -37,6 +38,9 @@ class AbstractSmoothStep(AbstractProfile):
                 f"a {self.name} profile needs a duration [s] or a limit: max_rate, max_acceleration or max_jerk"
             )
         require_limits(self)
+
+    def __repr__(self) -> str:
+        return shown(self, duration="s", max_rate="rad/s", max_acceleration="rad/s²", max_jerk="rad/s³")
 
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
         """The profile of a slew by `total` [rad], and the minimum duration [s] within the limits."""

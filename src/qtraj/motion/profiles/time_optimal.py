@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from qtraj.foundation.arrays import concrete, real_scalar, require_finite
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Scalar
 from qtraj.motion.profiles.profile import (
     TOLERANCE,
@@ -59,6 +60,11 @@ class TimeOptimal(AbstractProfile):
             if rate is not None:
                 require_finite(rate, name)
                 _require_within(rate, self.max_rate, name)
+
+    def __repr__(self) -> str:
+        return shown(
+            self, max_rate="rad/s", max_acceleration="rad/s²", start_rate="rad/s", end_rate="rad/s", duration="s"
+        )
 
     def timed(self, total: Scalar) -> tuple[Profile, Scalar]:
         """The profile of a slew by `total` [rad], and the minimum duration [s] within the limits."""

@@ -10,6 +10,7 @@ from qtraj.algebra import quaternion, rotation
 from qtraj.algebra.vector import norm, unit
 from qtraj.foundation.arrays import as_float, concrete, one_instant, real_vector, require_finite
 from qtraj.foundation.document import formerly, storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.checks import common_dtype, require_axes
@@ -39,7 +40,7 @@ class EulerTurn(AbstractProgram):
     end_q: Quat
     law: AbstractProfile
 
-    def __init__(self, start_q: ArrayInput, end_q: ArrayInput, law: AbstractProfile):
+    def __init__(self, start_q: ArrayInput, end_q: ArrayInput, law: "AbstractProfile"):
         start, end = (real_vector(q, name, 4) for q, name in ((start_q, "start_q"), (end_q, "end_q")))
         dtype = common_dtype(start, end)
         self.start_q, self.end_q, self.law = start.astype(dtype), end.astype(dtype), law
@@ -47,6 +48,9 @@ class EulerTurn(AbstractProgram):
         _require_attitudes(start[None], "start_q")
         _require_attitudes(end[None], "end_q")
         law.profile(self.angle)
+
+    def __repr__(self) -> str:
+        return shown(self)
 
     def __call__(self, t: ScalarLike) -> Attitude:
         """The attitude at the time `t` [s]."""
@@ -109,7 +113,7 @@ class SlewSequence(AbstractProgram):
     attitudes: Float[Array, "n 4"]
     law: AbstractProfile
 
-    def __init__(self, attitudes: ArrayInput, law: AbstractProfile):
+    def __init__(self, attitudes: ArrayInput, law: "AbstractProfile"):
         self.attitudes = rotation.continuous(attitude_table(attitudes, "a slew sequence"))
         self.law = law
         _require_profile(law)
@@ -117,6 +121,9 @@ class SlewSequence(AbstractProgram):
             raise ValueError(
                 "a slew sequence rests at each attitude. Leave out start_rate and end_rate of the profile."
             )
+
+    def __repr__(self) -> str:
+        return shown(self)
 
     def __call__(self, t: ScalarLike) -> Attitude:
         """The attitude at the time `t` [s]."""
@@ -168,9 +175,9 @@ def _require_profile(law: AbstractProfile) -> None:
 
 
 def _require_attitudes(quaternions: Float[Array, "n 4"], name: str) -> None:
-    known = concrete(quaternions)
-    if known is not None and not known.any(axis=1).all():
-        zero = int((~known.any(axis=1)).argmax())
+    values = concrete(quaternions)
+    if values is not None and not values.any(axis=1).all():
+        zero = int((~values.any(axis=1)).argmax())
         raise ValueError(f"{name}: quaternion {zero} is zero, which does not represent an attitude")
 
 

@@ -9,12 +9,14 @@ from jaxtyping import Array, Float
 from qtraj.algebra import rotation
 from qtraj.foundation.arrays import as_float, one_instant
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.programs import rotation_minimizing
-from qtraj.motion.programs.rotation_minimizing import RotationMinimizing
+from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing
+from qtraj.path.driving import require_moving, usual_frame
 from qtraj.path.hodograph import AbstractHodograph
-from qtraj.path.trihedral import AbstractFrame, Natural, trihedral
+from qtraj.path.trihedral import AbstractFrame, trihedral
 
 NODES = 513
 """Number of equally spaced anchors, which fix the sign of the quaternion or the rotation-minimizing frame."""
@@ -27,9 +29,12 @@ ROUNDING = 16
 class FrameProgram(AbstractProgram):
     """The frame of a path as a program: λ⁰ world-from-frame, ω⁰ and ε⁰ in closed form, in the frame's own axes.
 
+    The frame is by default natural, for a route upright, and `Driving` if the route stops.
+
     The quaternion has scalar part ≥ 0 at t = 0 and is continuous in t, also when evaluated at a single instant. The
     `anchors` (n, 4), quaternions at n equally spaced times on [0, duration], fix its sign; they are computed once, when
     the program is made, and stored with it. A frame may rotate by less than π between two anchors, or 512π in total.
+    Along a route there are four anchors in each segment instead.
 
     The program has no attitude where the frame is not defined: the natural frame on a straight path, the upright frame
     along its up direction, the thrust-aligned frame in free fall, and most frames where the path stops. The natural
@@ -39,7 +44,7 @@ class FrameProgram(AbstractProgram):
     program are extrapolated.
 
     **Raises:** ValueError for an object that is not a frame, for a rotation-minimizing frame whose `initial` does not
-    fit the path, or for anchors of another shape.
+    fit the path or whose route stops, or for anchors of another shape.
     """
 
     path: AbstractHodograph
@@ -48,19 +53,23 @@ class FrameProgram(AbstractProgram):
 
     def __init__(
         self,
-        path: AbstractHodograph,
-        frame: AbstractFrame | RotationMinimizing | None = None,
+        path: "AbstractHodograph",
+        frame: Frame | None = None,
         anchors: ArrayInput | None = None,
     ):
         self.path = path
-        self.frame = Natural() if frame is None else frame
+        self.frame = usual_frame(path) if frame is None else frame
         if not isinstance(self.frame, AbstractFrame | RotationMinimizing):
             raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
         if isinstance(self.frame, RotationMinimizing):
+            require_moving(path)
             rotation_minimizing.require_initial(path, self.frame.initial)
         self.anchors = _anchors(path, self.frame) if anchors is None else as_float(anchors)
         if self.anchors.ndim != 2 or self.anchors.shape[0] < 2 or self.anchors.shape[1] != 4:
             raise ValueError(f"anchors must have shape (n, 4) with n ≥ 2, but shape {self.anchors.shape} was given")
+
+    def __repr__(self) -> str:
+        return shown(self)
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -74,14 +83,23 @@ class FrameProgram(AbstractProgram):
 
 @eqx.filter_jit
 def _attitude(program: FrameProgram, t: Scalar) -> Attitude:
-    last = program.anchors.shape[0] - 1
-    index = stop_gradient(jnp.round(jnp.clip(t / program.duration, 0.0, 1.0) * last))
-    anchor = program.anchors[index.astype(int)]
+    node, anchor = _node(program, t)
     if isinstance(program.frame, RotationMinimizing):
-        return rotation_minimizing.attitude(program.path, t, program.duration * (index / last), anchor)
+        return rotation_minimizing.attitude(program.path, t, node, anchor)
     frame = trihedral(program.path, t, program.frame)
     q = frame.quaternion()
     return Attitude(jnp.where(q @ anchor < 0, -q, q), frame.rate, frame.acceleration)
+
+
+def _node(program: FrameProgram, t: Scalar) -> tuple[Scalar, Quat]:
+    """The time of the nearest anchor, or along a route of the last one before `t`, and the anchor."""
+    times = program.path.nodes()
+    if times is not None:
+        k = jnp.maximum(jnp.searchsorted(stop_gradient(times), stop_gradient(t), side="right") - 1, 0)
+        return times[k], program.anchors[k]
+    last = program.anchors.shape[0] - 1
+    index = stop_gradient(jnp.round(jnp.clip(t / program.duration, 0.0, 1.0) * last))
+    return program.duration * (index / last), program.anchors[index.astype(int)]
 
 
 def _anchors(path: AbstractHodograph, frame: AbstractFrame | RotationMinimizing) -> Float[Array, "n 4"]:
@@ -105,4 +123,5 @@ def _sign_anchors(path: AbstractHodograph, frame: AbstractFrame) -> Float[Array,
 
 
 def _times(path: AbstractHodograph) -> Float[Array, " n"]:
-    return path.duration * jnp.linspace(0.0, 1.0, NODES, dtype=path.duration.dtype)
+    times = path.nodes()
+    return times if times is not None else path.duration * jnp.linspace(0.0, 1.0, NODES, dtype=path.duration.dtype)

@@ -17,6 +17,7 @@ from qtraj.algebra import quaternion, rotation
 from qtraj.algebra.vector import norm, unit
 from qtraj.foundation.arrays import as_float, concrete, real_vector
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Mat3, Quat, Scalar, Vec3
 from qtraj.motion.attitude import Attitude
 from qtraj.path.frame_axes import MINIMIZING
@@ -62,6 +63,9 @@ class RotationMinimizing(eqx.Module):
         known = concrete(self.initial)
         if known is not None and not known.any():
             raise ValueError("the initial attitude of a rotation-minimizing frame must not be zero")
+
+    def __repr__(self) -> str:
+        return shown(self)
 
 
 Frame = TypeAliasType("Frame", AbstractFrame | RotationMinimizing)

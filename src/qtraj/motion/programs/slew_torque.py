@@ -5,6 +5,8 @@ A slew of a body of inertia J about the axis e needs the torque M = Φ̈p + Φ̇
 |M|² = Φ̈²|p|² + Φ̇⁴|q|². A slew that is s times slower needs the torque M/s².
 """
 
+from __future__ import annotations  # so that `help` shows short names
+
 import dataclasses
 from collections.abc import Callable
 from typing import NamedTuple

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from qtraj.algebra import quaternion, rotation
 from qtraj.foundation.arrays import as_float, concrete, one_instant, require_finite
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.checks import common_dtype
@@ -53,6 +54,9 @@ class TableProgram(AbstractProgram):
                 f"but shape {self.rates.shape} was given"
             )
         require_finite(self.rates, "the rates of a table program")
+
+    def __repr__(self) -> str:
+        return shown(self, times="s", rates="rad/s")
 
     def __call__(self, t: ScalarLike) -> Attitude:
         """The attitude at the time `t` [s]."""

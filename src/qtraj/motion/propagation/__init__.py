@@ -1,1 +1,1 @@
-"""λ(t) where the rate ω(t) is known."""
+"""Propagation: λ(t) from a known rate ω(t)."""

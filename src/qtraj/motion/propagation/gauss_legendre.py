@@ -1,10 +1,11 @@
-"""Gauss–Legendre collocation of 2λ̇ = λ∘ω(t): any number of stages s, order 2s, |λ| kept to round-off.
+"""Gauss–Legendre collocation of 2λ̇ = λ∘ω(t) with any number of stages s: order 2s, |λ| constant to round-off.
 
-The stage equations Y_i = 1 + (h/2) Σ_j a_ij Y_j∘ω_j are linear. They are solved by fixed-point sweeps, since 4s × 4s
-is small and a dense solver 6 to 40 times slower (8 stages, 256 to 8192 steps on a CPU). A solution times a constant
-quaternion is a solution, so they start with Y = 1 in the middle of the step instead of at its first instant: the k-th
-sweep has half the way to go, (½)^k/k!, which saves up to a fifth of them. The derivative is that of the solution, by
-sweeps of its own, not of the sweeps. Nodes, weights and a_ij are computed with 50 digits and then rounded.
+The stage equations Y_i = 1 + (h/2) Σ_j a_ij Y_j∘ω_j are linear. Fixed-point sweeps solve them: a dense solver is 6 to
+40 times slower (8 stages, 256 to 8192 steps on a CPU). A solution times a constant quaternion is a solution, so the
+sweeps start from Y = 1 in the middle of the step instead of at its beginning. Each integral then spans at most half the
+step, so the error after k sweeps is smaller by (½)^k, which saves up to a fifth of the sweeps. The derivative is that
+of the solution, by sweeps of its own; the sweeps themselves are not differentiated. Nodes, weights and a_ij are
+computed with 50 digits and then rounded.
 """
 
 import decimal
@@ -24,34 +25,39 @@ from qtraj.foundation.types import Quat, Scalar
 from qtraj.motion.propagation.increment import AbstractIncrement, exact_product
 
 DIGITS = 50
-MOST_STAGES = 64
-TURN_PER_STEP = 2.0
-"""[rad] Up to this turn in a step, h·max|ω|, the sweeps reach round-off; a longer step shows in the error estimate."""
+MAX_STAGES = 64
+ANGLE_PER_STEP = 2.0
+"""[rad] Angle h·max|ω| up to which the sweeps reach round-off. For a longer step the error estimate is larger."""
 
 
 class GaussLegendre(AbstractIncrement):
     """Collocation at `stages` Gauss points, order 2·stages.
 
-    **Raises:** ValueError for a number of stages that is no integer from 1 to 64.
+    **Raises:** ValueError unless `stages` is an integer from 1 to 64.
     """
 
     stages: int = eqx.field(static=True)
     order: int = eqx.field(static=True)
 
     def __init__(self, stages: int = 8):
-        if not 1 <= stages <= MOST_STAGES:
-            raise ValueError(f"the number of stages must be an integer from 1 to {MOST_STAGES}, not {stages!r}")
+        if not 1 <= stages <= MAX_STAGES:
+            raise ValueError(
+                f"the number of stages must be an integer from 1 to {MAX_STAGES}, but {stages!r} was given"
+            )
         self.stages, self.order = stages, 2 * stages
 
     @property
     def nodes(self) -> np.ndarray:
+        """The Gauss points on [0, 1] (s,)."""
         return tableau(self.stages).c
 
     @property
     def weights(self) -> np.ndarray:
+        """The weights of the Gauss quadrature (s,)."""
         return tableau(self.stages).b
 
-    def turn(self, rates: Float[Array, "s 3"], h: Scalar) -> Quat:
+    def increment(self, rates: Float[Array, "s 3"], h: Scalar) -> Quat:
+        """The unit quaternion E with λ(t+h) = λ(t)∘E, from `rates` [rad/s] at the nodes of a step of `h` [s]."""
         scheme = tableau(self.stages)
         half = 0.5 * h * rates.T
         stages = _stages(scheme.sweeps, jnp.asarray(scheme.around, h.dtype), half)
@@ -62,10 +68,10 @@ class GaussLegendre(AbstractIncrement):
 
 
 class Tableau(NamedTuple):
-    """Nodes c (s,), weights b (s,) and coefficients a (s, s) on [0, 1]; what the sweeps take.
+    """A collocation scheme on [0, 1]: nodes c (s,), weights b (s,) and coefficients a (s, s).
 
-    `before` (s,) are the weights of the integral from 0 to ½, `around` (s, s) those of the integrals from ½ to the
-    nodes; `sweeps` reach round-off.
+    `before` (s,): weights of the integral from 0 to ½. `around` (s, s): weights of the integrals from ½ to the nodes.
+    `sweeps`: the number of sweeps that reach round-off.
     """
 
     c: np.ndarray
@@ -78,10 +84,10 @@ class Tableau(NamedTuple):
 
 @functools.cache
 def tableau(stages: int) -> Tableau:
-    """The Gauss–Legendre scheme, exact to the last bit but rounding.
+    """The Gauss–Legendre scheme, exact up to one rounding.
 
-    a_ij = b_j [c_i + ½ Σ_k P_k(x_j)(P_{k+1}(x_i) − P_{k−1}(x_i))], the integral of the Lagrange polynomials by their
-    Legendre series, in which nothing cancels; x = 2c − 1.
+    a_ij = b_j [c_i + ½ Σ_k P_k(x_j)(P_{k+1}(x_i) − P_{k−1}(x_i))], the integrals of the Lagrange polynomials by their
+    Legendre series, without cancellation; x = 2c − 1.
     """
     with decimal.localcontext(decimal.Context(prec=DIGITS)):
         x = [_root(stages, i) for i in range(stages)]
@@ -97,7 +103,7 @@ def tableau(stages: int) -> Tableau:
 
 @functools.cache
 def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights (count,) on [0, 1] of the quadrature with both ends, of order 2·count − 2: it checks another.
+    """Nodes and weights (count,) on [0, 1] of the Gauss–Lobatto quadrature, of order 2·count − 2, for error estimates.
 
     The nodes are the ends and the extrema of P_{count−1}; the weights 1/(count (count − 1) P²).
     """
@@ -112,7 +118,7 @@ def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _integral(c: Decimal, p: list[Decimal], at_nodes: list[list[Decimal]], b: list[Decimal]) -> list[Decimal]:
-    """Weights of the integral from 0 to c, from the Legendre polynomials there and at the nodes."""
+    """Weights of the integral from 0 to c, from the Legendre polynomials at c and at the nodes."""
     half = Decimal("0.5")
     return [
         bj * (c + half * sum(pj[k] * (p[k + 1] - p[k - 1]) for k in range(1, len(b))))
@@ -129,9 +135,9 @@ def _legendre(count: int, x: Decimal) -> list[Decimal]:
 
 
 def _root(stages: int, i: int) -> Decimal:
-    """The i-th zero of P_stages, ascending, by Newton's method from the usual cosine."""
+    """The i-th zero of P_stages, ascending, by Newton's method from the standard cosine estimate."""
     x = Decimal(-math.cos(math.pi * (i + 0.75) / (stages + 0.5)))
-    for _ in range(8):  # digits double from about 3
+    for _ in range(8):  # starts with about 3 digits, doubled each time
         p = _legendre(stages, x)
         x -= p[stages] * (1 - x * x) / (stages * (p[stages - 1] - x * p[stages]))
     return x
@@ -142,16 +148,16 @@ def _rounded(values: list) -> np.ndarray:
 
 
 def _sweeps(a: np.ndarray) -> int:
-    """Sweeps until the powers of (h|ω|/2)·a no longer count."""
+    """The number of sweeps until the powers of (h|ω|/2)·a are below round-off."""
     term, count = np.ones(len(a)), 0
     while np.max(np.abs(term)) > 0.5 * np.finfo(float).eps:
-        term, count = 0.5 * TURN_PER_STEP * (a @ term), count + 1
+        term, count = 0.5 * ANGLE_PER_STEP * (a @ term), count + 1
     return count
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _stages(sweeps: int, a: Float[Array, "s s"], half: Float[Array, "3 s"]) -> Float[Array, "4 s"]:
-    """Y of the stage equations, `half` being (h/2)ω at the nodes."""
+    """The solution Y of the stage equations; `half` is (h/2)ω at the nodes."""
     identity = jnp.zeros_like(half, shape=(4, half.shape[1])).at[0].set(1.0)
     return _sweep(sweeps, a, half, identity)
 
@@ -159,15 +165,15 @@ def _stages(sweeps: int, a: Float[Array, "s s"], half: Float[Array, "3 s"]) -> F
 @_stages.defjvp
 def _(sweeps, primals, tangents):
     a, half = primals
-    stages = _stages(sweeps, a, half)  # dY = (dY∘ω + Y∘dω) a: the same equations with another right side
+    stages = _stages(sweeps, a, half)  # dY = (dY∘ω + Y∘dω) a: the same equations with another right-hand side
     right = exact_product(_times_pure(stages, tangents[1]), a.T)
     return stages, _sweep(sweeps, a, half, right)
 
 
 def _sweep(sweeps: int, a: Array, half: Array, right: Array) -> Array:
-    """y = right + (y∘half) aᵀ by `sweeps` fixed-point sweeps; a loop, not unrolled, compiles twice as fast.
+    """Solve y = right + (y∘half) aᵀ by fixed-point sweeps, in a loop that compiles twice as fast as unrolled code.
 
-    The loop carries y∘half: a sum and the products after it are one pass over memory.
+    The loop carries y∘half, so that a sum and the products that follow it are one pass over memory.
     """
 
     def body(slopes, _):
@@ -178,7 +184,7 @@ def _sweep(sweeps: int, a: Array, half: Array, right: Array) -> Array:
 
 
 def _times_pure(y: Float[Array, "4 s"], half: Float[Array, "3 s"]) -> Float[Array, "4 s"]:
-    """The products y∘(0, half) at each stage, componentwise over stages."""
+    """The products y∘(0, half) of all stages, component by component."""
     s, x, y_, z = y
     a, b, c = half
     return jnp.stack([-(x * a + y_ * b + z * c), s * a + y_ * c - z * b, s * b + z * a - x * c, s * c + x * b - y_ * a])

@@ -1,8 +1,8 @@
-"""One step of 2λ̇ = λ∘ω(t) with a known rate: the turn between two instants, and the product of many turns.
+"""One step of 2λ̇ = λ∘ω(t) with a known rate: rotation increments, and the products of many of them.
 
-The steps are independent of each other, so all are computed at once and multiplied in parallel. Everything here is in
-body axes; inertial axes follow by conjugation, λ̄(ω_ξ) = λ(−ω_x), which flips every cross product. The scalar part of
-the rate commutes and is carried apart: λ(t+h) = e^{½∫ω0}·λ(t)∘(unit turn).
+Steps are independent of each other, so all increments are computed at once and multiplied in parallel. This module
+works in body axes; inertial axes follow by conjugation, λ̄(ω_ξ) = λ(−ω_x), which changes the sign of every cross
+product. The scalar part of the rate commutes and is integrated separately: λ(t+h) = e^{½∫ω0}·λ(t)∘(unit increment).
 """
 
 import abc
@@ -21,22 +21,22 @@ exact_product = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHES
 """Matrix product in full precision: an accelerator would round float32 to about four digits."""
 
 BLOCK = 1024
-"""Steps computed at a time: enough for the processor's vector units, few enough for its caches."""
+"""Steps computed at a time: enough for the vector units of a processor, and few enough for its caches."""
 
 SEQUENTIAL = 64
-"""So few turns are multiplied one after the other: that is faster than in parallel, to run and much more to compile."""
+"""Up to this number, increments are multiplied one after the other: this runs and compiles faster than in parallel."""
 
 
 class AbstractIncrement(eqx.Module):
-    """A rule that turns the rates at the nodes of one step into the quaternion of its turn."""
+    """A one-step method: from the rates at the nodes of a step to its rotation increment."""
 
     order: eqx.AbstractVar[int]
-    """The global order: the error of a fixed interval falls as h^order."""
+    """The global order: the error on a fixed interval decreases as h^order."""
 
     @property
     @abc.abstractmethod
     def nodes(self) -> np.ndarray:
-        """Where in the step the rate is wanted, as parts of it (s,)."""
+        """The nodes on [0, 1] at which the rate is evaluated (s,)."""
 
     @property
     @abc.abstractmethod
@@ -44,52 +44,52 @@ class AbstractIncrement(eqx.Module):
         """Quadrature weights of the nodes (s,), of the same order."""
 
     @abc.abstractmethod
-    def turn(self, rates: Float[Array, "s 3"], h: Scalar) -> Quat:
-        """The unit quaternion E of the turn over `h` [s], λ(t+h) = λ(t)∘E, from `rates` [rad/s] at the nodes."""
+    def increment(self, rates: Float[Array, "s 3"], h: Scalar) -> Quat:
+        """The unit quaternion E with λ(t+h) = λ(t)∘E, from `rates` [rad/s] at the nodes of a step of `h` [s]."""
 
 
 def increments(
     method: AbstractIncrement, rates: Float[Array, "n s k"], h: Float[Array, " n"]
 ) -> tuple[Float[Array, "n 4"], Float[Array, " n"]]:
-    """Unit turns (n, 4) and growths ½∫ω0 (n,) of n steps of `h` [s]; `rates` of three or four components."""
+    """Unit increments (n, 4) and log-scales ½∫ω0 (n,) of n steps of `h` [s]; `rates` with three or four components."""
 
     def one(step):
-        return method.turn(*step)
+        return method.increment(*step)
 
     steps = rates[:, :, -3:], h
-    turns = jax.vmap(one)(steps) if h.shape[0] <= BLOCK else jax.lax.map(one, steps, batch_size=BLOCK)
+    rotations = jax.vmap(one)(steps) if h.shape[0] <= BLOCK else jax.lax.map(one, steps, batch_size=BLOCK)
     if rates.shape[2] == 3:
-        return turns, jnp.zeros_like(h)
-    return turns, 0.5 * h * exact_product(rates[:, :, 0], jnp.asarray(method.weights, h.dtype))
+        return rotations, jnp.zeros_like(h)
+    return rotations, 0.5 * h * exact_product(rates[:, :, 0], jnp.asarray(method.weights, h.dtype))
 
 
-def products(turns: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
-    """E_1∘…∘E_k for every k, in parallel where there are many."""
-    if turns.shape[0] > SEQUENTIAL:
-        return jax.lax.associative_scan(jax.vmap(quaternion.product), turns)
+def products(rotations: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
+    """E_1∘…∘E_k for every k, in parallel for more than `SEQUENTIAL` increments."""
+    if rotations.shape[0] > SEQUENTIAL:
+        return jax.lax.associative_scan(jax.vmap(quaternion.product), rotations)
 
-    def onwards(total, turn):
-        total = quaternion.product(total, turn)
+    def multiply(total, rotation):
+        total = quaternion.product(total, rotation)
         return total, total
 
-    identity = jnp.zeros_like(turns, shape=4).at[0].set(1.0)
-    return jax.lax.scan(onwards, identity, turns)[1]
+    identity = jnp.zeros_like(rotations, shape=4).at[0].set(1.0)
+    return jax.lax.scan(multiply, identity, rotations)[1]
 
 
-def accumulate(q0: Quat, turns: Float[Array, "n 4"], growths: Float[Array, " n"]) -> Float[Array, "n 4"]:
-    """q0 after each of the turns; the length is |q0|·exp(Σ growths) to round-off."""
-    totals = products(turns)
-    totals = totals / jnp.sqrt(jnp.sum(totals * totals, axis=1, keepdims=True))  # only round-off is divided away
-    return jax.vmap(quaternion.product, (None, 0))(q0, totals) * jnp.exp(jnp.cumsum(growths))[:, None]
+def accumulate(q0: Quat, rotations: Float[Array, "n 4"], log_scales: Float[Array, " n"]) -> Float[Array, "n 4"]:
+    """q0 after each increment; its length is |q0|·exp(Σ log_scales) to round-off."""
+    totals = products(rotations)
+    totals = totals / jnp.sqrt(jnp.sum(totals * totals, axis=1, keepdims=True))  # removes round-off only
+    return jax.vmap(quaternion.product, (None, 0))(q0, totals) * jnp.exp(jnp.cumsum(log_scales))[:, None]
 
 
 def to_body(q0: Quat, rates: Float[Array, "n s k"], axes: str) -> tuple[Quat, Float[Array, "n s k"]]:
-    """The initial quaternion and the rates of the equivalent problem in body axes: conjugates for inertial axes."""
+    """Initial quaternion and rates of the equivalent problem in body axes, conjugated for inertial axes."""
     if axes == "body":
         return q0, rates
     return quaternion.conjugate(q0), jnp.concatenate([rates[:, :, :-3], -rates[:, :, -3:]], axis=2)
 
 
 def from_body(qs: Float[Array, "n 4"], axes: str) -> Float[Array, "n 4"]:
-    """Undoes `to_body` in the solution."""
+    """The solution in the original axes: the inverse of `to_body`."""
     return qs if axes == "body" else jax.vmap(quaternion.conjugate)(qs)

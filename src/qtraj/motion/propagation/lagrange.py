@@ -1,4 +1,4 @@
-"""Interpolation through values at given knots."""
+"""Lagrange interpolation."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +8,7 @@ from qtraj.foundation.types import Scalar
 
 
 def lagrange(x: Scalar, knots: Float[Array, " w"]) -> Float[Array, " w"]:
-    """The Lagrange polynomials of the knots at x, as products, which differentiate without a singular point."""
+    """The Lagrange basis polynomials of the knots at x, as products, whose derivative is finite at the knots too."""
     size = knots.shape[0]
     other = ~np.eye(size, dtype=bool)
     above = jnp.where(other, jnp.broadcast_to(x - knots, (size, size)), 1.0)

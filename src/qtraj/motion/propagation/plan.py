@@ -1,6 +1,6 @@
-"""Choosing the steps of a propagation: split those that err most, until the whole is within the tolerance.
+"""Adaptive steps of a propagation: split those with the largest errors until the total is within the tolerance.
 
-Where the rate and the times are known the mesh grows as it must; inside a trace it has a fixed number of slots.
+Where rate and times are known, the mesh grows as needed. Inside a trace it has a fixed number of slots.
 """
 
 import equinox as eqx
@@ -15,32 +15,34 @@ from qtraj.motion.propagation.mesh import Errors, Mesh
 from qtraj.motion.propagation.problem import Problem, step_errors
 
 MAX_STEPS = 2**18
-"""Outside a trace, where only the steps that are needed cost anything."""
+"""The default outside a trace, where unused steps cost nothing."""
 
-ROUNDS = 64
-"""Splittings in succession: enough to reach the spacing of float64 at a jump of the rate."""
+MAX_ROUNDS = 64
+"""Rounds of refinement: enough to reach the spacing of float64 at a jump of the rate."""
 
 
 def fixed(problem: Problem, steps: int) -> Mesh:
-    """`steps` equal steps in every interval (ValueError for none)."""
+    """`steps` equal steps in every interval; ValueError for less than one."""
     if steps < 1:
-        raise ValueError(f"at least one step per interval is needed, but steps={steps!r} was given")
+        raise ValueError(f"steps must be at least one per interval, but steps={steps!r} was given")
     return meshes.uniform(problem.intervals, steps, problem.intervals * steps, problem.times.dtype)
 
 
 def adaptive(problem: Problem, max_steps: int | None) -> tuple[Mesh, Errors]:
-    """Steps for the tolerance and their errors; where `max_steps` are too few, the best mesh found.
+    """A mesh that satisfies the tolerance, and its errors; where `max_steps` is too small, the finest mesh possible.
 
     **Raises:** ValueError for fewer `max_steps` than intervals.
     """
     if max_steps is not None and max_steps < problem.intervals:
-        raise ValueError(f"max_steps={max_steps} is fewer than the {problem.intervals} intervals between the times")
+        raise ValueError(
+            f"max_steps={max_steps} is less than the number of intervals between the times, {problem.intervals}"
+        )
     with at_once():
         mesh = _first_mesh(problem.intervals, _slots(problem.intervals), problem.times.dtype)
         first = step_errors(problem, mesh)
         if concrete(first.truncation) is not None and concrete(stop_gradient(problem.tolerance)) is not None:
-            return _grown(problem, mesh, first, MAX_STEPS if max_steps is None else max_steps)
-    return _within(problem, traced_slots(problem) if max_steps is None else max_steps)
+            return _refine_growing(problem, mesh, first, MAX_STEPS if max_steps is None else max_steps)
+    return _refine_traced(problem, traced_slots(problem) if max_steps is None else max_steps)
 
 
 def traced_slots(problem: Problem) -> int:
@@ -48,37 +50,37 @@ def traced_slots(problem: Problem) -> int:
     return max(2 ** min(16, 6 + 32 // problem.method.order), 4 * problem.intervals)
 
 
-def _grown(problem: Problem, mesh: Mesh, found: Errors, max_steps: int) -> tuple[Mesh, Errors]:
+def _refine_growing(problem: Problem, mesh: Mesh, errors: Errors, max_steps: int) -> tuple[Mesh, Errors]:
     tolerance, order = stop_gradient(problem.tolerance), problem.method.order
-    for _ in range(ROUNDS):
-        if not found.truncation > tolerance:  # also where it is NaN
+    for _ in range(MAX_ROUNDS):
+        if not errors.truncation > tolerance:  # also where it is NaN
             break
-        finer, wanted = _refine(mesh, found, tolerance, order)
-        if wanted > max_steps:
+        finer, needed = _refine(mesh, errors, tolerance, order)
+        if needed > max_steps:
             break
-        if wanted > mesh.start.shape[0]:
-            slots = _slots(int(wanted))
-            finer, _ = _refine(_resized(mesh, slots), _padded(found, slots), tolerance, order)
-        mesh, found = finer, step_errors(problem, finer)
-    return _resized(mesh, _power_of_two(int(mesh.count))), found
+        if needed > mesh.start.shape[0]:
+            slots = _slots(int(needed))
+            finer, _ = _refine(_resized(mesh, slots), _padded(errors, slots), tolerance, order)
+        mesh, errors = finer, step_errors(problem, finer)
+    return _resized(mesh, _power_of_two(int(mesh.count))), errors
 
 
-def _within(problem: Problem, slots: int) -> tuple[Mesh, Errors]:
+def _refine_traced(problem: Problem, slots: int) -> tuple[Mesh, Errors]:
     tolerance, order = stop_gradient(problem.tolerance), problem.method.order
 
     def unfinished(state):
-        _, found, fits, rounds = state
-        return (found.truncation > tolerance) & fits & (rounds < ROUNDS)
+        _, errors, fits, rounds = state
+        return (errors.truncation > tolerance) & fits & (rounds < MAX_ROUNDS)
 
     def split(state):
-        mesh, found, _, rounds = state
-        finer, wanted = meshes.refine(mesh, found, tolerance, order)
-        return finer, step_errors(problem, finer), wanted <= slots, rounds + 1
+        mesh, errors, _, rounds = state
+        finer, needed = meshes.refine(mesh, errors, tolerance, order)
+        return finer, step_errors(problem, finer), needed <= slots, rounds + 1
 
     mesh = meshes.first_mesh(problem.intervals, slots, problem.times.dtype)
     start = mesh, step_errors(problem, mesh), jnp.asarray(True), jnp.asarray(0)
-    mesh, found, _, _ = jax.lax.while_loop(unfinished, split, start)
-    return mesh, found
+    mesh, errors, _, _ = jax.lax.while_loop(unfinished, split, start)
+    return mesh, errors
 
 
 _first_mesh = eqx.filter_jit(meshes.first_mesh)
@@ -88,7 +90,7 @@ _padded = eqx.filter_jit(meshes.padded)
 
 
 def _slots(count: int) -> int:
-    """Room for `count` steps, by powers of four from 64: few sizes, so that few programs are compiled."""
+    """Slots for `count` steps: 64 times a power of four, so that few sizes are compiled."""
     slots = 64
     while slots < count:
         slots *= 4

@@ -1,4 +1,4 @@
-"""What a propagation is given, checked and in one dtype; the rate at the nodes of its steps; the steps multiplied."""
+"""The checked problem of a propagation, and its solution and error estimates on a mesh."""
 
 from collections.abc import Callable
 from typing import Any
@@ -16,13 +16,13 @@ from qtraj.motion.checks import at_once, common_dtype, initial_quaternion, outpu
 from qtraj.motion.propagation import mesh as meshes
 from qtraj.motion.propagation.gauss_legendre import GaussLegendre
 from qtraj.motion.propagation.increment import AbstractIncrement, accumulate, from_body, increments, to_body
-from qtraj.motion.propagation.mesh import Errors, Mesh, Taken
+from qtraj.motion.propagation.mesh import Errors, Mesh, SampledRates
 
 TOLERANCE = 1e-12
-"""[rad] Over the whole propagation, in float64."""
+"""[rad] Default error of the whole propagation in float64."""
 
 TOLERANCE_FLOAT32 = 1e-5
-"""[rad] The same in float32, about a hundred roundings."""
+"""[rad] Default in float32, about a hundred roundings."""
 
 Rate = TypeAliasType("Rate", Callable[..., Any])
 
@@ -39,7 +39,7 @@ class Problem(eqx.Module):
 
     @property
     def intervals(self) -> int:
-        """How many there are between the output times."""
+        """The number of intervals between the output times."""
         return self.times.shape[0] - 1
 
 
@@ -51,7 +51,7 @@ def checked(
     axes: str,
     tolerance: ArrayInput | None,
 ) -> Problem:
-    """The problem in one dtype, defaults filled in (ValueError for bad input)."""
+    """The problem in one dtype, with defaults; ValueError for invalid arguments."""
     require_axes(axes)
     with at_once():
         times, q0 = output_times(times), initial_quaternion(q0)
@@ -65,39 +65,39 @@ def checked(
 
 
 def solve(problem: Problem, mesh: Mesh) -> Float[Array, "n 4"]:
-    """The quaternions at the output times, by the steps of `mesh`."""
-    taken = _take(problem.omega, problem.times, mesh, problem.method.nodes)
-    qs = _multiply(problem.method, problem.axes, problem.q0, taken)
+    """The quaternions at the output times, from the steps of `mesh`."""
+    sampled = _sample(problem.omega, problem.times, mesh, problem.method.nodes)
+    qs = _multiply(problem.method, problem.axes, problem.q0, sampled)
     return _pick(problem.intervals, mesh, problem.q0, qs)
 
 
 def step_errors(problem: Problem, mesh: Mesh) -> Errors:
-    """How wrong the steps of `mesh` are; constants to differentiation."""
-    taken = _take(problem.omega, problem.times, mesh, meshes.estimate_nodes(problem.method))
-    return _compare(problem.method, mesh.count, taken)
+    """Error estimates of the steps of `mesh`; constants to differentiation."""
+    sampled = _sample(problem.omega, problem.times, mesh, meshes.estimate_nodes(problem.method))
+    return _estimate(problem.method, mesh.count, sampled)
 
 
-# Programs of their own: only the first depends on ω and on the number of output times, and it compiles fast.
+# Separate executables: only the first depends on ω and on the number of output times, and it compiles fast.
 
 
 @eqx.filter_jit
-def _take(omega: Rate, times: Array, mesh: Mesh, nodes: Float[ArrayLike, " s"]) -> Taken:
+def _sample(omega: Rate, times: Array, mesh: Mesh, nodes: Float[ArrayLike, " s"]) -> SampledRates:
     start, h = meshes.spans(mesh, times)
     end = start + h
-    before = jnp.maximum(start, end - 4 * float(jnp.finfo(h.dtype).eps) * jnp.abs(end))  # a jump at the end is no part
+    before = jnp.maximum(start, end - 4 * float(jnp.finfo(h.dtype).eps) * jnp.abs(end))  # excludes a jump at the end
     at = jnp.minimum(start[:, None] + jnp.outer(h, jnp.asarray(nodes, h.dtype)), before[:, None])
     rates = jax.vmap(jax.vmap(lambda t: jnp.asarray(omega(t))))(at)
     if rates.shape[2:] not in ((3,), (4,)):
         raise ValueError(
             f"omega(t) must have shape (3,), or (4,) with the scalar part first, but has shape {rates.shape[2:]}"
         )
-    return Taken(rates.astype(h.dtype), start, h)
+    return SampledRates(rates.astype(h.dtype), start, h)
 
 
 @eqx.filter_jit
-def _multiply(method: AbstractIncrement, axes: str, q0: Quat, taken: Taken) -> Float[Array, "n 4"]:
-    q0, rates = to_body(q0, taken.rates, axes)
-    return from_body(accumulate(q0, *increments(method, rates, taken.h)), axes)
+def _multiply(method: AbstractIncrement, axes: str, q0: Quat, sampled: SampledRates) -> Float[Array, "n 4"]:
+    q0, rates = to_body(q0, sampled.rates, axes)
+    return from_body(accumulate(q0, *increments(method, rates, sampled.h)), axes)
 
 
 @eqx.filter_jit
@@ -106,5 +106,5 @@ def _pick(intervals: int, mesh: Mesh, q0: Quat, qs: Array) -> Float[Array, "n 4"
 
 
 @eqx.filter_jit
-def _compare(method: AbstractIncrement, count: Array, taken: Taken) -> Errors:
-    return meshes.estimate(method, taken, count)
+def _estimate(method: AbstractIncrement, count: Array, sampled: SampledRates) -> Errors:
+    return meshes.estimate(method, sampled, count)

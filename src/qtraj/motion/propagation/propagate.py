@@ -1,10 +1,10 @@
-"""λ(t) from a known ω(t), in steps that are computed all at once and multiplied in parallel.
+"""λ(t) from a known ω(t), with steps that are computed all at once and multiplied in parallel.
 
-Outside `jit` the steps are chosen for the tolerance, also under `grad`, `jvp` and `jacfwd`: the choice depends only on
-values, and derivatives are those of the propagation with the chosen steps. A jitted program that knows ω and the times
-chooses them while it is traced. Where ω or the times are traced themselves (parameters of ω under `jit` or `vmap`),
-the choice is made at run time within a fixed number of slots, `max_steps`, each of which costs as much as a step;
-`steps` is cheaper there: so many equal steps in each interval.
+Outside `jit` the steps are chosen for the tolerance, also under `grad`, `jvp` and `jacfwd`. The choice depends on
+values only, and derivatives are those of the propagation with the chosen steps. A jitted function in which ω and the
+times are known chooses the steps while it is traced. Where ω or the times are traced themselves, as parameters of ω are
+under `jit` or `vmap`, the choice is made at run time within a fixed number of slots, `max_steps`, and each slot costs
+as much as a step. `steps`, a fixed number of equal steps in each interval, is cheaper there.
 """
 
 import equinox as eqx
@@ -12,7 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient
 from jaxtyping import Array, Float, Int
+from typing_extensions import TypeAliasType
 
+from qtraj.foundation.arrays import as_float
 from qtraj.foundation.outcome import AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import batch_prefix, extent, times_text
@@ -22,13 +24,16 @@ from qtraj.motion.propagation.increment import AbstractIncrement
 from qtraj.motion.propagation.mesh import Errors
 from qtraj.motion.propagation.problem import Problem, Rate, checked, solve, step_errors
 
+Quats = TypeAliasType("Quats", Float[Array, "n 4"])
+"""One quaternion for each instant."""
+
 
 class Propagation(AbstractOutcome):
-    """Attitudes at the output times, and how good they are.
+    """Attitudes at the output times, with an error estimate.
 
-    `quaternion` (n, 4) at `times` (n,) [s]; `estimate` [rad] of the error of the last attitude and of ln|λ|², with
-    round-off; `steps`, how many were taken; `code`, a `ResultCode`, by the error without round-off, and `result`, its
-    text.
+    `quaternion` (n, 4) at `times` (n,) [s]. `estimate` [rad]: of the error of the last attitude and of ln|λ|²,
+    including round-off. `steps`: the number of steps. `code`: a `ResultCode`, from the error without round-off, and
+    `result`: its text.
     """
 
     times: Float[Array, " n"]
@@ -37,8 +42,14 @@ class Propagation(AbstractOutcome):
     steps: Int[Array, ""]
     code: Int[Array, ""]
 
+    def __init__(
+        self, times: ArrayInput, quaternion: ArrayInput, estimate: ArrayInput, steps: ArrayInput, code: ArrayInput
+    ):
+        self.times, self.quaternion, self.estimate = as_float(times), as_float(quaternion), as_float(estimate)
+        self.steps, self.code = jnp.asarray(steps), jnp.asarray(code)
+
     def explain(self, at: tuple[int, ...]) -> str:
-        """How one propagation ended, with its error estimate where that is too large."""
+        """The result of one propagation in words, with its error estimate where this is too large."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         if code == ResultCode.successful:
             return "the propagation reached its tolerance."
@@ -48,7 +59,7 @@ class Propagation(AbstractOutcome):
         return f"{code.text} The error estimate is {estimate:.3g} rad in {steps} steps."
 
     def record(self) -> Record:
-        """The attitudes over `time`, or over `sample` in lanes that have times of their own, and how good they are."""
+        """The attitudes over `time`, or over `sample` where the elements of a batch have different times."""
         along = "time" if self.times.ndim == 1 else "sample"
         texts = np.asarray(self.result)
         variables = {
@@ -71,26 +82,26 @@ def propagate(
     omega: Rate,
     q0: ArrayInput,
     times: ArrayInput,
-    method: AbstractIncrement | None = None,
+    method: "AbstractIncrement | None" = None,
     axes: str = "body",
     tolerance: ArrayInput | None = None,
     *,
     steps: int | None = None,
     max_steps: int | None = None,
     throw: bool = False,
-) -> Float[Array, "n 4"]:
+) -> Quats:
     """The quaternions (n, 4) at `times` (n,) [s] of the motion 2λ̇ = λ∘ω(t) with λ(times[0]) = q0.
 
-    `omega(t)` [rad/s] is (3,), or (4,) with the scalar part ω0 = d/dt ln|λ|² first, in body axes, or in inertial ones
-    for `axes="inertial"` (2λ̇ = ω∘λ). `q0` (4,) may have any length but zero; it is kept, times exp ½∫ω0, to round-off.
-    `method`: `GaussLegendre(stages=8)` unless given, or `Magnus(order)`. The steps are chosen for a total error of
-    `tolerance` [rad], 1e-12 in float64 and 1e-5 in float32 unless given; `times` only say where output is wanted.
-    An event in ω that is much shorter than an eighth of the span can fall between the nodes: put a time into it.
+    `omega(t)` [rad/s] is (3,), or (4,) with the scalar part ω0 = d/dt ln|λ|² first, in body axes, or in inertial axes
+    for `axes="inertial"` (2λ̇ = ω∘λ). `q0` (4,) may have any non-zero length; |λ| is |q0| exp ½∫ω0 to round-off.
+    `method`: `GaussLegendre(stages=8)` for None, or `Magnus(order)`. The steps are chosen for a total error of
+    `tolerance` [rad], by default 1e-12 in float64 and 1e-5 in float32; `times` determine the output only. An event in ω
+    much shorter than an eighth of the span can fall between the nodes: place an output time in it.
 
-    `steps` fixes the number of steps in each interval instead, and nothing is estimated.
+    `steps` fixes the number of steps in each interval instead, without an error estimate.
 
-    Where the tolerance is not reached in `max_steps` steps (2¹⁸; for a traced rate see `plan.traced_slots`), or the
-    rate is not finite, all quaternions are NaN; `propagate_with_estimate` says why, and has the best ones found.
+    Where the tolerance is not reached within `max_steps` steps (2¹⁸; for a traced rate see `plan.traced_slots`), or the
+    rate is not finite, all quaternions are NaN. `propagate_with_estimate` returns the reason and the best quaternions.
 
     **Raises:** ValueError for times that are not finite and strictly increasing, a q0 that is zero or not finite, a
     rate of another shape, other axes. RuntimeError with `throw` where the quaternions would be NaN.
@@ -98,7 +109,7 @@ def propagate(
     problem = checked(omega, q0, times, method, axes, tolerance)
     if steps is not None and problem.intervals > 0:
         return solve(problem, plan.fixed(problem, steps))
-    solution = _solved(problem, None, max_steps)
+    solution = _solve(problem, None, max_steps)
     if throw:
         return solution.check().quaternion
     return jnp.where(solution.successful, solution.quaternion, jnp.nan)
@@ -108,26 +119,26 @@ def propagate_with_estimate(
     omega: Rate,
     q0: ArrayInput,
     times: ArrayInput,
-    method: AbstractIncrement | None = None,
+    method: "AbstractIncrement | None" = None,
     axes: str = "body",
     tolerance: ArrayInput | None = None,
     *,
     steps: int | None = None,
     max_steps: int | None = None,
     throw: bool = False,
-) -> Propagation:
-    """As `propagate`, with an error estimate, also for given `steps`; how it ended is in `code` and `result`.
+) -> "Propagation":
+    """As `propagate`, with an error estimate, also for fixed `steps`; see `code` and `result` for failures.
 
     **Raises:** ValueError as `propagate`; RuntimeError with `throw` where the tolerance is not reached.
     """
-    solution = _solved(checked(omega, q0, times, method, axes, tolerance), steps, max_steps)
+    solution = _solve(checked(omega, q0, times, method, axes, tolerance), steps, max_steps)
     return solution.check() if throw else solution
 
 
-def _solved(problem: Problem, steps: int | None, max_steps: int | None) -> Propagation:
+def _solve(problem: Problem, steps: int | None, max_steps: int | None) -> Propagation:
     if problem.intervals == 0:
-        nothing, none = jnp.zeros_like(problem.tolerance), jnp.zeros((), jnp.int32)
-        return Propagation(problem.times, problem.q0[None], nothing, none, none)
+        estimate, zero = jnp.zeros_like(problem.tolerance), jnp.zeros((), jnp.int32)
+        return Propagation(problem.times, problem.q0[None], estimate, zero, zero)
     if steps is None:
         mesh, errors = plan.adaptive(problem, max_steps)
     else:
@@ -138,11 +149,11 @@ def _solved(problem: Problem, steps: int | None, max_steps: int | None) -> Propa
         quaternion=solve(problem, mesh),
         estimate=errors.bound,
         steps=mesh.count,
-        code=_judged(errors, stop_gradient(problem.tolerance)),
+        code=_result_code(errors, stop_gradient(problem.tolerance)),
     )
 
 
 @eqx.filter_jit
-def _judged(errors: Errors, tolerance: Scalar) -> Int[Array, ""]:
+def _result_code(errors: Errors, tolerance: Scalar) -> Int[Array, ""]:
     failure = jnp.where(jnp.isfinite(errors.truncation), ResultCode.tolerance_not_reached, ResultCode.not_finite)
     return jnp.where(errors.truncation <= tolerance, ResultCode.successful, failure).astype(jnp.int32)

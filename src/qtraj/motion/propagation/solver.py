@@ -1,11 +1,7 @@
-"""Attitude kinematics for diffrax: a term for 2λ̇ = λ∘ω(t) and a Magnus solver that keeps |λ|.
+"""Attitude kinematics for diffrax: a term for 2λ̇ = λ∘ω(t), and a Magnus solver with constant |λ|.
 
-    term = AttitudeTerm(omega)                      # or axes="inertial"
-    diffrax.diffeqsolve(term, QuaternionMagnus(), t0, t1, dt0, λ0, stepsize_controller=diffrax.PIDController(…))
-
-Any other diffrax solver takes the term too. For a rate that is known without the attitude `qtraj.propagate` is faster;
-this is for events, dense output, or a solve that diffrax already runs. `atol` is absolute: scale it by |λ0|.
-This module imports diffrax, and is therefore not imported by the package itself.
+For a rate that does not depend on the attitude, `qtraj.propagate` is faster. This module serves events, dense output,
+and programs that use diffrax already. It imports diffrax, so no other module of qtraj imports it.
 """
 
 import math
@@ -31,9 +27,18 @@ _SIMPSON = (1 / 6, 0.0, 4 / 6, 0.0, 1 / 6)
 
 
 class AttitudeTerm(diffrax.AbstractTerm):
-    """2λ̇ = λ∘ω(t) in body axes, 2λ̇ = ω(t)∘λ in inertial ones; `omega(t)` [rad/s] is (3,), or (4,) scalar part first.
+    """The diffrax term of 2λ̇ = λ∘ω(t) in body axes, or of 2λ̇ = ω(t)∘λ for `axes="inertial"`.
 
-    Let `omega` be an equinox Module for gradients with respect to its parameters. ValueError for other axes.
+    `omega(t)` [rad/s] is (3,), or (4,) with the scalar part first. Make it an equinox Module for gradients with respect
+    to its parameters. The term suits `QuaternionMagnus` and any other diffrax solver:
+
+        term = AttitudeTerm(omega)
+        controller = diffrax.PIDController(rtol=1e-9, atol=1e-9)
+        diffrax.diffeqsolve(term, QuaternionMagnus(), t0, t1, None, q0, stepsize_controller=controller)
+
+    diffrax's `atol` is absolute: multiply it by |q0|.
+
+    **Raises:** ValueError for other axes.
     """
 
     omega: Callable[..., Any]
@@ -43,43 +48,50 @@ class AttitudeTerm(diffrax.AbstractTerm):
         require_axes(self.axes)
 
     def vf(self, t: ScalarLike, y: Quat, args: Any) -> Quat:
-        """λ̇ [1/s]."""
+        """λ̇ [1/s] at the time `t` [s] and the quaternion `y`."""
         return quaternion.derivative(y, jnp.asarray(self.omega(t), y.dtype), self.axes)
 
     def contr(self, t0: Any, t1: Any, **kwargs: Any) -> tuple[Any, Any]:
-        """The time between t0 and t1 [s], and the same with a minus for inertial axes.
+        """The time from t0 to t1 [s], and the same with the opposite sign for inertial axes.
 
-        A solver sees its term wrapped, by nothing but these methods: the second number tells it the axes.
+        A solver has access to the methods of its term only; it reads the axes from the sign of the second number.
         """
         return t1 - t0, (t1 - t0 if self.axes == "body" else t0 - t1)
 
     def prod(self, vf: Quat, control: tuple[Any, Any]) -> Quat:
-        """λ̇ times the time."""
+        """λ̇ times the time of `control`."""
         return vf * jnp.asarray(control[0], vf.dtype)
 
 
 class QuaternionMagnus(diffrax.AbstractAdaptiveSolver):
-    """The Magnus expansion of order 6 as a diffrax solver for an `AttitudeTerm`; |λ| is kept to round-off.
+    """The Magnus expansion of order 6 as a diffrax solver for an `AttitudeTerm`; |λ| is constant to round-off.
 
-    Four evaluations of the rate per step. The error estimate is of order 4: the embedded expansion for the turning of
-    the axis, Simpson's rule for the integral of the rate. Dense output is of order 5. Not for `BacksolveAdjoint`.
+    A step evaluates the rate four times. The error estimate is of order 4: an embedded expansion for the rotation of
+    the axis, and Simpson's rule for the integral of the rate. Dense output is of order 5. `diffrax.BacksolveAdjoint` is
+    not supported.
     """
 
     term_structure: ClassVar[Any] = AttitudeTerm
-    interpolation_cls: ClassVar[Any] = property(lambda self: AttitudeInterpolation)
+    interpolation_cls: ClassVar[Any] = property(
+        lambda self: AttitudeInterpolation, doc="The dense output within a step: `AttitudeInterpolation`."
+    )
 
     def order(self, terms: Any) -> int:
+        """The order of the solution, 6."""
         return 6
 
     def error_order(self, terms: Any) -> int:
+        """The order of the local error of the embedded method, 5."""
         return 5
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: Quat, args: Any) -> Quat:
+        """The solver state: the rate at `t0`, which the first step uses again."""
         return _rate(terms, t0, y0, args)
 
     def step(
         self, terms: Any, t0: Any, t1: Any, y0: Quat, args: Any, solver_state: Quat, made_jump: Any
     ) -> tuple[Quat, Quat, dict[str, Any], Quat, Any]:
+        """One step from `t0` to `t1`: λ, its error estimate, dense output, the rate at `t1`, and diffrax's result."""
         h, signed = (jnp.asarray(x, y0.dtype) for x in terms.contr(t0, t1))
         side = jnp.sign(h) * jnp.sign(signed)
         first = jax.lax.cond(made_jump, lambda: _rate(terms, t0, y0, args), lambda: solver_state)
@@ -91,13 +103,14 @@ class QuaternionMagnus(diffrax.AbstractAdaptiveSolver):
         return _body_form(end, side), _body_form(error, side), dense_info, others[-1], diffrax.RESULTS.successful
 
     def func(self, terms: Any, t0: Any, y0: Quat, args: Any) -> Quat:
+        """λ̇ [1/s]."""
         return terms.vf(t0, y0, args)
 
 
 class AttitudeInterpolation(diffrax.AbstractLocalInterpolation):
-    """λ within a step: the same expansion over part of it, with the rate by a quartic through the step's five values.
+    """λ within a step: the same expansion over part of it, with the quartic through the five rates of the step.
 
-    `rates` are those of the body form; `h` is negative where time runs backwards.
+    `rates` are those of the body form; `h` is negative where time decreases.
     """
 
     t0: Any
@@ -108,18 +121,20 @@ class AttitudeInterpolation(diffrax.AbstractLocalInterpolation):
     side: Scalar
 
     def evaluate(self, t0: Any, t1: Any | None = None, left: bool = True) -> Quat:
-        """λ at t0, or its change from t0 to t1."""
+        """λ at `t0`, or its change from `t0` to `t1`."""
         if t1 is not None:
             return self.evaluate(t1) - self.evaluate(t0)
         whole = jnp.asarray(self.t1 - self.t0, self.y0.dtype)
-        part = jnp.where(whole == 0, 0.0, jnp.asarray(t0 - self.t0, whole.dtype) / jnp.where(whole == 0, 1.0, whole))
+        fraction = jnp.where(
+            whole == 0, 0.0, jnp.asarray(t0 - self.t0, whole.dtype) / jnp.where(whole == 0, 1.0, whole)
+        )
         knots = jnp.asarray(_KNOTS, whole.dtype)
-        rates = jax.vmap(lambda c: lagrange(c * part, knots) @ self.rates)(knots)
-        return _body_form(_magnus_step(_body_form(self.y0, self.side), rates, part * self.h)[0], self.side)
+        rates = jax.vmap(lambda c: lagrange(c * fraction, knots) @ self.rates)(knots)
+        return _body_form(_magnus_step(_body_form(self.y0, self.side), rates, fraction * self.h)[0], self.side)
 
 
 def _rate(terms: Any, t: Any, y: Quat, args: Any) -> Quat:
-    """ω(t) with its scalar part: 2λ̇ at λ = 1, in either axes."""
+    """ω(t) with its scalar part, in the axes of the term: 2λ̇ at λ = 1."""
     return 2 * terms.vf(t, jnp.zeros_like(y).at[0].set(1.0), args)
 
 
@@ -133,5 +148,5 @@ def _magnus_step(start: Quat, rates: Float[Array, "5 4"], h: Scalar) -> tuple[Qu
 
 
 def _body_form(q: Quat, side: Scalar) -> Quat:
-    """q for body axes (side 1), its conjugate for inertial axes (side −1), which obeys the body form with −ω."""
+    """q for body axes (`side` 1), its conjugate for inertial axes (`side` −1): this obeys the body form with −ω."""
     return q.at[1:].multiply(side)

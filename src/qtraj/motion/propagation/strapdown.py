@@ -1,8 +1,11 @@
-"""λ(t) from a recorded rate: the samples are joined by local polynomials, which are then integrated exactly.
+"""λ(t) from a recorded rate: local polynomials interpolate the samples and are integrated exactly.
 
-Every interval has its own polynomial, through the samples around it, at whatever times they were taken. Classical
-coning algorithms correct the sum of increments for what turned between them; here the polynomial does, to a high order.
+Every interval has its own polynomial through the samples around it, which may be unevenly spaced. Classical coning
+algorithms correct the sum of the increments for the rotation of the axis between them; here the polynomial accounts for
+it, to a high order.
 """
+
+from __future__ import annotations  # so that `help` shows short names
 
 import equinox as eqx
 import jax
@@ -21,8 +24,10 @@ KINDS = ("instantaneous", "mean", "increment")
 
 DEGREE = 5
 DEGREE_OF_MEANS = 6
-"""Of the local polynomial of the rate. Odd for instants and even for means: then as many samples stand on either side.
-Higher degrees gain in smooth motion, and lose where noisy samples have nearly the same time."""
+"""Degree of the local polynomial of the rate: odd for instants and even for means, so that the window is symmetric.
+
+Higher degrees are more accurate for smooth motion, and worse where noisy samples have nearly the same time.
+"""
 
 
 def propagate_samples(
@@ -36,21 +41,21 @@ def propagate_samples(
     method: AbstractIncrement | None = None,
     max_gap: float | None = 5.0,
 ) -> Float[Array, "n 4"]:
-    """The quaternions (n, 4) at `times` (n,) [s] of a body whose rate was recorded there; q0 (4,) is that at times[0].
+    """The quaternions (n, 4) at `times` (n,) [s] from recorded rates; `q0` (4,) is the quaternion at times[0].
 
-    `rates` (n, 3), in body or inertial `axes`, are by `kind`:
+    `rates` (n, 3), in body or inertial `axes`, are for each `kind`:
 
     - "instantaneous": ω(t_k) [rad/s];
     - "mean": the mean of ω over the preceding interval, t_{k−1} to t_k [rad/s];
-    - "increment": the integral of ω over it, θ_k [rad], as integrating gyros give it.
+    - "increment": the integral of ω over the preceding interval, θ_k [rad], as measured by integrating gyros.
 
-    For "mean" and "increment" the first row precedes the propagation and is not used. `degree` of the local polynomial
-    of the rate, 5 (6 for means and increments) unless given; short recordings take what they can. `method` integrates
-    it: `GaussLegendre(stages=6)` unless given. Times may be uneven; an interval longer than `max_gap` times the median
-    is taken for a gap (None: no such check).
+    For "mean" and "increment" the first row precedes the propagation and is not used. `degree`: of the local polynomial
+    of the rate, by default 5, or 6 for means and increments; for short recordings it is limited by the number of
+    samples. `method`: integrates it, `GaussLegendre(stages=6)` for None. Times may be uneven. An interval longer than
+    `max_gap` times the median is refused as a gap; None turns this check off.
 
     **Raises:** ValueError for other shapes, kinds and axes, rates that are not finite, times that do not increase
-    strictly, or a gap; it names the sample and its time.
+    strictly, or a gap; the message names the sample and its time.
     """
     require_axes(axes)
     if kind not in KINDS:
@@ -73,31 +78,34 @@ def propagate_samples(
 def _checked_rates(rates: ArrayInput, times: Array, kind: str) -> Float[Array, "n 3"]:
     rates = as_float(rates)
     if rates.shape != (times.shape[0], 3):
-        raise ValueError(f"{times.shape[0]} times need rates of shape ({times.shape[0]}, 3), not {rates.shape}")
+        raise ValueError(
+            f"{times.shape[0]} times need rates of shape ({times.shape[0]}, 3), but shape {rates.shape} was given"
+        )
     if kind != "instantaneous":
         rates = rates.at[0].set(0.0)
-    known = concrete(rates)
-    if known is not None and not np.all(np.isfinite(known)):
-        i = int(np.argmin(np.all(np.isfinite(known), axis=1)))
-        raise ValueError(f"the rates must be finite, but sample {i}{_at(times, i)} is {known[i].tolist()}")
+    values = concrete(rates)
+    if values is not None and not np.all(np.isfinite(values)):
+        i = int(np.argmin(np.all(np.isfinite(values), axis=1)))
+        raise ValueError(f"the rates must be finite, but sample {i}{_at(times, i)} is {values[i].tolist()}")
     return rates
 
 
 def _at(times: Array, i: int) -> str:
-    known = concrete(times)
-    return "" if known is None else f" at {known[i]:.9g} s"
+    values = concrete(times)
+    return "" if values is None else f" at {values[i]:.9g} s"
 
 
 def _require_no_gap(times: Array, max_gap: float | None) -> None:
-    known = concrete(times)
-    if known is None or max_gap is None or known.size < 3:
+    values = concrete(times)
+    if values is None or max_gap is None or values.size < 3:
         return
-    steps = np.diff(known)
+    steps = np.diff(values)
     i, usual = int(np.argmax(steps)), float(np.median(steps))
     if steps[i] > max_gap * usual:
         raise ValueError(
-            f"the recording has a gap of {steps[i]:.9g} s between sample {i} at {known[i]:.9g} s and sample {i + 1} at "
-            f"{known[i + 1]:.9g} s, where {usual:.3g} s is usual. Propagate the parts apart, or raise `max_gap`."
+            f"the recording has a gap of {steps[i]:.9g} s between sample {i} at {values[i]:.9g} s and sample {i + 1} "
+            f"at {values[i + 1]:.9g} s, although {usual:.3g} s is usual. Propagate both parts separately, or raise "
+            "max_gap."
         )
 
 
@@ -109,13 +117,13 @@ def _integrate(
     at_nodes = _through_instants if kind == "instantaneous" else _through_increments
     if kind == "mean":
         rates = rates.at[1:].multiply(h[:, None])
-    q0, known = to_body(q0, at_nodes(method.nodes, degree, times, rates), axes)
-    qs = accumulate(q0, *increments(method, known, h))
+    q0, node_rates = to_body(q0, at_nodes(method.nodes, degree, times, rates), axes)
+    qs = accumulate(q0, *increments(method, node_rates, h))
     return from_body(jnp.concatenate([q0[None], qs]), axes)
 
 
 def _through_instants(nodes: np.ndarray, degree: int, times: Array, rates: Array) -> Float[Array, "m s 3"]:
-    """Rates at the nodes of each interval, by the polynomial through the nearest instants."""
+    """Rates at the nodes of each interval, from the polynomial through the nearest instants."""
     window = _windows(times.shape[0], degree + 1)
     knots = _local(times, window)
     x = jnp.asarray(nodes, times.dtype)
@@ -127,10 +135,10 @@ def _through_instants(nodes: np.ndarray, degree: int, times: Array, rates: Array
 
 
 def _through_increments(nodes: np.ndarray, degree: int, times: Array, increments: Array) -> Float[Array, "m s 3"]:
-    """Rates at the nodes of each interval: the derivative of the polynomial through the nearest sums of increments."""
+    """Rates at the nodes of each interval, from the derivative of the polynomial through the sums of increments."""
     window = _windows(times.shape[0], degree + 2)
     knots = _local(times, window)
-    sums = jnp.cumsum(increments[window].at[:, 0].set(0.0), axis=1)  # of the window: what was before turns nothing
+    sums = jnp.cumsum(increments[window].at[:, 0].set(0.0), axis=1)  # starts at zero in each window
     x = jnp.asarray(nodes, times.dtype)
 
     def slope(at, knots, values):
@@ -141,12 +149,12 @@ def _through_increments(nodes: np.ndarray, degree: int, times: Array, increments
 
 
 def _windows(count: int, size: int) -> np.ndarray:
-    """For each interval the indices of the `size` samples around it, or of all; at the ends the nearest."""
+    """The indices of the `size` samples nearest to each interval, or of all samples."""
     size = min(size, count)
     first = np.clip(np.arange(count - 1) - (size - 2) // 2, 0, count - size)
     return first[:, None] + np.arange(size)
 
 
 def _local(times: Float[Array, " n"], window: np.ndarray) -> Float[Array, "m w"]:
-    """The times of a window on the scale where its interval is [0, 1]."""
+    """The times of each window, scaled so that its interval is [0, 1]."""
     return (times[window] - times[:-1, None]) / jnp.diff(times)[:, None]

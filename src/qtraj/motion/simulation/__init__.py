@@ -1,1 +1,1 @@
-"""λ(t), ω(t) where the acceleration ε(t, λ, ω) is given: open loop, and the closed loop."""
+"""λ(t) and ω(t) from an angular acceleration ε(t, λ, ω), in open loop and in closed loop."""

@@ -1,4 +1,4 @@
-"""What stands between a command and the body: limits, and a command that is held between renewals."""
+"""The actuator between command and body: limits, and a zero-order hold of the command."""
 
 import equinox as eqx
 import jax
@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 from qtraj.algebra.vector import norm
 from qtraj.foundation.arrays import as_float, concrete, require_finite, require_positive
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Vec3
 
 Sampling = Float[Array, ""] | Float[Array, " m"]
@@ -15,16 +16,16 @@ Sampling = Float[Array, ""] | Float[Array, " m"]
 
 @storable
 class Actuator(eqx.Module):
-    """Limits and holds the physical part of a command; the virtual part is the computer's and has no limit.
+    """An actuator that limits the physical part of a command and holds the command between samples.
 
-    `limit` [rad/s², or rad/s of a rate law], None for none: a scalar with `saturation="norm"` shortens the vector and
-    keeps its direction; with `"axis"` each component is clipped, by a scalar or by (3,) of its own. `sampling` [s]: a
-    period, from the first instant on, or the renewal instants (m,) themselves; between two of them the command, also
-    its virtual part, is held (zero-order hold). None: continuous. Given as instants, they may be traced and the
-    closed loop is differentiable in them, exactly.
+    The virtual part of a command has no limit. `limit` [rad/s², or rad/s for a rate law] or None: with
+    `saturation="norm"` a scalar limits the length of the vector and keeps its direction; with `"axis"` a scalar, or
+    (3,) for the axes, clips each component. `sampling` [s]: a period, starting at the first instant, or the instants
+    (m,) of new commands; the whole command is held in between (zero-order hold). None is a continuous command. Instants
+    may be traced, and the closed loop is exactly differentiable in them.
 
     **Raises:** ValueError for limits or periods that are not positive, instants that do not increase, another
-    saturation, or a limit per axis under `"norm"`.
+    `saturation`, or a limit per axis with `"norm"`.
     """
 
     limit: Float[Array, "..."] | None
@@ -39,14 +40,17 @@ class Actuator(eqx.Module):
         if self.limit is not None:
             if self.limit.shape not in ((), (3,)) or (self.limit.shape and saturation == "norm"):
                 raise ValueError(
-                    f"a limit of shape {self.limit.shape} does not suit saturation={saturation!r}: give a scalar, or "
-                    "(3,) with saturation='axis'"
+                    "the actuator's limit must be a scalar, or have shape (3,) with saturation='axis', but shape "
+                    f"{self.limit.shape} was given with saturation={saturation!r}"
                 )
             require_positive(self.limit, "the actuator's limit", "rad/s²")
         self.sampling = sampling_instants(sampling)
 
+    def __repr__(self) -> str:
+        return shown(self, sampling="s")
+
     def __call__(self, command: Quat) -> Quat:
-        """The command as the actuator gives it."""
+        """The limited command."""
         if self.limit is None:
             return command
         return jnp.concatenate([command[:1], self._limited(command[1:], self.limit.astype(command.dtype))])
@@ -60,17 +64,17 @@ class Actuator(eqx.Module):
 
 
 def sampling_instants(sampling: ArrayInput | None) -> Sampling | None:
-    """A period or renewal instants as an array; ValueError for what is known to be wrong."""
+    """A period or sampling instants as an array; ValueError for invalid known values."""
     if sampling is None:
         return None
-    with jax.ensure_compile_time_eval():  # a number stays one inside a trace, where it is counted by
+    with jax.ensure_compile_time_eval():  # a known period must stay known inside a trace
         sampling = as_float(sampling)
     if sampling.ndim > 1 or sampling.size == 0:
-        raise ValueError(f"sampling must be a period or a vector of instants [s], but its shape is {sampling.shape}")
+        raise ValueError(f"sampling must be a period or a vector of instants [s], but shape {sampling.shape} was given")
     require_finite(sampling, "sampling")
-    known = concrete(sampling)
+    values = concrete(sampling)
     if sampling.ndim == 0:
         require_positive(sampling, "the sampling period", "s")
-    elif known is not None and not (known[1:] > known[:-1]).all():
+    elif values is not None and not (values[1:] > values[:-1]).all():
         raise ValueError("sampling instants must increase strictly")
     return sampling

@@ -1,4 +1,4 @@
-"""What acts on a body besides its command."""
+"""Disturbances: angular accelerations and torques that are not commanded."""
 
 import abc
 import inspect
@@ -10,21 +10,26 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+from typing_extensions import TypeAliasType
 
 from qtraj.foundation.arrays import as_float, real_scalar, real_vector, require_finite, require_positive
-from qtraj.foundation.document import storable
+from qtraj.foundation.document import reads_older, storable
+from qtraj.foundation.renamed import renamed_arguments
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, Vec3
 from qtraj.motion.dynamics import inertia_matrix
 
-Course = Callable[[Scalar], Vec3] | Vec3
-"""A vector as a function of time [s], or a constant one."""
+Signal = Callable[[Scalar], Vec3] | Vec3
+"""A vector as a function of time [s], or a constant vector."""
+
+SignalInput = TypeAliasType("SignalInput", Callable[[Scalar], Vec3] | ArrayInput)
 
 
 @storable
 class Sinusoid(eqx.Module):
-    """amplitude·sin(2πt/period + phase): a course of a disturbance that can be stored.
+    """amplitude·sin(2πt/period + phase): a signal of a disturbance that can be stored.
 
-    `amplitude` (3,), in the disturbance's unit; `period` [s]; `phase` [rad].
+    `amplitude` (3,), in the unit of the disturbance; `period` [s]; `phase` [rad].
 
     **Raises:** ValueError for another shape, a period that is not positive, or a phase that is not finite.
     """
@@ -39,85 +44,107 @@ class Sinusoid(eqx.Module):
         require_positive(self.period, "the period", "s")
         require_finite(self.phase, "the phase")
 
+    def __repr__(self) -> str:
+        return shown(self, period="s", phase="rad")
+
     def __call__(self, t: Scalar) -> Vec3:
+        """The vector (3,) at the time `t` [s]."""
         wave = jnp.sin(2 * math.pi * t / self.period.astype(t.dtype) + self.phase.astype(t.dtype))
         return self.amplitude * wave.astype(self.amplitude.dtype)
 
 
 class AbstractDisturbance(eqx.Module):
-    """An angular acceleration that no law has commanded."""
+    """An angular acceleration that is not commanded."""
 
     @abc.abstractmethod
     def acceleration(self, t: Scalar) -> Vec3:
         """Angular acceleration (3,) [rad/s²] in body axes at the time `t` [s]."""
 
 
+def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
+    return {"signal" if name == "course" else name: value for name, value in fields.items()}
+
+
+@reads_older(_from_older)
 @storable
 class DisturbanceAcceleration(AbstractDisturbance):
-    """An angular acceleration in body axes: a function t [s] → (3,) [rad/s²], or a constant (3,).
+    """An angular acceleration in body axes: `signal` is a function t [s] → (3,) [rad/s²], or a constant (3,).
 
-    A constant one and a `Sinusoid` can be stored.
+    A constant and a `Sinusoid` can be stored, other functions cannot.
 
     **Raises:** ValueError for a function that cannot be called with the time alone, or another shape.
     """
 
-    course: Course
+    signal: Signal
 
-    def __init__(self, course: Callable[[Scalar], Vec3] | ArrayInput):
-        self.course = _course(course, "the disturbance acceleration")
+    @renamed_arguments(course="signal")
+    def __init__(self, signal: SignalInput):
+        self.signal = checked_signal(signal, "the disturbance acceleration")
+
+    def __repr__(self) -> str:
+        return shown(self, signal="rad/s²")
 
     def acceleration(self, t: Scalar) -> Vec3:
-        return _at(self.course, t)
+        """The signal (3,) [rad/s²] at the time `t` [s]."""
+        return at_instant(self.signal, t)
 
 
+@reads_older(_from_older)
 @storable
 class DisturbanceTorque(AbstractDisturbance):
-    """A torque on a body of given inertia, ε = J⁻¹M: a function t [s] → (3,) [N m] in body axes, or a constant (3,).
+    """A torque on a body, ε = J⁻¹M: `signal` is a function t [s] → (3,) [N m] in body axes, or a constant (3,).
 
-    `inertia` [kg m²]: a scalar, (3,) principal moments or (3, 3). The gyroscopic torque ω×Jω is the commanded
-    torque's business: see `dynamics.torque`. A constant torque and a `Sinusoid` can be stored.
+    `inertia` [kg m²]: a scalar, (3,) principal moments or (3, 3). The gyroscopic torque ω×Jω is part of the commanded
+    torque; see `dynamics.torque`. A constant and a `Sinusoid` can be stored, other functions cannot.
 
     **Raises:** ValueError for an inertia that is not symmetric and positive, a function that cannot be called with the
     time alone, or another shape.
     """
 
-    course: Course
+    signal: Signal
     inertia: Float[Array, "3 3"]
 
-    def __init__(self, course: Callable[[Scalar], Vec3] | ArrayInput, inertia: ArrayInput):
-        self.course = _course(course, "the disturbance torque")
+    @renamed_arguments(course="signal")
+    def __init__(self, signal: SignalInput, inertia: ArrayInput):
+        self.signal = checked_signal(signal, "the disturbance torque")
         self.inertia = inertia_matrix(inertia)
 
+    def __repr__(self) -> str:
+        return shown(self, signal="N m", inertia="kg m²")
+
     def acceleration(self, t: Scalar) -> Vec3:
-        torque = _at(self.course, t)
+        """J⁻¹ times the signal (3,) [rad/s²] at the time `t` [s]."""
+        torque = at_instant(self.signal, t)
         return jnp.linalg.solve(self.inertia.astype(torque.dtype), torque)
 
 
-def _course(course: Callable[[Scalar], Vec3] | ArrayInput, name: str) -> Any:
-    if not callable(course):
-        return real_vector(course, name, 3)
-    _require_function_of_time(course, name)
-    return course if isinstance(course, eqx.Module | jax.tree_util.Partial) else jax.tree_util.Partial(course)
+def checked_signal(signal: SignalInput, name: str) -> Any:
+    """A function of time as a pytree, or a constant vector (3,); ValueError for anything else."""
+    if not callable(signal):
+        return real_vector(signal, name, 3)
+    _require_function_of_time(signal, name)
+    return signal if isinstance(signal, eqx.Module | jax.tree_util.Partial) else jax.tree_util.Partial(signal)
 
 
-def _require_function_of_time(course: Callable[..., Any], name: str) -> None:
-    """Raise a ValueError where a function cannot be called with the time alone."""
+def _require_function_of_time(signal: Callable[..., Any], name: str) -> None:
+    """Raise a ValueError unless a function can be called with the time alone."""
     try:
-        signature = inspect.signature(course)
-    except (TypeError, ValueError):  # some functions written in C have none: the call itself will tell
+        signature = inspect.signature(signal)
+    except (TypeError, ValueError):  # some functions written in C have no signature: a wrong one fails when called
         return
     try:
         signature.bind(0.0)
     except TypeError as error:
         raise ValueError(
-            f"{name} must be a function of the time alone, t [s] -> (3,), but the function given takes {signature}"
+            f"{name} must be a function of the time alone, t [s] -> (3,), but the given function takes {signature}"
         ) from error
 
 
-def _at(course: Course, t: Scalar) -> Vec3:
-    if not callable(course):
-        return course
-    vector = as_float(course(t))
+def at_instant(signal: Signal, t: Scalar) -> Vec3:
+    """The vector (3,) at the time `t` [s]."""
+    if not callable(signal):
+        return signal
+    vector = as_float(signal(t))
     if vector.shape != (3,):
-        raise ValueError(f"a disturbance must be a vector (3,) at each time, but has shape {vector.shape}")
+        raise ValueError(f"a disturbance must return a vector (3,) at each time, but returned shape {vector.shape}")
     return vector

@@ -1,8 +1,10 @@
 """The motion of a body from its angular acceleration (paper C, section 1), in R⁸ and without normalisation.
 
-Body form (1.2): ω̇_x = ε_x, 2λ̇ = λ∘ω_x. Inertial form (1.4): ω̇_ξ = ε_ξ, 2λ̇ = ω_ξ∘λ. All four components of ε are
-given; |λ(t)|² = |λ(t0)|² exp∫ω0 (the paper's sign of ω0 is an erratum), so |λ| is a legitimate state and not an error.
+Body form (1.2): ω̇_x = ε_x, 2λ̇ = λ∘ω_x. Inertial form (1.4): ω̇_ξ = ε_ξ, 2λ̇ = ω_ξ∘λ. ε has four components, and
+|λ(t)|² = |λ(t0)|² exp∫ω0 (the paper's sign of ω0 is an erratum). |λ| is therefore a state, not an error.
 """
+
+from __future__ import annotations  # so that `help` shows short names
 
 from collections.abc import Callable
 from typing import Any
@@ -40,18 +42,19 @@ def integrate(
 ) -> Solution:
     """λ(t) and ω(t) from ε = `acceleration`(t, λ, ω), four components [rad/s²].
 
-    `quaternion` (4,), any length but 0, and `rate` (4,) [rad/s], at the first of `times` (n,) [s]. Rate, acceleration
-    and the solution's rate are in `axes`: "body" or "inertial". `solver`: a diffrax solver (None: Dopri8). `rtol` is
-    relative to each component; `atol` is relative to |λ(0)| for λ, and for ω to |ω(0)| or one radian per span of time,
-    whichever is faster. `jumps` (m,) [s]: instants where ε jumps, for efficiency and for derivatives in them.
-    `adjoint`: a diffrax adjoint; None differentiates forwards and backwards, and for reverse differentiation in large
-    batches `diffrax.RecursiveCheckpointAdjoint()` may be faster. `max_steps`: between two instants.
+    `quaternion` (4,), of any non-zero length, and `rate` (4,) [rad/s]: the state at the first of `times` (n,) [s].
+    `axes`: "body" or "inertial", of the rate, the acceleration and the solution's rate. `solver`: a diffrax solver,
+    Dopri8 for None. `rtol` is relative to each component. `atol` is relative to |λ(0)| for λ; for ω it is relative to
+    |ω(0)| or to one radian per span of time, whichever is larger. `jumps` (m,) [s]: instants where ε jumps, for
+    efficiency and for derivatives with respect to them. `adjoint`: a diffrax adjoint. None supports forward and reverse
+    differentiation; for reverse differentiation in large batches `diffrax.RecursiveCheckpointAdjoint()` may be faster.
+    `max_steps`: between two instants.
 
-    A failure is a value: the solution's `code` and `result` say how it ended, for each element of a batch, and instants
-    that were not reached are NaN. `throw` raises instead.
+    A failure is a value: `code` and `result` of the solution describe it, for each element of a batch, and instants
+    that were not reached are NaN. With `throw` it raises.
 
-    **Raises:** ValueError for times that do not increase strictly, or that lie so far from zero that their dtype does
-    not resolve them; for λ = 0, numbers that are not finite, other shapes (also of ε) or axes. RuntimeError with
+    **Raises:** ValueError for times that do not increase strictly, or that are so far from zero that their dtype does
+    not resolve them; for λ = 0, values that are not finite, other shapes (also of ε) or other axes. RuntimeError with
     `throw` where an instant was not reached.
     """
     require_axes(axes)
@@ -64,12 +67,12 @@ def integrate(
 def _integrate(acceleration: Acceleration, task: Task, axes: str) -> Solution:
     scale = Scale(task)
 
-    def field(t: Scalar, state: Float[Array, "8"], memory: None) -> Float[Array, "8"]:
+    def field(t: Scalar, state: Float[Array, 8], memory: None) -> Float[Array, 8]:
         quaternion, rate = scale.unpack(state)
         epsilon = as_float(acceleration(t, quaternion, rate)).astype(state.dtype)
         if epsilon.shape != (4,):
             raise ValueError(
-                "the acceleration must have shape (4,), the virtual scalar part first (0 for none), but has shape "
+                "the acceleration must have shape (4,), with the virtual scalar part first (0 for none), but has shape "
                 f"{epsilon.shape}"
             )
         return scale.pack(derivative(quaternion, rate, axes), epsilon)

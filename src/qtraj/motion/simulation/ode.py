@@ -1,13 +1,14 @@
-"""The one place that calls diffrax: a motion from instant to instant, with its outcome as a value.
+"""Integration with diffrax from instant to instant, with the result code as a value.
 
-Between two neighbouring instants of a grid there is one adaptive solve, in the unit time u of the interval, inside a
-scan. So every step lands on its instant, whatever happens at an instant (a new command, a jump of the field) is met
-exactly, and so is the derivative with respect to it.
+Each interval between two instants of a grid is one adaptive solve, in the unit time u of the interval, inside a scan.
+Steps end exactly at the instants, so events there (a new command, a jump of the field), and derivatives with respect to
+these instants, are exact. This is the only module of motion.simulation that calls diffrax.
 
-Dopri8 is the default solver. Measured on the closed loop of a three-axis program over 6 s, 61 instants, at rtol 1e-10:
-Dopri8 62 steps and an error of 5e-14; Dopri5 283 and 6e-12; Tsit5 273 and 5e-12. Not landing on the instants saves a
-third of Dopri8's steps, but its dense output then errs by 7e-10. One scan over intervals is also safer than steps
-clipped to the instants: a step that ends a unit of round-off before an instant leaves one of that size behind it.
+Dopri8 is the default solver. On the closed loop of a three-axis program over 6 s, with 61 instants and rtol 1e-10,
+Dopri8 takes 62 steps with an error of 5e-14, Dopri5 283 with 6e-12, and Tsit5 273 with 5e-12. Dense output instead of
+steps that end at the instants would save a third of Dopri8's steps, but with an error of 7e-10. A scan over intervals
+is also more robust than steps clipped to the instants: a step that ends within round-off before an instant would leave
+a step of that size.
 """
 
 import functools
@@ -24,29 +25,29 @@ from qtraj.foundation.types import Scalar
 
 MAX_STEPS = 16**3  # a power of 16, the base of the loop that differentiates in reverse
 FIRST_STEP = 0.01
-"""Of the whole span: the first step tried, where the next instant is no closer."""
-GROWTH = 2.0
-"""The first step in an interval, in mean steps of the one before."""
-ALMOST = 0.75
-"""A first step of this part of an interval takes all of it: a remainder could be as small as round-off."""
-SMALLEST_STEP = 16
-"""In units of round-off of an interval: a step that must be smaller is a failure."""
+"""The first step, as a fraction of the span, where the first interval is not shorter."""
+STEP_GROWTH = 2.0
+"""The first step of an interval, in mean steps of the interval before."""
+WHOLE_INTERVAL = 0.75
+"""A first step of at least this fraction of an interval covers all of it; the rest could be as small as round-off."""
+MIN_STEP = 16
+"""The smallest step, in units of round-off of an interval; a smaller one is a failure."""
 SIDE = 4
-"""In units of round-off of the time: fields are evaluated no closer to an instant, so each interval sees its side."""
+"""The smallest distance of a field evaluation from an instant, in units of round-off, so that it sees its own side."""
 
 State = Float[Array, " d"]
 Memory = PyTree[Array]
 
 
 class Tolerances(eqx.Module):
-    """Error per step: `rtol` of each component's size plus `atol`, root mean square over components."""
+    """Tolerances of a step: `rtol` times the size of each component plus `atol`, root mean square over components."""
 
     rtol: Scalar
     atol: Scalar
 
 
 class Method(eqx.Module):
-    """How to solve: diffrax objects, or None for this module's choice; `max_steps` is per interval."""
+    """Solver and adjoint of diffrax, or None for the defaults; `max_steps` is per interval."""
 
     solver: Any = None
     adjoint: Any = None
@@ -54,7 +55,7 @@ class Method(eqx.Module):
 
 
 class Grid(eqx.Module):
-    """Instants `times` (n,) [s] from `start` [s] on, not decreasing; `renews` where the memory is renewed."""
+    """Non-decreasing instants `times` (n,) [s] after `start` [s]; `renews`: where the memory is updated."""
 
     start: Scalar
     times: Float[Array, " n"]
@@ -66,20 +67,20 @@ Renew = Callable[[Int[Array, ""], Scalar, State, Memory], Memory]
 
 
 def keep(index: Int[Array, ""], t: Scalar, state: State, memory: Memory) -> Memory:
-    """The renewal that changes nothing."""
+    """A renewal that leaves the memory unchanged."""
     return memory
 
 
 def march(
     field: Field, renew: Renew, state: State, memory: Memory, grid: Grid, tolerances: Tolerances, method: Method
 ) -> tuple[Float[Array, "n d"], Memory, Int[Array, ""]]:
-    """States and memories at the grid's instants, after their renewal, and the outcome.
+    """States and memories at the grid's instants, after their renewal, and the result code.
 
-    ẏ = field(t, y, memory); at an instant that renews, memory ← renew(index, t, y, memory). Rows that were not reached
-    are NaN. Without an `adjoint` in the method the march differentiates forwards and backwards, and costs no more than
-    a plain one where it is not differentiated.
+    ẏ = field(t, y, memory), and memory ← renew(index, t, y, memory) at an instant that renews. Rows that were not
+    reached are NaN. Without an `adjoint` in the method, forward and reverse differentiation are supported at no cost
+    where they are not used.
     """
-    # What the functions capture becomes an argument, so that it can be differentiated and batched.
+    # Captured values become arguments, so that they can be differentiated and batched.
     field = eqx.filter_closure_convert(field, grid.start, state, memory)
     renew = eqx.filter_closure_convert(renew, jnp.asarray(0), grid.start, state, memory)
     inputs = (field, renew, state, memory, grid, tolerances)
@@ -113,16 +114,16 @@ def _march(inputs: Any, *, method: Method) -> Any:
         index, now, renews = instant
         running = code == ResultCode.successful
         interval = jnp.where(running, now - before, 0.0)
-        state, ending, accepted = _solve(
-            _Leg(field, memory, grid.start, before, interval, nudge), state, step, tolerances, method
+        state, interval_code, accepted = _solve(
+            _IntervalField(field, memory, grid.start, before, interval, nudge), state, step, tolerances, method
         )
-        code = jnp.where(running, ending, code)
-        step = jnp.where(interval > 0, GROWTH * interval / accepted, step)
+        code = jnp.where(running, interval_code, code)
+        step = jnp.where(interval > 0, STEP_GROWTH * interval / accepted, step)
         memory = jax.lax.cond(renews, lambda: renew(index, grid.start + now, state, memory), lambda: memory)
-        seen = jnp.where(code == ResultCode.successful, state, jnp.nan)
-        return (now, state, memory, jax.lax.stop_gradient(step), code), (seen, memory)
+        output = jnp.where(code == ResultCode.successful, state, jnp.nan)
+        return (now, state, memory, jax.lax.stop_gradient(step), code), (output, memory)
 
-    # A lane that is not finite from the start must not keep the others waiting.
+    # An element that is not finite from the start must not delay the rest of the batch.
     finite = jnp.all(jnp.isfinite(state)) & jnp.all(jnp.isfinite(grid.times))
     code = jnp.where(finite, ResultCode.successful, ResultCode.not_finite).astype(jnp.int32)
     state = jnp.where(finite, state, 0.0)
@@ -132,7 +133,7 @@ def _march(inputs: Any, *, method: Method) -> Any:
     return states, memories, code
 
 
-class _Leg(eqx.Module):
+class _IntervalField(eqx.Module):
     """The field of one interval in its unit time: dy/du = h f(t_a + uh, y)."""
 
     field: Field
@@ -147,18 +148,18 @@ class _Leg(eqx.Module):
         inside = jnp.clip(t, self.before + self.nudge, self.before + self.interval - self.nudge)
         t = t + jax.lax.stop_gradient(inside - t)
         slope = self.interval * self.field(self.start + t, state, self.memory)
-        return jnp.where(self.interval > 0, slope, 0.0)  # a lane that has failed must not stall again
+        return jnp.where(self.interval > 0, slope, 0.0)  # a failed element must not slow down the batch
 
 
 def _solve(
-    leg: _Leg, state: State, step: Scalar, tolerances: Tolerances, method: Method
+    interval_field: _IntervalField, state: State, step: Scalar, tolerances: Tolerances, method: Method
 ) -> tuple[State, Int[Array, ""], Scalar]:
-    """The state at the end of an interval, the outcome and the number of steps."""
+    """The state at the end of an interval, the result code and the number of steps."""
     import diffrax
 
     dtype = state.dtype
-    short = step < ALMOST * leg.interval
-    first = jnp.where(short, step / jnp.where(short, leg.interval, 1.0), 1.0)
+    short = step < WHOLE_INTERVAL * interval_field.interval
+    first = jnp.where(short, step / jnp.where(short, interval_field.interval, 1.0), 1.0)
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(_evaluate),
         diffrax.Dopri8() if method.solver is None else method.solver,
@@ -166,12 +167,12 @@ def _solve(
         t1=jnp.ones((), dtype),
         dt0=jax.lax.stop_gradient(first),
         y0=state,
-        args=leg,
+        args=interval_field,
         saveat=diffrax.SaveAt(t1=True),
         stepsize_controller=diffrax.PIDController(
             rtol=tolerances.rtol,
             atol=tolerances.atol,
-            dtmin=SMALLEST_STEP * float(jnp.finfo(dtype).eps),
+            dtmin=MIN_STEP * float(jnp.finfo(dtype).eps),
             force_dtmin=False,
         ),
         adjoint=method.adjoint,
@@ -187,5 +188,5 @@ def _solve(
     return jnp.where(succeeded, end, state), code, accepted
 
 
-def _evaluate(u: Any, state: Any, leg: Any) -> Any:
-    return leg(u, state)
+def _evaluate(u: Any, state: Any, interval_field: Any) -> Any:
+    return interval_field(u, state)

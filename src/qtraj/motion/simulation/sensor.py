@@ -1,7 +1,7 @@
-"""What the on-board computer knows of the body: measured attitude and rate, or gyros alone.
+"""Sensors of the on-board computer: measured attitude and rate, or gyros alone.
 
-|λ| and ω0 are the computer's own and known to it exactly; errors affect the attitude and the physical rate. A sensor
-may keep a memory between samples.
+|λ| and ω0 are variables of the computer and known exactly; errors affect the attitude and the physical rate only. A
+sensor may keep a memory between samples.
 """
 
 import abc
@@ -14,6 +14,7 @@ from jaxtyping import Array, Int, PyTree, UInt32
 from qtraj.algebra.quaternion import exp, product
 from qtraj.foundation.arrays import as_float, concrete, require_finite
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
 from qtraj.motion.simulation.actuator import Sampling, sampling_instants
 
@@ -22,19 +23,19 @@ Memory = PyTree[Array]
 
 
 class AbstractSensor(eqx.Module):
-    """The way from the true state to the state that the law sees."""
+    """A sensor: from the true state to the measured state that the law uses."""
 
     sampling: eqx.AbstractVar[Sampling | None]
 
     @abc.abstractmethod
     def start(self, quaternion: Quat, rate: Quat) -> Memory:
-        """The memory before the first sample, from the true initial state."""
+        """The memory before the first sample, for the true initial state."""
 
     @abc.abstractmethod
     def measure(
         self, k: Int[Array, ""], elapsed: Scalar, quaternion: Quat, rate: Quat, memory: Memory
     ) -> tuple[Quat, Quat, Memory]:
-        """The λ and ω (4,) that sample number `k` shows, `elapsed` [s] after the one before, and the new memory."""
+        """The measured λ and ω (4,) of sample `k`, `elapsed` [s] after the previous one, and the new memory."""
 
 
 @storable
@@ -42,9 +43,9 @@ class Sensor(AbstractSensor):
     """Measures attitude and rate, each with a constant bias and white noise.
 
     `rate_bias` (3,), `rate_noise` (standard deviation per sample) [rad/s]; `attitude_bias` (3,), `attitude_noise`
-    [rad], as small turns in body axes. `key`: a key of `jax.random`, needed for noise. `sampling` [s]: a period or
-    instants, as of an `Actuator`; each sample renews the command, which is held in between. Without it the sensor is
-    continuous, and can have no noise: continuous white noise has no finite variance.
+    [rad], as small rotations in body axes. `key`: a key of `jax.random`, needed for noise. `sampling` [s]: a period or
+    instants, as for an `Actuator`; each sample renews the command, which is held in between. None is a continuous
+    sensor, which cannot have noise: continuous white noise has no finite variance.
 
     **Raises:** ValueError for noise without key or sampling, or for negative noise.
     """
@@ -63,7 +64,7 @@ class Sensor(AbstractSensor):
         attitude_bias: ArrayInput = (0.0, 0.0, 0.0),
         attitude_noise: ArrayInput = 0.0,
         sampling: ArrayInput | None = None,
-        key: ArrayInput | jax.Array | None = None,
+        key: ArrayInput | None = None,
     ):
         self.rate_bias, self.attitude_bias = _three(rate_bias, "rate_bias"), _three(attitude_bias, "attitude_bias")
         self.rate_noise, self.attitude_noise = _noise(rate_noise), _noise(attitude_noise)
@@ -72,30 +73,37 @@ class Sensor(AbstractSensor):
         if self.key is None and (_noisy(self.rate_noise) or _noisy(self.attitude_noise)):
             raise ValueError("noise needs a key: pass key=jax.random.key(seed)")
         if self.key is not None and self.sampling is None:
-            raise ValueError("noise needs sampling: pass its period [s]; a continuous sensor can have a bias only")
+            raise ValueError("noise needs sampling: pass its period [s]. A continuous sensor can only have a bias.")
+
+    def __repr__(self) -> str:
+        return shown(
+            self, rate_bias="rad/s", rate_noise="rad/s", attitude_bias="rad", attitude_noise="rad", sampling="s"
+        )
 
     def start(self, quaternion: Quat, rate: Quat) -> Memory:
+        """No memory."""
         return None
 
     def measure(
         self, k: Int[Array, ""], elapsed: Scalar, quaternion: Quat, rate: Quat, memory: Memory
     ) -> tuple[Quat, Quat, Memory]:
+        """The measured λ and ω (4,) of sample `k`: the true ones with bias and noise."""
         dtype = quaternion.dtype
-        turn, extra = self.attitude_bias.astype(dtype), self.rate_bias.astype(dtype)
+        rotation, rate_error = self.attitude_bias.astype(dtype), self.rate_bias.astype(dtype)
         if self.key is not None:
             noise = jax.random.normal(jax.random.fold_in(_wrapped(self.key), k), (2, 3), dtype)
-            turn = turn + self.attitude_noise.astype(dtype) * noise[0]
-            extra = extra + self.rate_noise.astype(dtype) * noise[1]
-        return product(quaternion, exp(0.5 * turn)), rate.at[1:].add(extra), memory
+            rotation = rotation + self.attitude_noise.astype(dtype) * noise[0]
+            rate_error = rate_error + self.rate_noise.astype(dtype) * noise[1]
+        return product(quaternion, exp(0.5 * rotation)), rate.at[1:].add(rate_error), memory
 
 
 @storable
 class Gyros(AbstractSensor):
     """Gyros alone: the on-board computer propagates λ from sampled rates (paper C, section 2 and remark 1).
 
-    `sampling` [s]: a period or instants. `bias` (3,), `noise` (standard deviation per sample) [rad/s]; `key` as of
-    `Sensor`. `attitude_error` (3,) [rad]: of the first λ, as a small turn in body axes. Between two samples the
-    computer takes the rate as linear, which under a held acceleration it is: then the propagation errs by O(h⁵) a step.
+    `sampling` [s]: a period or instants. `bias` (3,), `noise` (standard deviation per sample) [rad/s]; `key` as for
+    `Sensor`. `attitude_error` (3,) [rad]: of the initial λ, as a small rotation in body axes. The computer assumes a
+    linear rate between two samples, which is exact under a held acceleration; its error is then O(h⁵) per step.
 
     **Raises:** ValueError for noise without a key, or negative noise.
     """
@@ -112,11 +120,11 @@ class Gyros(AbstractSensor):
         bias: ArrayInput = (0.0, 0.0, 0.0),
         noise: ArrayInput = 0.0,
         attitude_error: ArrayInput = (0.0, 0.0, 0.0),
-        key: ArrayInput | jax.Array | None = None,
+        key: ArrayInput | None = None,
     ):
         instants = sampling_instants(sampling)
         if instants is None:
-            raise ValueError("a strapdown computer needs sampling: pass its period [s]")
+            raise ValueError("Gyros need sampling, but it is None: pass its period [s]")
         self.sampling = instants
         self.bias, self.attitude_error = _three(bias, "bias"), _three(attitude_error, "attitude_error")
         self.noise = _noise(noise)
@@ -124,17 +132,22 @@ class Gyros(AbstractSensor):
         if self.key is None and _noisy(self.noise):
             raise ValueError("noise needs a key: pass key=jax.random.key(seed)")
 
+    def __repr__(self) -> str:
+        return shown(self, sampling="s", bias="rad/s", noise="rad/s", attitude_error="rad")
+
     def start(self, quaternion: Quat, rate: Quat) -> Memory:
-        known = product(quaternion, exp(0.5 * self.attitude_error.astype(quaternion.dtype)))
-        return known, self._gyro(jnp.asarray(0), rate)
+        """The memory of the computer: its initial λ, and the gyro reading at the start."""
+        estimate = product(quaternion, exp(0.5 * self.attitude_error.astype(quaternion.dtype)))
+        return estimate, self._gyro(jnp.asarray(0), rate)
 
     def measure(
         self, k: Int[Array, ""], elapsed: Scalar, quaternion: Quat, rate: Quat, memory: Memory
     ) -> tuple[Quat, Quat, Memory]:
-        known, before = memory
+        """The computer's λ and the gyro reading (4,) at sample `k`, `elapsed` [s] after the previous one."""
+        estimate, before = memory
         now = self._gyro(k, rate)
-        known = propagate_linear_rate(known, before, now, elapsed)
-        return known, now, (known, now)
+        estimate = propagate_linear_rate(estimate, before, now, elapsed)
+        return estimate, now, (estimate, now)
 
     def _gyro(self, k: Int[Array, ""], rate: Quat) -> Quat:
         reading = rate.at[1:].add(self.bias.astype(rate.dtype))
@@ -145,10 +158,10 @@ class Gyros(AbstractSensor):
 
 
 def propagate_linear_rate(quaternion: Quat, before: Quat, now: Quat, elapsed: Scalar) -> Quat:
-    """λ after `elapsed` [s] of a body rate (4,) that went linearly from `before` to `now`: Magnus of order 4."""
+    """λ after `elapsed` [s] with a body rate (4,) linear from `before` to `now`, by a Magnus expansion of order 4."""
     increment = 0.5 * elapsed * (before + now)
-    turn = increment[1:] + elapsed * elapsed / 12 * jnp.cross(before[1:], now[1:])
-    return jnp.exp(0.5 * increment[0]) * product(quaternion, exp(0.5 * turn))
+    vector = increment[1:] + elapsed * elapsed / 12 * jnp.cross(before[1:], now[1:])
+    return jnp.exp(0.5 * increment[0]) * product(quaternion, exp(0.5 * vector))
 
 
 def _three(x: ArrayInput, name: str) -> Vec3:
@@ -161,19 +174,19 @@ def _three(x: ArrayInput, name: str) -> Vec3:
 
 def _noise(x: ArrayInput) -> Scalar:
     x = as_float(x)
-    known = concrete(x)
-    if x.ndim or (known is not None and not known >= 0):
+    value = concrete(x)
+    if x.ndim or (value is not None and not value >= 0):
         raise ValueError(f"a standard deviation must be one number, zero or positive, but {x} was given")
     return x
 
 
 def _noisy(noise: Scalar) -> bool:
-    known = concrete(noise)
-    return known is None or bool(known > 0)
+    value = concrete(noise)
+    return value is None or bool(value > 0)
 
 
 def _key(key: ArrayInput | jax.Array | None) -> Key | None:
-    """The two words of a key: they can be stored, a typed key cannot."""
+    """The two words of a key; they can be stored, unlike a typed key."""
     if key is None:
         return None
     if isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key):

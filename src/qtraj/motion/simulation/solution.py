@@ -1,10 +1,13 @@
-"""What an integration or a simulation gives back: the motion, and in words how it ended and what to do."""
+"""The solution of an integration or a simulation: the motion, and its result in words."""
+
+from __future__ import annotations
 
 import os
 import re
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -14,9 +17,10 @@ from qtraj.foundation.arrays import as_float
 from qtraj.foundation.document import reads_older, storable
 from qtraj.foundation.outcome import AbstractOutcome, ResultCode, renumbered
 from qtraj.foundation.record import Quantity, Record
-from qtraj.foundation.result import batch_prefix, extent, over
+from qtraj.foundation.result import batch_prefix, extent, times_text
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.checks import require_axes
+from qtraj.motion.simulation.body_motion import BodyMotion
 
 FINISHED = "finished: every instant was reached."
 
@@ -26,7 +30,7 @@ _OLDER_CODES = {
     3: ResultCode.near_zero_error,
     4: ResultCode.wrong_sign,
 }
-"""From the codes of older documents to those of `ResultCode`."""
+"""Codes of older documents, and those of `ResultCode`."""
 
 
 def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
@@ -38,11 +42,12 @@ def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
 class Solution(AbstractOutcome):
     """Attitude and rate at the instants `times` (n,) [s].
 
-    `quaternion` (n, 4): λ, of any length; `rate` (n, 4) [rad/s], ω0 = d/dt ln|λ|² first. Of a closed loop also
-    `command` (n, 4), in body axes, as the actuator gave it: [rad/s²], of a rate law [rad/s]; `error` (n, 4), the law's
+    `quaternion` (n, 4): λ, of any length. `rate` (n, 4) [rad/s]: ω0 = d/dt ln|λ|² first. Only for a closed loop:
+    `command` (n, 4), the limited command in body axes, [rad/s²] or [rad/s] for a rate law; `error` (n, 4), the law's
     error quaternion; `angle` (n,) [rad], between body and program, 0 … π. Instants that were not reached are NaN.
-    `code` is a `ResultCode` and `result` its text. Under `vmap` everything has the lanes in front. `axes`,
-    "body" or "inertial", are those of the rate; `commands` is "acceleration" or, of a rate law, "rate".
+    `code` is a `ResultCode` and `result` its text. Under `vmap` all fields have the batch dimensions in front. `axes`:
+    "body" or "inertial", of the rate. `commands`: "acceleration", or "rate" for a rate law. `body`: a `BodyMotion` with
+    torques, wheels and the deviation from the exact error equation, only for a simulated `RigidBody`.
 
     **Raises:** ValueError for other `axes` or `commands`.
     """
@@ -56,6 +61,7 @@ class Solution(AbstractOutcome):
     angle: Float[Array, "*batch n"] | None
     axes: str = eqx.field(static=True)
     commands: str = eqx.field(static=True)
+    body: BodyMotion | None
 
     def __init__(
         self,
@@ -68,6 +74,7 @@ class Solution(AbstractOutcome):
         angle: ArrayInput | None = None,
         axes: str = "body",
         commands: str = "acceleration",
+        body: BodyMotion | None = None,
     ):
         self.times, self.quaternion, self.rate = as_float(times), as_float(quaternion), as_float(rate)
         self.code = jnp.asarray(code, jnp.int32)
@@ -77,12 +84,15 @@ class Solution(AbstractOutcome):
         require_axes(axes)
         if commands not in ("acceleration", "rate"):
             raise ValueError(f"commands must be 'acceleration' or 'rate', but {commands!r} was given")
-        self.axes, self.commands = axes, commands
+        self.axes, self.commands, self.body = axes, commands, body
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """How one motion ended, what to do, and the last instant that was reached."""
+        """The result of one motion in words, with advice and the last instant that was reached."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         text = FINISHED if code == ResultCode.successful else code.text
+        if self.body is not None:
+            moved: BodyMotion = jax.tree.map(lambda x: np.asarray(x)[at], self.body)
+            text = f"{text} {moved.exactness().capitalize()}."
         reached = np.isfinite(np.asarray(self.quaternion)[at]).all(axis=-1)
         if reached.all():
             return text
@@ -93,14 +103,14 @@ class Solution(AbstractOutcome):
         return f"{text} Last instant reached: t = {times[reached][-1]:.9g} s."
 
     def record(self) -> Record:
-        """The motion over `time`, or over `sample` where each lane has times of its own, and how it ended."""
+        """The motion and its result over `time`, or over `sample` where elements of a batch have different times."""
         along = "time" if self.times.ndim == 1 else "sample"
         per = "rad s-1" if self.commands == "rate" else "rad s-2"
-        axes, commanded = (along, "component"), f"{self.commands} commanded, body axes; first the virtual one"
-        turning = f"angular rate, {self.axes} axes; first the virtual rate d/dt ln|λ|² [s-1]"
+        axes, commanded = (along, "component"), f"commanded {self.commands}, body axes, virtual part first"
+        rate = f"angular rate, {self.axes} axes; virtual rate d/dt ln|λ|² [s-1] first"
         columns = {
             "quaternion": Quantity(self.quaternion, "1", "attitude, body to inertial, of any length", axes),
-            "rate": Quantity(self.rate, "rad s-1", turning, axes),
+            "rate": Quantity(self.rate, "rad s-1", rate, axes),
             "command": Quantity(self.command, per, commanded, axes),
             "error": Quantity(self.error, "1", "error quaternion of the law", axes),
             "angle": Quantity(self.angle, "rad", "angle between body and program", (along,)),
@@ -108,10 +118,11 @@ class Solution(AbstractOutcome):
             "code": Quantity(self.code, "1", "how it ended, as a number"),
         }
         variables = {name: q for name, q in columns.items() if q.values is not None}
+        variables |= {} if self.body is None else self.body.variables()
         reached = f"{np.sum(self.successful)} of {self.code.size} reached every instant"
-        ended = reached if self.code.ndim else _brief(str(self.result))
+        result = reached if self.code.ndim else _brief(str(self.result))
         error = "" if self.angle is None else f", angle to the program {extent(self.angle, 'rad')}"
-        summary = f"{batch_prefix(self.code.shape)}{over(self.times)}: {ended}{error}"
+        summary = f"{batch_prefix(self.code.shape)}{times_text(self.times)}: {result}{error}"
         return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": self.axes})
 
     def save(self, file: str | os.PathLike[str]) -> None:
@@ -123,12 +134,12 @@ class Solution(AbstractOutcome):
 
     @property
     def norm(self) -> Float[Array, "*batch n"]:
-        """|λ| at the instants: with ω0 = 0 its drift gauges the accuracy."""
+        """|λ| at the instants; for ω0 = 0 its drift measures the accuracy."""
         return _lengths(self.quaternion)
 
     @property
     def virtual_command(self) -> Float[Array, "*batch n"]:
-        """The scalar part of the command, which steers |λ| in the on-board computer."""
+        """The scalar part of the command, which controls |λ| in the on-board computer."""
         return _required(self.command)[..., 0]
 
     @property
@@ -137,9 +148,9 @@ class Solution(AbstractOutcome):
         return _required(self.command)[..., 1:]
 
     def settling_time(self, within: ArrayInput) -> Float[Array, "*batch"]:
-        """From when on the angle stays within `within` [rad] to the last instant [s], linear between two instants.
+        """The time [s] after which the angle stays within `within` [rad], interpolated linearly between instants.
 
-        NaN where at the last instant, or where an instant was not reached, it does not.
+        NaN where the angle exceeds `within` at the last instant, or where an instant was not reached.
         """
         find = jnp.vectorize(_settled, signature="(n),(n),()->()")
         return find(self.times, _required(self.angle), as_float(within).astype(self.times.dtype))
@@ -151,7 +162,7 @@ class Solution(AbstractOutcome):
 
 
 def _brief(text: str) -> str:
-    """What stands before the first colon, comma or full stop of a result."""
+    """A result up to its first colon, comma or full stop."""
     return re.split("[:,.]", text, maxsplit=1)[0]
 
 
@@ -166,13 +177,15 @@ def _settled(times: Array, angle: Array, within: Array) -> Array:
     outside = ~(angle <= within)
     last = jnp.max(jnp.where(outside, jnp.arange(times.size), -1))
     here, after = jnp.maximum(last, 0), jnp.minimum(last + 1, times.size - 1)
-    kept = (last < times.size - 1) & jnp.isfinite(angle[here])
-    fall = jnp.where((last >= 0) & kept, angle[here] - angle[after], 1.0)
+    settled = (last < times.size - 1) & jnp.isfinite(angle[here])
+    fall = jnp.where((last >= 0) & settled, angle[here] - angle[after], 1.0)
     inner = times[here] + (angle[here] - within) / fall * (times[after] - times[here])
-    return jnp.where(last < 0, times[0], jnp.where(kept, inner, jnp.nan))
+    return jnp.where(last < 0, times[0], jnp.where(settled, inner, jnp.nan))
 
 
 def _required(column: Array | None) -> Array:
     if column is None:
-        raise ValueError("an open-loop integration has no command and no error: simulate gives them")
+        raise ValueError(
+            "the solution of an open-loop integration has no command and no error. Use simulate for a closed loop."
+        )
     return column

@@ -1,4 +1,4 @@
-"""What an integration is given: the state it starts from, the instants, and how exactly and by what means to solve."""
+"""The checked arguments of an integration: initial state, instants, tolerances and method."""
 
 import equinox as eqx
 import jax
@@ -13,7 +13,7 @@ from qtraj.motion.checks import common_dtype, initial_quaternion, output_times
 from qtraj.motion.simulation.ode import Grid, Method, Tolerances
 
 RESOLUTION = 1000
-"""The least number of round-off units of the first instant between two instants."""
+"""The smallest difference of two instants, in units of round-off of the first instant."""
 
 
 class Task(eqx.Module):
@@ -30,15 +30,15 @@ class Task(eqx.Module):
     method: Method
 
     def grid(self, renewals: Float[Array, " m"] | None = None) -> tuple[Grid, Int[Array, " n"]]:
-        """All instants in order, those of `renewals` [s] among them, and where the outputs lie.
+        """All instants in ascending order, including `renewals` [s], and the indices of the outputs.
 
-        At one instant a renewal comes before an output. Instants before the span are moved to its start, where
-        renewals still count; those after it are moved to its end and do nothing.
+        At equal instants a renewal precedes an output. Instants before the span are moved to its start, where
+        renewals still count; those after it are moved to its end and have no effect.
         """
         start = self.times[0]
         elapsed = self.times - start  # small numbers, also where the clock is far from zero
-        none = jnp.zeros((0,), elapsed.dtype)
-        renewals, jumps = (none if x is None else x - start for x in (renewals, self.jumps))
+        empty = jnp.zeros((0,), elapsed.dtype)
+        renewals, jumps = (empty if x is None else x - start for x in (renewals, self.jumps))
         points = jnp.concatenate([jnp.clip(renewals, 0.0, elapsed[-1]), jnp.clip(jumps, 0.0, elapsed[-1]), elapsed])
         others = points.shape[0] - elapsed.shape[0]
         if others == 0:
@@ -49,9 +49,9 @@ class Task(eqx.Module):
 
 
 class Scale(eqx.Module):
-    """Units in which both halves of the state are of order one; constants to differentiation.
+    """Scales that make both halves of the state of order one; constants to differentiation.
 
-    `quaternion`: |λ(0)|. `rate` [rad/s]: one radian per span of time, or |ω(0)| where that is faster.
+    `quaternion`: |λ(0)|. `rate` [rad/s]: one radian per span of time, or |ω(0)| where this is larger.
     """
 
     quaternion: Scalar
@@ -59,9 +59,9 @@ class Scale(eqx.Module):
 
     def __init__(self, task: Task):
         span = task.times[-1] - task.times[0]
-        slowest = 1 / jnp.where(span > 0, span, 1.0)
+        min_rate = 1 / jnp.where(span > 0, span, 1.0)
         self.quaternion = jax.lax.stop_gradient(norm(task.quaternion))
-        self.rate = jax.lax.stop_gradient(jnp.maximum(norm(task.rate), slowest))
+        self.rate = jax.lax.stop_gradient(jnp.maximum(norm(task.rate), min_rate))
 
     def pack(self, quaternion: Quat, rate: Quat) -> Float[Array, "8"]:
         """The state vector of λ and ω."""
@@ -81,7 +81,7 @@ def checked(
     atol: ArrayInput,
     method: Method,
 ) -> Task:
-    """The task of these arguments; ValueError for what is known to be wrong."""
+    """The task with these arguments; ValueError for invalid known values."""
     with jax.ensure_compile_time_eval():  # what is known outside a trace stays known inside
         quaternion, times = initial_quaternion(quaternion), output_times(times)
         rate = real_vector(rate, "the initial rate", 4)
@@ -106,24 +106,24 @@ def _jumps(jumps: ArrayInput) -> Float[Array, " k"]:
 
 
 def _tolerances(rtol: ArrayInput, atol: ArrayInput, dtype: jnp.dtype) -> Tolerances:
-    """Positive tolerances, no finer than a few units of round-off of the dtype."""
+    """Tolerances of at least a few units of round-off of the dtype."""
     epsilon = 4 * float(jnp.finfo(dtype).eps)
     for value, name in ((rtol, "rtol"), (atol, "atol")):
-        known = concrete(value)
-        if known is not None and not (np.isfinite(known).all() and (known >= 0).all()):
+        values = concrete(value)
+        if values is not None and not (np.isfinite(values).all() and (values >= 0).all()):
             raise ValueError(f"{name} must be finite and not negative, but {value!r} was given")
     relative, absolute = (as_float(x).astype(dtype) for x in (rtol, atol))
     return Tolerances(jnp.maximum(relative, epsilon), jnp.maximum(absolute, 0.25 * epsilon))
 
 
 def _require_resolved(times: Float[Array, " n"]) -> None:
-    """Raise a ValueError where a clock far from zero does not resolve the steps between known instants."""
-    known = concrete(times)
-    if known is None or known.size == 1:
+    """Raise a ValueError where the dtype does not resolve the differences of known instants far from zero."""
+    values = concrete(times)
+    if values is None or values.size == 1:
         return
-    step = np.diff(known).min()
-    if step < RESOLUTION * np.spacing(np.abs(known[0])):
+    step = np.diff(values).min()
+    if step < RESOLUTION * np.spacing(np.abs(values[0])):
         raise ValueError(
-            f"{known.dtype} does not resolve steps of {step:.3g} s at t = {known[0]:.9g} s: measure time from "
-            "the start of the motion, or call jax.config.update('jax_enable_x64', True) first"
+            f"{values.dtype} does not resolve steps of {step:.3g} s at t = {values[0]:.9g} s. Measure time from "
+            "the start of the motion, or call jax.config.update('jax_enable_x64', True) first."
         )

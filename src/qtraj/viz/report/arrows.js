@@ -25,7 +25,7 @@ const FACES = (() => {
 
 function arrowPoints(origin, axis, length) {
   const points = { x: [], y: [], z: [] };
-  if (axis === null || !known(origin)) return points;
+  if (axis === null || !finite(origin)) return points;
   const least = axis.map(Math.abs).indexOf(Math.min(...axis.map(Math.abs)));
   const side = unit(
     cross(

@@ -44,8 +44,8 @@ function tick(now) {
 function speeds() {
   const choices = [];
   for (let power = -3; power <= 5; power++) for (const digit of [1, 2, 5]) choices.push(digit * 10 ** power);
-  const wanted = Math.max(duration - start, 1e-6) / 12;
-  const best = choices.filter((choice) => choice <= Math.max(wanted, choices[0])).pop();
+  const target = Math.max(duration - start, 1e-6) / 12;
+  const best = choices.filter((choice) => choice <= Math.max(target, choices[0])).pop();
   const middle = choices.indexOf(duration - start > 2 && duration - start < 20 ? 1 : best);
   for (const choice of choices.slice(Math.max(middle - 3, 0), middle + 4)) {
     const rounded = Number(choice.toPrecision(1));

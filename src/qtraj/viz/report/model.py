@@ -100,6 +100,20 @@ class Report:
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
+    def summary(self) -> dict[str, Any]:
+        """What it shows, as plain data: title, kind, findings, bodies, panels, tables, notes, warnings."""
+        bodies = [{"name": x.name, "instants": len(x.time), "duration": float(x.time[-1])} for x in self.bodies]
+        return {
+            "title": self.title,
+            "kind": self.kind,
+            "findings": self.facts,
+            "bodies": bodies,
+            "panels": [panel.title for panel in self.panels],
+            "tables": [table.title for table in self.tables],
+            "notes": self.notes,
+            "warnings": self.warnings,
+        }
+
 
 def unit(text: str) -> str:
     """A unit in the usual notation: "m s-2" becomes "m/s²"."""

@@ -11,11 +11,11 @@ const SIDES = 12;
 const state = { time: start, looked: lastReal(), playing: false, before: 0, range: [start, duration] };
 
 function lastReal() {
-  let found = 0;
+  let selected = 0;
   bodies.forEach((body, k) => {
-    if (!body.ghost) found = k;
+    if (!body.ghost) selected = k;
   });
-  return found;
+  return selected;
 }
 
 // Plotly interprets markup in texts: escape names from the input.
@@ -29,7 +29,7 @@ const unit = (a) => {
   const n = Math.sqrt(dot(a, a));
   return n > 0 ? a.map((x) => x / n) : null;
 };
-const known = (a) => a !== null && a.every((x) => x !== null && Number.isFinite(x));
+const finite = (a) => a !== null && a.every((x) => x !== null && Number.isFinite(x));
 
 // a body at an instant
 /** Index k and fraction f of an instant between k and k + 1, clamped to the ends. */
@@ -53,7 +53,7 @@ function between(rows, [k, f]) {
     b = rows[k + 1];
   if (a === null || b === null) return null;
   if (typeof a === "number") return a + f * (b - a);
-  return known(a) && known(b) ? a.map((x, i) => x + f * (b[i] - x)) : null;
+  return finite(a) && finite(b) ? a.map((x, i) => x + f * (b[i] - x)) : null;
 }
 
 /** Origin and axes of a body; axes are null where they do not exist. */
@@ -61,7 +61,7 @@ function pose(body, t) {
   const at = place(body.time, t);
   const origin = body.position === null ? [0, 0, 0] : between(body.position, at);
   const rows = between(body.axes, at);
-  if (!known(origin) || rows === null || !known(rows)) return { origin, axes: null };
+  if (!finite(origin) || rows === null || !finite(rows)) return { origin, axes: null };
   const axes = [0, 3, 6].map((k) => unit(rows.slice(k, k + 3)));
   return { origin, axes: axes.every((axis) => axis !== null) ? axes : null };
 }

@@ -25,7 +25,7 @@ VERDICTS = {
     "proved": "good",
     "within": "good",
     "sampled": "fair",
-    "binds": "good",
+    "active": "good",
     "broken": "bad",
     "undecided": "fair",
     "undefined": "bad",
@@ -105,7 +105,7 @@ def _table(table: Table) -> str:
 
 def _class(column: int, text: str, table: Table) -> str:
     verdict = VERDICTS.get(text)
-    number = column >= table.numbers and (text == "binds" or verdict is None)
+    number = column >= table.numbers and (text == "active" or verdict is None)
     classes = (["number"] if number else []) + ([verdict] if verdict else [])
     return f' class="{" ".join(classes)}"' if classes else ""
 

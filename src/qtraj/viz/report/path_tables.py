@@ -6,7 +6,7 @@ import numpy as np
 import xarray
 
 from qtraj.design.fitting.facts import FACTS, TITLE, fact_rows
-from qtraj.design.proof.certificate import BINDING
+from qtraj.design.proof.certificate import ACTIVE_MARGIN
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset import LIMIT_VARIABLES
 from qtraj.path.boundary import BoundaryState, cylindrical
@@ -66,7 +66,7 @@ def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
 def _certified(tuned: Tuned, name: str) -> list[str]:
     certificate = tuned.certificate
     time, value, limit = certificate.worst[name]
-    margin = "binds" if name in certificate.binding else number(limit - value, 3)
+    margin = "active" if name in certificate.active else number(limit - value, 3)
     return [number(value), number(limit), margin, number(time, 4), certificate.status[name]]
 
 
@@ -77,8 +77,8 @@ def _stored(path: xarray.Dataset, name: str) -> list[str]:
         return _sampled(path, name)
     value, time = (float(path[f"largest_{name}{suffix}"]) for suffix in ("", "_time"))
     limit = float(path[f"largest_{name}"].attrs["limit"])
-    binds = finding in ("proved", "sampled") and limit - value <= BINDING * limit
-    margin = "binds" if binds else number(limit - value, 3)
+    active = finding in ("proved", "sampled") and limit - value <= ACTIVE_MARGIN * limit
+    margin = "active" if active else number(limit - value, 3)
     return [number(value), number(limit), margin, number(time, 4), finding]
 
 

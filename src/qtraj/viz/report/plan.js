@@ -37,7 +37,7 @@ function planMoving() {
     const tip = plus(origin, axes[k], space.length);
     return { x: [origin[0], tip[0]], y: [origin[1], tip[1]] };
   });
-  const dots = bodies.map((body) => pose(body, state.time).origin).map((at) => (known(at) ? at : [null, null, null]));
+  const dots = bodies.map((body) => pose(body, state.time).origin).map((at) => (finite(at) ? at : [null, null, null]));
   updates.push({ x: column(dots, 0), y: column(dots, 1) });
   return updates;
 }

@@ -22,9 +22,9 @@ const RIGHT = rightOf(EYE);
 const UP = upOf(EYE);
 
 function bestEye() {
-  const found = SIDES_SEEN.map(eyeAt);
-  const zooms = found.map((eye) => zoom(extentOf(), rightOf(eye), upOf(eye)));
-  return found[zooms.findIndex((z) => z >= 0.98 * Math.max(...zooms))]; // the first that is nearly the best
+  const eyes = SIDES_SEEN.map(eyeAt);
+  const zooms = eyes.map((eye) => zoom(extentOf(), rightOf(eye), upOf(eye)));
+  return eyes[zooms.findIndex((z) => z >= 0.98 * Math.max(...zooms))]; // the first that is nearly the best
 }
 
 const column = (rows, k) => rows.map((row) => (row === null ? null : row[k]));
@@ -96,7 +96,7 @@ function still() {
   const ends = [
     ["A", 0],
     ["B", body.position.length - 1],
-  ].filter(([, k]) => known(body.position[k]));
+  ].filter(([, k]) => finite(body.position[k]));
   const heights = ends.map(([, k]) => dot(body.position[k], UP));
   ends.forEach(([name, k], n) => {
     // The upper letter is above its end, the lower one below, so that they do not overlap where the ends meet.
@@ -117,7 +117,7 @@ function moving() {
     thin = arrows.map(() => []);
   bodies.forEach((body, k) => {
     const at = pose(body, state.time);
-    dots.push(body.position !== null && known(at.origin) ? at.origin : [null, null, null]);
+    dots.push(body.position !== null && finite(at.origin) ? at.origin : [null, null, null]);
     if (body.ghost && k !== state.looked && at.axes !== null) {
       at.axes.forEach((axis, n) => thin[n].push(at.origin, plus(at.origin, axis, space.length)));
     }

@@ -1,1 +1,1 @@
-"""Motions of a tuned path: what may move, and the path it makes."""
+"""Motions of a tuned path: which velocities are variables, and the path that they define."""

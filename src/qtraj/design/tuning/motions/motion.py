@@ -1,4 +1,4 @@
-"""The abstract motion: which boundary velocities are variables, and how the angle runs between the ends."""
+"""The abstract motion: which boundary velocities are variables, and how the angle depends on time."""
 
 import abc
 from typing import ClassVar
@@ -13,18 +13,17 @@ COMPONENTS = ("V_rho", "V_phi", "V_h")
 ENDS = ("start", "end")
 VELOCITIES = tuple(f"{end}.{component}" for end in ENDS for component in COMPONENTS)
 
-
 HEADINGS = tuple(f"{end}.heading" for end in ENDS)
-"""What may be fixed besides the variables: the direction of the horizontal velocity."""
+"""Directions of the horizontal velocity, which may be fixed as well as the variables."""
 
 
 class AbstractMotion(eqx.Module):
     """A family of paths between two boundary states.
 
-    `velocities` names the variables among the cylindrical velocity components; the logarithm of the duration is one
-    more variable, unless the objective holds it. `is_uniform` says whether the angle turns at one rate. ρ, φ and h are
-    the cubics of their values and velocities at the ends; the velocities are linear in the changes, and what else they
-    consist of is in inverse proportion to the duration or does not depend on it.
+    `velocities` names the cylindrical velocity components that are variables. The logarithm of the duration is another
+    variable, unless the objective fixes it. `is_uniform` says whether the angular rate is constant. ρ, φ and h are
+    cubics, defined by their values and velocities at the ends. The velocities must be linear in the changes; their
+    other terms must be constant or inversely proportional to the duration.
     """
 
     name: ClassVar[str]
@@ -35,8 +34,8 @@ class AbstractMotion(eqx.Module):
     def boundary_velocities(
         self, a: Cylindrical, b: Cylindrical, changes: Float[Array, " n"], turn: Scalar, duration: Scalar
     ) -> tuple[Vec3, Vec3]:
-        """The cylindrical velocities [m/s] at both ends, given the changes [m/s] of those named in `velocities`."""
+        """The cylindrical velocities [m/s] at both ends, for changes [m/s] of the components in `velocities`."""
 
     @abc.abstractmethod
     def duration(self, a: Cylindrical, b: Cylindrical, turn: Scalar) -> Scalar:
-        """The duration [s] that the initial states suggest for this turn [rad]."""
+        """The initial duration [s], from the rates of the initial states and the turn [rad]."""

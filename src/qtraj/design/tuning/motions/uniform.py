@@ -1,4 +1,4 @@
-"""Uniform rotation: the angle turns at one rate, as in paper S."""
+"""The motion "uniform": rotation at a constant rate, as in paper S."""
 
 from typing import ClassVar
 
@@ -11,7 +11,7 @@ from qtraj.path.boundary import Cylindrical
 
 
 class Uniform(AbstractMotion):
-    """V_ρ and V_h move at both ends; V_φ = ωρ follows from the duration."""
+    """V_ρ and V_h at both ends are variables; V_φ = ωρ follows from the duration."""
 
     name: ClassVar[str] = "uniform"
     velocities: ClassVar[tuple[str, ...]] = tuple(v for v in VELOCITIES if not v.endswith("V_phi"))
@@ -20,6 +20,7 @@ class Uniform(AbstractMotion):
     def boundary_velocities(
         self, a: Cylindrical, b: Cylindrical, changes: Float[Array, " n"], turn: Scalar, duration: Scalar
     ) -> tuple[Vec3, Vec3]:
+        """The initial V_ρ and V_h plus the changes, and V_φ of the constant rate."""
         rate, angular = turn / duration, jnp.asarray([False, True, False])
         both = changes.reshape(2, 2) @ jnp.asarray([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], changes.dtype)
         va = jnp.where(angular, rate * a.radius, a.velocity + both[0])
@@ -27,5 +28,5 @@ class Uniform(AbstractMotion):
         return va, vb
 
     def duration(self, a: Cylindrical, b: Cylindrical, turn: Scalar) -> Scalar:
-        """The turn over the rate nearest to both V_φ/ρ."""
+        """The turn divided by the least-squares rate of both V_φ."""
         return turn * (a.radius**2 + b.radius**2) / (a.radius * a.velocity[1] + b.radius * b.velocity[1])

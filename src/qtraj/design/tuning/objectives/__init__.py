@@ -1,1 +1,1 @@
-"""Objectives of a tuning: what is least at the solution."""
+"""Objectives of a tuning, which the solution minimises."""

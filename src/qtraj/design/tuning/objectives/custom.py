@@ -1,4 +1,4 @@
-"""An objective of the user's own."""
+"""A user-defined objective."""
 
 from collections.abc import Callable
 from typing import Any, ClassVar
@@ -19,9 +19,11 @@ class Custom(AbstractObjective):
     function: Callable[..., Any] = eqx.field(static=True)
 
     def value(self, problem: Any, z: Float[Array, " n"]) -> Scalar:
+        """The user's function of the path for the variables `z`."""
         return jnp.asarray(self.function(problem.path(z)))
 
     def scale(self, problem: Any) -> Scalar:
+        """The magnitude at the initial path, or 1 where that is zero."""
         size = jnp.abs(self.value(problem, jnp.zeros(problem.size, problem.speed.dtype)))
         if size.ndim != 0:
             raise ValueError(f"the objective must be one number, but it is an array of shape {size.shape}")

@@ -1,4 +1,4 @@
-"""The least duration."""
+"""The objective "fastest": the duration."""
 
 from typing import Any, ClassVar
 
@@ -15,7 +15,9 @@ class Fastest(AbstractObjective):
     needs_time_limit: ClassVar[bool] = True
 
     def value(self, problem: Any, z: Float[Array, " n"]) -> Scalar:
+        """The duration [s]."""
         return problem.time(z)
 
     def scale(self, problem: Any) -> Scalar:
+        """The initial duration [s]."""
         return problem.duration

@@ -1,4 +1,4 @@
-"""The least change of the initial states."""
+"""The objective "nearest": the change of the initial states."""
 
 from typing import Any, ClassVar
 
@@ -15,6 +15,7 @@ class Nearest(AbstractObjective):
     name: ClassVar[str] = "nearest"
 
     def value(self, problem: Any, z: Float[Array, " n"]) -> Scalar:
+        """The weighted sum [m² s⁻²]; a change of the duration counts relative, times the reference speed."""
         duration = problem.time(z)
         va, vb = problem.velocities(z, duration)
         changes = jnp.concatenate([va - problem.start.velocity, vb - problem.end.velocity])
@@ -24,5 +25,6 @@ class Nearest(AbstractObjective):
         return total + problem.weights[6] * ((duration - problem.duration) / problem.duration * problem.speed) ** 2
 
     def scale(self, problem: Any) -> Scalar:
-        heaviest = jnp.max(problem.weights)
-        return problem.speed**2 * jnp.where(heaviest > 0, heaviest, 1.0)
+        """The squared reference speed times the largest weight."""
+        max_weight = jnp.max(problem.weights)
+        return problem.speed**2 * jnp.where(max_weight > 0, max_weight, 1.0)

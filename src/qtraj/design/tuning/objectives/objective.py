@@ -1,4 +1,4 @@
-"""The abstract objective: what is asked of a path besides its limits."""
+"""The abstract objective: a number to minimise."""
 
 import abc
 from typing import Any, ClassVar
@@ -10,14 +10,14 @@ from qtraj.foundation.types import Scalar
 
 
 class AbstractObjective(eqx.Module):
-    """A number to be least, in units of its own.
+    """A number to minimise, in units of its own.
 
-    `holds_duration`: the duration is no variable. `needs_time_limit`: only a limit that grows with speed bounds it.
-    `is_smooth`: its second derivatives are known to exist, as the search "sqp" needs them.
+    `fixes_duration`: the duration is not a variable. `needs_time_limit`: the objective is bounded only by a limit on
+    the speed. `is_smooth`: the second derivatives exist, which the search "sqp" needs.
     """
 
     name: ClassVar[str]
-    holds_duration: ClassVar[bool] = False
+    fixes_duration: ClassVar[bool] = False
     needs_time_limit: ClassVar[bool] = False
     is_smooth: ClassVar[bool] = True
 
@@ -27,4 +27,4 @@ class AbstractObjective(eqx.Module):
 
     @abc.abstractmethod
     def scale(self, problem: Any) -> Scalar:
-        """The objective's size, so that the search sees numbers near one."""
+        """The magnitude of the objective, by which the search divides it."""

@@ -1,4 +1,4 @@
-"""The objectives by their names."""
+"""Objectives by name."""
 
 from collections.abc import Callable
 from typing import Any
@@ -14,18 +14,18 @@ OBJECTIVES: dict[str, AbstractObjective] = choices.instances("objectives", choic
 Objective = TypeAliasType("Objective", str | AbstractObjective | Callable[..., Any])
 
 
-def objective_of(given: Objective) -> AbstractObjective:
-    """The objective of this name, the objective itself, or that of a function of a path.
+def get_objective(objective: Objective) -> AbstractObjective:
+    """The objective for a name, an objective, or a callable of a path.
 
     **Raises:** ValueError for an unknown name.
     """
-    if isinstance(given, AbstractObjective):
-        return given
-    if callable(given):
-        return Custom(given)
-    if given not in OBJECTIVES:
+    if isinstance(objective, AbstractObjective):
+        return objective
+    if callable(objective):
+        return Custom(objective)
+    if objective not in OBJECTIVES:
         raise ValueError(
-            f"objective must be one of {', '.join(map(repr, OBJECTIVES))} or a callable of a path, but {given!r} was "
-            "given"
+            f"objective must be one of {', '.join(map(repr, OBJECTIVES))} or a callable of a path, "
+            f"but {objective!r} was given"
         )
-    return OBJECTIVES[given]
+    return OBJECTIVES[objective]

@@ -1,4 +1,4 @@
-"""The least squared jerk in a given duration."""
+"""The objective "smoothest": the integral of the squared jerk, at fixed duration."""
 
 from typing import Any, ClassVar
 
@@ -18,12 +18,14 @@ class Smoothest(AbstractObjective):
     """∫|r⃛|²dt [m² s⁻⁵]."""
 
     name: ClassVar[str] = "smoothest"
-    holds_duration: ClassVar[bool] = True
+    fixes_duration: ClassVar[bool] = True
 
     def value(self, problem: Any, z: Float[Array, " n"]) -> Scalar:
+        """The integral over the path for the variables `z`."""
         return integrated_squared_jerk(problem.path(z))
 
     def scale(self, problem: Any) -> Scalar:
+        """The value at the initial path, or 1 where that is zero."""
         size = self.value(problem, jnp.zeros(problem.size, problem.speed.dtype))
         return jnp.where(size == 0, 1.0, size)
 

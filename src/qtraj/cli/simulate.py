@@ -1,0 +1,268 @@
+"""`qtraj simulate`: a body under feedback follows a program."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from qtraj.cli import layout, terminal
+from qtraj.cli.terminal import FrameName, Outcome
+from qtraj.foundation.naming import naming
+from qtraj.foundation.outcome import ResultCode
+from qtraj.foundation.progress_bar import Watch, watching
+
+if TYPE_CHECKING:
+    from qtraj.motion.simulation.loop_history import LoopHistory
+    from qtraj.motion.simulation.loop_verdict import LoopVerdict
+    from qtraj.scenario.loop import LoopTask
+    from qtraj.scenario.reader import ScenarioFile
+
+HEADERS = {
+    "time": ["t"],
+    "angle": ["error"],
+    "closed_form_angle": ["closed form"],
+    "rate": ["ω1", "ω2", "ω3"],
+    "command": ["command"],
+    "norm": ["|λ|"],
+}
+ENDINGS = {
+    ResultCode.successful: "finished: every instant was reached.",
+    ResultCode.max_steps_reached: (
+        "stopped: too many steps between two instants. Take smaller gains, larger simulation.rtol and simulation.atol, "
+        "or a shorter simulation.duration."
+    ),
+    ResultCode.step_too_small: (
+        "stopped: the step fell to round-off, since the command grows without bound there or the tolerances are too "
+        "fine. Take another [error], smaller gains, or larger simulation.rtol and simulation.atol."
+    ),
+    ResultCode.near_zero_error: "finished, but the error quaternion came near zero, where the command grows as 1/|μ|².",
+    ResultCode.wrong_sign: (
+        "stopped: the error quaternion started with a negative scalar part (μ0 < 0) and ran into zero, where the law "
+        "has no command."
+    ),
+}
+"""How an integration ended, and what to do, in terms of the scenario."""
+
+OTHER_SIGN = "λ and −λ are one attitude: sign = 'auto' in [error] takes the one that passes more smoothly."
+NO_SIGN = (
+    "Neither sign of λ passes more smoothly: take a smaller error.rate, other gains, or a law of the kind "
+    "'quaternion', which looks at the attitude alone."
+)
+
+
+def simulate(
+    scenario: Path | None = terminal.scenario_argument("loop"),
+    out: Path = terminal.out_option(),
+    samples: int | None = typer.Option(
+        None, min=2, max=100_000, metavar="N", help="Number of instants, both ends included; before the scenario's."
+    ),
+    frame: FrameName | None = terminal.frame_option("the scenario's; upright"),
+    as_json: bool = terminal.json_option(),
+) -> None:
+    """Simulate a body that a feedback law makes follow a program of attitude.
+
+    The program is a slew, the frame of a path, or a saved one; disturbance, sensor and actuator may be added. The
+    error is compared with its closed form. Writes the motion (solution.toml), its table (table.nc, table.csv) and a
+    figure (simulation.png, simulation.svg). Exit code 1 where the integration did not finish.
+    """
+    with terminal.guarded():
+        outcome = run(scenario, out, samples, frame and frame.value)
+    terminal.finish(outcome, as_json)
+
+
+def run(file: Path | None, out: Path, samples: int | None, frame: str | None = None) -> Outcome:
+    """Simulate a closed loop and write it.
+
+    **Raises:** OSError or ValueError for bad input, before anything is written.
+    """
+    with watching() as watch:
+        watch.say("reading")
+        # Here, so that --help need not wait for pydantic, xarray and matplotlib.
+        from qtraj.cli.output import check_folder, header, provenance, result_writers, tabular, write_all
+        from qtraj.foundation.plain import plain
+        from qtraj.foundation.record import to_dataset
+        from qtraj.scenario.reader import read_scenario
+        from qtraj.viz.simulation_figure import simulation_figure
+
+        check_folder(out)
+        given = read_scenario(file, "loop")
+        task, history, found = _simulated(given, samples, frame, watch)
+        table = history[np.searchsorted(history.times, task.times)]
+        actuator = task.actuator
+        limit = None if actuator is None or actuator.limit is None else np.asarray(actuator.limit).tolist()
+        described = given.scenario.program.describe(task.program)
+        content = header("simulate", given) | {
+            "program": {"description": described, "duration": float(task.program.duration)},
+            "law": {"kind": given.scenario.law.kind} | _gains(task),
+            "start": {
+                "quaternion": np.asarray(task.quaternion).tolist(),
+                "rate": np.asarray(task.rate).tolist(),
+                "sign": "far" if float(history.reference.quaternion[0] @ task.quaternion) < 0 else "near",
+            },
+            "duration": float(task.times[-1]),
+            "command_limit": limit,
+            "saturation": None if limit is None or actuator is None else actuator.saturation,
+            "verdict": plain(found.record()),
+            "finished": bool(history.solution.successful),
+            "result": _result(history, found, given.scenario.error.sign),
+            **tabular(table.record()),
+            "files": [],
+        }
+        watch.say("writing")
+        about = provenance(given) | {"law": content["law"]["kind"], "result": content["result"]}
+        about["closed_form"] = "applies" if found.applies else f"does not apply: {found.reason}"
+        if limit is not None and actuator is not None:
+            about["saturation"] = actuator.saturation
+        dataset = to_dataset(table.record(), about)
+        if limit is not None:
+            dataset["command"].attrs["limit"] = limit
+        figure = simulation_figure(dataset, float(found.settled_angle), limit)
+        writers = {"solution.toml": table.solution.save, **result_writers(dataset, figure, "simulation")}
+        content["files"] = [str(file) for file in write_all(out, writers)]
+    return Outcome(content, lambda console: _show(console, content, found), not content["finished"], given.warnings)
+
+
+def _simulated(
+    given: "ScenarioFile[Any]", samples: int | None, frame: str | None, watch: Watch
+) -> tuple["LoopTask", "LoopHistory", "LoopVerdict"]:
+    """The closed loop of a scenario, its motion, and the verdict on it; a ValueError names the file."""
+    import qtraj.motion.simulation.simulate as simulation
+    from qtraj.motion.simulation.loop_history import judging_times, loop_history, references_at
+    from qtraj.motion.simulation.loop_verdict import SETTLED, judge_loop
+    from qtraj.scenario.loop import prepare
+    from qtraj.scenario.part import radians
+
+    with naming(f"{given.file}: "):
+        watch.say("preparing the program and the law")
+        task = prepare(given, samples, frame)
+        watch.say("simulating")
+        times = judging_times(task.times, task.jumps, task.renewals)
+        references_at(task.program, times)  # raises where there is none, before anything is simulated
+        loop = (task.program, task.law, task.quaternion, task.rate)
+        around = (task.disturbance, task.sensor, task.actuator)
+        tolerances: Any = {"rtol": task.rtol, "atol": task.atol}
+        solution = simulation.simulate(*loop, times, *around, jumps=task.jumps, sign="as given", **tolerances)
+        history = loop_history(*loop, solution)
+    settled = given.scenario.simulation.settled
+    angle = SETTLED if settled is None else radians(given.scenario.angles) * settled
+    return task, history, judge_loop(history, task.law, *around, angle, **tolerances)
+
+
+def _gains(task: "LoopTask") -> dict[str, Any]:
+    return {
+        name: np.asarray(gain).tolist()
+        for name in ("k", "k1", "k2")
+        if (gain := getattr(task.law, name, None)) is not None
+    }
+
+
+def _result(history: "LoopHistory", found: "LoopVerdict", sign: str) -> str:
+    """How the integration ended, and what to do."""
+    code = ResultCode(int(found.code))
+    text = ENDINGS.get(code, code.text)
+    if code in (ResultCode.near_zero_error, ResultCode.wrong_sign):
+        text = f"{text} {NO_SIGN if sign == 'auto' else OTHER_SIGN}"
+    reached = history.times[np.isfinite(np.asarray(history.solution.quaternion)).all(axis=1)]
+    if len(reached) == len(history.times):
+        return text
+    last = f"Last instant reached: t = {reached[-1]:.9g} s." if len(reached) else "No instant was reached."
+    return f"{text} {last}"
+
+
+def _show(console: Console, content: dict[str, Any], found: "LoopVerdict") -> None:
+    """The whole outcome, from the scenario to the files written, in degrees, readable at 80 columns."""
+    unit = "°/s" if found.commands == "rate" else "°/s²"
+    layout.print_scenario(console, content["scenario"])
+    layout.heading(console, "Closed loop")
+    gains = ", ".join(f"{name} = {_gain(x)}" for name, x in content["law"].items() if name != "kind")
+    loop = [
+        ("program", f"{content['program']['description']}, {content['program']['duration']:.4f} s"),
+        ("law", f"'{content['law']['kind']}', {gains}"),
+        (
+            "error at the start",
+            f"{layout.degrees(float(found.initial_angle))}°, with the {content['start']['sign']} sign of λ",
+        ),
+        ("simulated", f"{content['duration']:.4f} s"),
+    ]
+    console.print(layout.facts_table(loop))
+    if not found.stable:
+        growing = f"errors grow, the fastest as exp({float(found.growth):.4g} t)."
+        text = f"This law is unstable: with these gains {growing}"
+        settling = "This law brings no error to rest: with these gains errors neither grow nor decay."
+        console.print(Text(text if found.growth > 0 else settling, style="bold red"))
+    layout.heading(console, "Motion")
+    console.print(layout.facts_table(_motion(content, content["verdict"], unit)))
+    if found.agrees is False:
+        text = (
+            f"The motion is not that of the closed form: the tolerances explain no more than {float(found.bound):.3g}. "
+        )
+        console.print(Text(text + "Take smaller simulation.rtol and simulation.atol.", style="bold red"))
+    _show_columns(console, content["columns"], found.applies, unit)
+    layout.heading(console, "Result")
+    console.print(Text(content["result"]))
+    layout.print_files(console, content["files"])
+
+
+def _motion(content: dict[str, Any], found: dict[str, Any], unit: str) -> list[tuple[str, str]]:
+    settling, drift, least = found["settling_time"], found["norm_drift"], found["least_error"]
+    when = "not reached and kept" if settling is None else f"from {settling:.4f} s on"
+    drifted = "" if drift is None else f", {layout.number(drift, 3)} from what it should be"
+    exactly = ", at any time, by the closed form" if found["least_error_exact"] else ""
+    error, lowest, highest = found["final_angle"], found["least_norm"], found["largest_norm"]
+    return [
+        ("error at the end", "-" if error is None else f"{layout.degrees(error)}°"),
+        (f"within {layout.degrees(found['settled_angle'])}°", when),
+        ("closed form", _closed(found)),
+        ("largest command", _peak(found, unit, content["saturation"] == "axis")),
+        ("limit of command", _limit(content["command_limit"], unit, content["saturation"])),
+        ("|λ|", f"{layout.number(lowest)} to {layout.number(highest)}{drifted}"),
+        ("least |μ|", "-" if least is None else f"{layout.number(least)}{exactly}"),
+        ("found at", f"{found['instants']} instants, whatever the table asks for"),
+    ]
+
+
+def _show_columns(console: Console, columns: dict[str, Any], applies: bool, unit: str) -> None:
+    left_out = () if applies else ("closed_form_angle",)
+    headers = {name: names for name, names in HEADERS.items() if name in columns and name not in left_out}
+    values = {name: np.array(columns[name], dtype=float) for name in headers}
+    for name in {"angle", "closed_form_angle", "rate", "command"} & headers.keys():
+        values[name] = np.degrees(values[name])
+    values["command"] = np.linalg.norm(values["command"], axis=1)
+    layout.heading(console, f"t [s], error angle [°], body rate ω [°/s], length of the command [{unit}], |λ|")
+    layout.print_instants(console, values, headers, significant=("angle", "closed_form_angle", "command"))
+
+
+def _closed(found: dict[str, Any]) -> str:
+    if found["deviation"] is None:
+        return found["closed_form"]
+    relative = f"{layout.number(found['deviation'], 3)} of the largest error quaternion"
+    return f"met within {relative}" if found["closed_form"] == "agrees" else f"departs from it by {relative}"
+
+
+def _peak(found: dict[str, Any], unit: str, each_axis: bool) -> str:
+    """The largest command as its limit counts it: the length, or each component."""
+    if found["peak_command"] is None:
+        return "-"
+    length = f"{layout.degrees(found['peak_command'])} {unit} at {found['peak_time']:.6g} s"
+    return f"{_degrees(found['peak_components'])} {unit} along x, y, z; length {length}" if each_axis else length
+
+
+def _limit(limit: float | list[float] | None, unit: str, saturation: str | None) -> str:
+    if limit is None:
+        return "none"
+    if saturation == "norm":
+        return f"{_degrees(limit)} {unit}, of the length"
+    return f"{_degrees(limit)} {unit} along {'x, y, z' if isinstance(limit, list) else 'each axis'}"
+
+
+def _degrees(angles: float | list[float]) -> str:
+    return ", ".join(map(layout.degrees, angles if isinstance(angles, list) else [angles]))
+
+
+def _gain(value: Any) -> str:
+    if isinstance(value, list):
+        return "matrix" if isinstance(value[0], list) else "(" + ", ".join(f"{x:.4g}" for x in value) + ")"
+    return f"{value:.6g}"

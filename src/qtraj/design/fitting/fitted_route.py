@@ -1,0 +1,130 @@
+"""The result of `fit_route`: the route, its residual and prediction error, outliers, stops and gaps."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from qtraj.design.fitting.route_system import covariances
+from qtraj.foundation.arrays import as_array, as_float
+from qtraj.foundation.document import storable
+from qtraj.foundation.outcome import AbstractOutcome, ResultCode
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import extent
+from qtraj.foundation.types import ArrayInput, Scalar
+from qtraj.motion.attitude_residual import AttitudeResidual
+from qtraj.path.residual import Residual
+from qtraj.path.route import Route
+
+
+@storable
+class FittedRoute(AbstractOutcome):
+    """The result of `fit_route`.
+
+    - `path`: the `Route`; its time 0 is the first sample.
+    - `residual`: the differences between the route and the samples that are not outliers.
+    - `prediction_error` [m]: the root mean square distance of every other sample from a route fitted to the rest.
+    - `stretch_error` [m]: the same for whole intervals that were left out.
+    - `smoothing` [s⁵]: the weight of ∫|r⃛|²dt, relative to the sum of squared distances.
+    - `outliers` (k,): the indices of samples that were left out.
+    - `stops` (m, 2), `gaps` (j, 2) [s]: the intervals of stops, and those without samples for longer than a few joints,
+      where the route is a guess.
+    - `position_sigma` [m]: the standard deviation of the residuals per axis.
+    - `information` (6, 3 n): the diagonals of the normal matrix, in units of position_sigma^-2, for `covariance()`.
+    - `attitude`: for a recording with attitudes, their difference from the route's upright frame, and the mounting of
+      the recorder in it.
+    """
+
+    path: Route
+    residual: Residual
+    prediction_error: Scalar
+    stretch_error: Scalar
+    smoothing: Scalar
+    outliers: Int[Array, " k"]
+    stops: Float[Array, "m 2"]
+    gaps: Float[Array, "j 2"]
+    position_sigma: Scalar
+    information: Float[Array, "6 unknowns"]
+    code: Int[Array, ""]
+    attitude: AttitudeResidual | None
+
+    def __init__(
+        self,
+        path: Route,
+        residual: Residual,
+        prediction_error: ArrayInput,
+        stretch_error: ArrayInput = math.nan,
+        smoothing: ArrayInput = math.nan,
+        outliers: ArrayInput = (),
+        stops: ArrayInput = (),
+        gaps: ArrayInput = (),
+        position_sigma: ArrayInput = math.nan,
+        information: ArrayInput = (),
+        code: ArrayInput = ResultCode.successful,
+        attitude: AttitudeResidual | None = None,
+    ):
+        self.path, self.residual, self.attitude = path, residual, attitude
+        self.prediction_error, self.stretch_error = as_float(prediction_error), as_float(stretch_error)
+        self.smoothing, self.position_sigma = as_float(smoothing), as_float(position_sigma)
+        self.outliers = as_array(np.reshape(np.asarray(outliers, int), -1), int)
+        self.stops, self.gaps = (as_float(np.reshape(np.asarray(x, float), (-1, 2))) for x in (stops, gaps))
+        self.information = as_float(np.reshape(np.asarray(information, float), (6, -1)))
+        self.code = as_array(int(np.asarray(code)), np.int32)
+
+    @property
+    def knots(self) -> Float[Array, " n"]:
+        """The times of the joints [s]."""
+        return self.path.times
+
+    def covariance(self) -> Float[np.ndarray, "n 3 3"]:
+        """The covariance of position, velocity and acceleration at each joint, the same for x, y and z (SI units).
+
+        It assumes independent errors of the samples. With errors that are correlated over k samples it is larger, about
+        k times. At the ends of a stop velocity and acceleration are exactly zero.
+        """
+        sigma = float(np.asarray(self.position_sigma))
+        return sigma**2 * covariances(np.asarray(self.information, float))
+
+    def explain(self, at: tuple[int, ...]) -> str:
+        """The result in words: errors, outliers and gaps."""
+        code = ResultCode(int(np.asarray(self.code)))
+        if code != ResultCode.successful:
+            return code.text
+        rms, predicted = float(self.residual.distance_rms), float(self.prediction_error)
+        texts = [
+            f"{self.path.segments} segments follow the recording to {rms:.3g} m RMS and predict {predicted:.3g} m."
+        ]
+        if len(self.outliers):
+            texts.append(f"{len(self.outliers)} outliers are left out.")
+        if len(self.gaps):
+            longest = float(np.max(np.diff(np.asarray(self.gaps), axis=1)))
+            texts.append(f"{len(self.gaps)} gaps of up to {longest:.3g} s are bridged by a guess.")
+        return " ".join(texts)
+
+    def record(self) -> Record:
+        """The route, the residual (with the prefix `residual_`), and the numbers of the fit."""
+        path, residual = self.path.record(), self.residual.record()
+        variables = {
+            **path.variables,
+            **{f"residual_{name}": quantity for name, quantity in residual.variables.items()},
+            "prediction_error": Quantity(
+                self.prediction_error, "m", "root mean square at every other sample, left out"
+            ),
+            "stretch_error": Quantity(self.stretch_error, "m", "root mean square in stretches that were left out"),
+            "smoothing": Quantity(self.smoothing, "s5", "weight of the squared jerk"),
+            "position_sigma": Quantity(self.position_sigma, "m", "standard deviation of the samples, each axis"),
+            "result": Quantity(np.asarray(self.result), "", "what was fitted"),
+        }
+        if len(self.outliers):
+            variables["outlier"] = Quantity(self.outliers, "1", "number of a sample that was left out", ("outlier_",))
+        for name, meaning in (("stops", "where the vehicle stands"), ("gaps", "where nothing is recorded")):
+            if len(getattr(self, name)):
+                variables[name] = Quantity(getattr(self, name), "s", meaning, (name[:-1], "bound"))
+        if self.attitude is not None:
+            known = self.attitude.record().variables
+            variables |= {f"attitude_{name}": quantity for name, quantity in known.items()}
+        counts = f"{len(self.stops)} stops, {len(self.outliers)} outliers"
+        rms = f"RMS {extent(self.residual.distance_rms, 'm')}, predicted {extent(self.prediction_error, 'm')}"
+        return Record(f"{self.path.segments} segments: {rms}; {counts}", variables, attributes={"frame": "world"})

@@ -1,0 +1,145 @@
+"""Certificates of routes: on the whole route, on each segment, and where limits are broken."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from qtraj.design.proof.certificate import Certificate, Finding
+from qtraj.foundation.arrays import as_array, as_float
+from qtraj.foundation.document import storable
+from qtraj.foundation.outcome import AbstractOutcome
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import extent
+from qtraj.foundation.types import ArrayInput
+
+
+@storable
+class RouteCertificate(AbstractOutcome):
+    """The findings on each limit of a route; `certify(route, limits)` returns it.
+
+    - `whole`: the `Certificate` of the route, with the worst finding of all segments for each limit.
+    - `segments`: a batch of certificates, one for each segment, with times of the route.
+    - `starts` (segments,) [s]: the start times of the segments.
+    - `broken` (k, 2) [s]: the intervals in which a limit is broken; `broken_limits` (k,) are the indices of the limits.
+    """
+
+    whole: Certificate
+    segments: Certificate
+    starts: Float[Array, " segments"]
+    broken: Float[Array, "k 2"]
+    broken_limits: Int[Array, " k"]
+
+    def __init__(
+        self,
+        whole: Certificate,
+        segments: Certificate,
+        starts: ArrayInput,
+        broken: ArrayInput = (),
+        broken_limits: ArrayInput = (),
+    ):
+        self.whole, self.segments, self.starts = whole, segments, as_float(starts)
+        self.broken = as_float(np.reshape(np.asarray(broken, float), (-1, 2)))
+        self.broken_limits = as_array(np.reshape(np.asarray(broken_limits, int), -1), int)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the limits."""
+        return self.whole.names
+
+    @property
+    def status(self) -> dict[str, Any]:
+        """The finding on each limit on the whole route, by its name."""
+        return self.whole.status
+
+    @property
+    def worst(self) -> dict[str, tuple[Any, Any, Any]]:
+        """(time [s], value, limit) at the largest value of each, by its name."""
+        return self.whole.worst
+
+    @property
+    def holds(self) -> bool:
+        """Whether every limit is proved on every segment."""
+        return self.whole.holds
+
+    @property
+    def met(self) -> bool:
+        """Whether every limit is satisfied, by proof or by refined sampling."""
+        return self.whole.met
+
+    @property
+    def unmet(self) -> list[str]:
+        """Names of the limits that are not known to be satisfied."""
+        return self.whole.unmet
+
+    @property
+    def active(self) -> list[str]:
+        """Names of the active limits: satisfied with a relative margin below 1e-6."""
+        return self.whole.active
+
+    def margin(self, name: str) -> Any:
+        """The limit minus the largest value on the route, in the limit's unit; negative if the limit is violated."""
+        return self.whole.margin(name)
+
+    def margins(self, name: str) -> Float[np.ndarray, " segments"]:
+        """The same for each segment; NaN where the quantity is undefined."""
+        _, values, limits = self.segments.worst[name]
+        return np.asarray(limits - values)
+
+    def intervals(self, name: str) -> list[tuple[float, float]]:
+        """The intervals (start, end) [s] in which a limit is broken, in order.
+
+        Their ends are the sign changes of the limit's polynomial inequality, searched between 65 instants of a broken
+        segment, one of which is the instant of its largest value.
+        """
+        k = self.names.index(name)
+        chosen = np.asarray(self.broken)[np.asarray(self.broken_limits) == k]
+        return [(float(a), float(b)) for a, b in chosen]
+
+    def describe(self, name: str) -> str:
+        """The largest value of one quantity, and its limit, in words."""
+        return self.whole.describe(name)
+
+    def findings(self, at: tuple[int, ...] = ()) -> Sequence[Finding]:
+        """The finding on each limit, on the whole route or, with `at` = (i,), on segment i."""
+        return self.segments.findings(at) if at else self.whole.findings()
+
+    @property
+    def code(self) -> Int[Array, ""]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The `ResultCode` of the whole route: that of its worst finding."""
+        return self.whole.code
+
+    def explain(self, at: tuple[int, ...]) -> str:
+        """The result in words."""
+        return self.whole.explain(at)
+
+    def record(self) -> Record:
+        """The findings on the whole route; those on segments and intervals have the prefixes `segment_`, `broken_`."""
+        whole, parts = self.whole.record(), self.segments.record()
+        variables = dict(whole.variables)
+        for name in ("status", "worst_value", "worst_time"):
+            given = parts.variables[name]
+            variables[f"segment_{name}"] = given._replace(axes=("segment", "limit"))
+        variables["segment_start"] = Quantity(self.starts, "s", "time at which a segment starts", ("segment",))
+        if len(self.broken):
+            names = np.array(self.names, dtype=str)[np.asarray(self.broken_limits)]
+            variables["broken_limit"] = Quantity(names, "", "the limit that is broken in an interval", ("interval",))
+            ends = (("start", self.broken[:, 0]), ("end", self.broken[:, 1]))
+            for name, values in ends:
+                variables[f"broken_{name}"] = Quantity(values, "s", f"{name} of that interval", ("interval",))
+        where = f"; {extent(len(self.broken))} intervals with a broken limit" if len(self.broken) else ""
+        summary = f"{len(self.starts)} segments: {self.whole.summary}{where}"
+        return Record(summary, variables, whole.coordinates, whole.attributes)
+
+    def __str__(self) -> str:
+        lines = [str(self.whole)]
+        for name in self.names:
+            spans = self.intervals(name)
+            if spans:
+                listed = ", ".join(f"{a:.4g} to {b:.4g} s" for a, b in spans[:5])
+                more = f" and {len(spans) - 5} more" if len(spans) > 5 else ""
+                lines.append(f"{name} is broken from {listed}{more}")
+        return "\n".join(lines)

@@ -1,0 +1,99 @@
+"""Assembles the outcome of a tuning from the results of searches: its paths, their certificates, and its codes."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float
+
+from qtraj.design.limits import Limits
+from qtraj.design.proof.certificate import SAMPLED
+from qtraj.design.proof.certify import certify
+from qtraj.design.tuning.outcome import CONVERGED, INFEASIBLE, NOT_CONVERGED, Tuned
+from qtraj.design.tuning.problem import Problem
+from qtraj.design.tuning.search import SearchResult
+from qtraj.design.tuning.sensitivity import solution
+from qtraj.design.tuning.sqp import FEASIBLE
+from qtraj.design.tuning.task import Task, limit_names
+from qtraj.foundation.arrays import part
+from qtraj.foundation.outcome import ResultCode
+from qtraj.path.boundary import BoundaryState
+from qtraj.path.placement import Placement
+from qtraj.path.spiral_helix import SpiralHelix
+
+
+def make_outcome(
+    tasks: Task,
+    limits: Limits,
+    corridor: Array | None,
+    result: SearchResult,
+    start: BoundaryState,
+    end: BoundaryState,
+    batch: tuple[int, ...],
+    placement: Placement | None,
+    faults: Any,
+) -> Tuned:
+    """The outcome of a batch of tasks that may be padded; `faults` are the codes of ill-posed problems."""
+    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tasks))
+    if traced:
+        order, constant = limit_names(limits, corridor), jax.lax.stop_gradient(result)
+        z = jax.vmap(lambda task, at: solution(task, at, order))(tasks, constant)
+    else:
+        z = result.z
+    # A callable objective may contain arrays, which are constants of the problem: it is not traced.
+    compute_paths = _paths_jit if tasks.problem.objective.is_smooth else _paths
+    unbatched = lambda x: part(x, slice(0, batch[0]) if batch else 0)  # noqa: E731
+    path, objective, first, last = jax.tree.map(unbatched, compute_paths(tasks.problem, z, start, end))
+    reference = None
+    if corridor is not None:
+        reference = jax.tree.map(unbatched, compute_paths(tasks.problem, jnp.zeros_like(z), start, end)[0])
+    if placement is None:
+        path = eqx.tree_at(lambda path: path.placement, path, None)
+        reference = None if reference is None else eqx.tree_at(lambda path: path.placement, reference, None)
+    ill_posed = faults != ResultCode.successful
+    if traced or np.any(ill_posed):
+        axis = path.placement
+        path, objective, first, last = _with_nan((path, objective, first, last), ill_posed)
+        # The certificate requires the placement of the reference path.
+        path = eqx.tree_at(lambda path: path.placement, path, axis, is_leaf=lambda x: x is None)
+    certificate = certify(path, limits, corridor=corridor, reference=reference)
+    code = _code(unbatched(result.stationary), unbatched(result.violation), certificate.codes <= SAMPLED)
+    xp: Any = jnp if traced else np
+    code = xp.where(ill_posed, faults, code).astype(np.int32)
+    return Tuned(path, first, last, objective, certificate, code, unbatched(result.steps))
+
+
+def _with_nan(data: Any, ill_posed: Any) -> Any:
+    """`data` with NaN in the elements that are ill-posed."""
+    return jax.tree.map(
+        lambda x: jnp.where(jnp.expand_dims(ill_posed, range(ill_posed.ndim, x.ndim)), jnp.nan, x), data
+    )
+
+
+def _code(stationary: Any, violation: Any, findings_met: Any) -> Any:
+    """The result code, from the search result and from the findings on the path."""
+    xp: Any = jnp if any(isinstance(x, Tracer) for x in (stationary, violation, findings_met)) else np
+    all_met = xp.all(xp.asarray(findings_met), axis=-1)
+    feasible = xp.asarray(violation) <= FEASIBLE
+    code = xp.where(xp.asarray(stationary) & all_met & feasible, CONVERGED, NOT_CONVERGED)
+    return xp.where(~feasible & ~all_met, INFEASIBLE, code).astype(np.int32)
+
+
+def _paths(
+    problems: Problem, z: Float[Array, "batch n"], start: BoundaryState, end: BoundaryState
+) -> tuple[SpiralHelix, Array, BoundaryState, BoundaryState]:
+    """The paths of the solutions, the objectives there, and their boundary states."""
+
+    def one(problem: Problem, z: Array, start: BoundaryState, end: BoundaryState) -> tuple[Any, ...]:
+        path = problem.path(z)
+        first = BoundaryState(start.position, path.velocity(0.0))
+        last = BoundaryState(end.position, path.velocity(path.duration))
+        return path, problem.objective.value(problem, z), first, last
+
+    return jax.vmap(one)(problems, z, start, end)
+
+
+_paths_jit = eqx.filter_jit(_paths)

@@ -1,0 +1,27 @@
+"""Columns of numbers as texts of equal form, for tables that people read."""
+
+import math
+
+import numpy as np
+
+
+def digits(values: np.ndarray, known: np.ndarray) -> list[str]:
+    """One column with four digits of each value."""
+    return [f"{v:.4g}" if ok and np.isfinite(v) else "-" for v, ok in zip(values.tolist(), known, strict=True)]
+
+
+def decimals(values: np.ndarray, known: np.ndarray) -> list[str]:
+    """One column with as many decimals as tell its values apart, six at most."""
+    good = values[known & np.isfinite(values)]
+    size = float(np.abs(good).max(initial=0.0))
+    spread = float(np.ptp(good)) if good.size else 0.0
+    before_point = 1 + max(0, _magnitude(size))
+    decimals = min(max(4 - _magnitude(spread or size), 0), 6, max(10 - before_point, 0))
+    return [
+        f"{round(float(v), decimals) + 0.0:.{decimals}f}" if ok and np.isfinite(v) else "-"
+        for v, ok in zip(values, known, strict=True)
+    ]
+
+
+def _magnitude(x: float) -> int:
+    return math.floor(math.log10(x)) if x > 0 else 0

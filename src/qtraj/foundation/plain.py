@@ -1,0 +1,29 @@
+"""A record as plain data, such as JSON holds: numbers, texts, lists and None."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from qtraj.foundation.record import Record
+
+
+def plain(record: Record) -> dict[str, Any]:
+    """The `summary`, every coordinate and variable by its name as (nested) lists, and their `units`.
+
+    A number that is not finite is None, because JSON has no NaN. `json.dumps(plain(result.record()))` works for every
+    result.
+    """
+    everything = record.everything()
+    values = {name: finite(np.asarray(quantity.values).tolist()) for name, quantity in everything.items()}
+    units = {name: quantity.unit for name, quantity in everything.items() if quantity.unit}
+    return {"summary": record.summary, **values, "units": units}
+
+
+def finite(value: Any) -> Any:
+    """The same data with None in place of NaN and infinities."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: finite(v) for key, v in value.items()}
+    return [finite(v) for v in value] if isinstance(value, list) else value

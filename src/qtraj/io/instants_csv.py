@@ -1,0 +1,43 @@
+"""A dataset over instants as a table for spreadsheets: CSV with names and units in its header."""
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import xarray
+
+from qtraj.foundation.units import symbol
+
+PATH_HEADERS = {
+    "time": ["time [s]"],
+    "position": ["x [m]", "y [m]", "z [m]"],
+    "velocity": ["vx [m/s]", "vy [m/s]", "vz [m/s]"],
+    "acceleration": ["ax [m/s²]", "ay [m/s²]", "az [m/s²]"],
+    "speed": ["speed [m/s]"],
+    "curvature": ["curvature [1/m]"],
+    "torsion": ["torsion [1/m]"],
+    "quaternion": ["qw", "qx", "qy", "qz"],
+}
+"""Columns of a path, besides the rate of its frame.
+
+`qtraj.read_track` knows those of time, position, velocity and attitude by these names."""
+
+
+def write_csv(columns: Mapping[str, np.ndarray], headers: Mapping[str, Sequence[str]], file: Path) -> None:
+    """The columns that `headers` names, (n,) or (n, m) with a header for each component, floats exactly."""
+    parts = [np.asarray(columns[name], dtype=float) for name in headers]
+    table = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
+    header = ",".join(name for names in headers.values() for name in names)
+    rows = (",".join(map(repr, row)) for row in table.tolist())
+    file.write_text("\n".join([header, *rows, ""]), encoding="utf-8")
+
+
+def csv_headers(dataset: xarray.Dataset) -> dict[str, list[str]]:
+    """The columns of a dataset over instants: name_component [unit], such as rate_x [rad/s]."""
+    headers = {"time": ["time [s]"]}
+    for name, variable in dataset.data_vars.items():
+        unit = symbol(variable.attrs["units"])
+        components = product(*(dataset[axis].values for axis in variable.dims[1:]))
+        headers[str(name)] = ["_".join([str(name), *labels]) + (f" [{unit}]" if unit else "") for labels in components]
+    return headers

@@ -1,0 +1,44 @@
+"""Saved paths and programs: what a stored document holds, where one of these is expected."""
+
+from pathlib import Path
+
+from qtraj.design.fitting.fitted import Fitted
+from qtraj.design.tuning.outcome import Tuned
+from qtraj.motion.attitude import AbstractProgram
+from qtraj.path.spiral_helix import SpiralHelix
+
+
+def is_saved(file: Path) -> bool:
+    """Whether a file is a stored document (of a path, or of something else) and no scenario."""
+    if file.suffix == ".json":
+        return True
+    lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
+    first = next((k for k, line in enumerate(lines) if line.lstrip().startswith("[")), len(lines))
+    return any(line.split("=")[0].strip() == "format" for line in lines[:first])  # before the first table
+
+
+def saved_path(file: Path) -> SpiralHelix:
+    """The path in a saved document; of a tuned or fitted result, its path.
+
+    **Raises:** OSError, or ValueError naming the file where it holds no spiral-helix.
+    """
+    from qtraj.io.stored import load  # here, for it imports every class that can be stored
+
+    stored = load(file)
+    path = stored.path if isinstance(stored, Tuned | Fitted) else stored
+    if not isinstance(path, SpiralHelix):
+        raise ValueError(f"{file}: a saved path was expected, but the file holds a {type(stored).__name__}")
+    return path
+
+
+def saved_program(file: Path) -> AbstractProgram:
+    """The attitude program in a saved document.
+
+    **Raises:** OSError, or ValueError naming the file where it holds none.
+    """
+    from qtraj.io.stored import load  # here, for it imports every class that can be stored
+
+    stored = load(file)
+    if not isinstance(stored, AbstractProgram):
+        raise ValueError(f"{file}: a saved program was expected, but the file holds a {type(stored).__name__}")
+    return stored

@@ -1,0 +1,110 @@
+"""A feedback that remembers the sign of its error quaternion and changes it with hysteresis.
+
+λ and −λ are one attitude. A law that chooses the nearer one at every instant is discontinuous at half turns: noise
+can keep the body there. A law that never changes its sign takes the long way round (it unwinds) once the body is beyond
+a half turn. Mayhew, Sanfelice and Teel (IEEE Trans. Automatic Control 56, 2011, 2555–2566) keep a sign h = ±1 and
+replace it by −h only where hμ0 < −δ|μ|: noise that changes μ0/|μ| by less than 2δ cannot cause repeated switching, and
+no rotation is longer than 2 arccos(−δ).
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from qtraj.foundation.arrays import concrete, real_scalar
+from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
+from qtraj.foundation.types import ArrayInput, Flag, Quat, Scalar
+from qtraj.motion.attitude import Attitude
+from qtraj.motion.control.baselines import QuaternionFeedback, signed_quaternion_feedback
+from qtraj.motion.control.errors import error_quaternion
+from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw
+from qtraj.motion.simulation.actuator import Sampling, sampling_instants
+
+HALF_WIDTH = 0.25
+"""Switches at 2 arccos(−0.25) = 209° from the program; noise of μ0 up to 0.5 from one side to the other is ignored."""
+
+
+@storable
+class HystereticLaw(AbstractLaw):
+    """`law` with a remembered sign h of λ: it acts on hλ, and h changes where hμ0 < −`half_width`·|μ|.
+
+    `law`: an `AccelerationLaw`, whose error is linear between two changes, or a `QuaternionFeedback`, which makes it
+    the law of Mayhew, Sanfelice and Teel. `half_width` δ: from 0 (the nearer sign each time, which chatters under
+    noise) to below 1 (1 would never change it). `sampling` [s], a period or instants: when the sign is updated. Omit it
+    if sensor or actuator sample: the sign is then updated with each new command. In between, the command is continuous.
+
+    In `qtraj.simulate` the first sign is that of the initial λ, and the solution's `quaternion` is hλ. A call of the
+    law itself has no memory and uses λ with its sign.
+
+    **Raises:** ValueError for another kind of law, or a half-width outside [0, 1).
+    """
+
+    law: AccelerationLaw | QuaternionFeedback
+    half_width: Scalar
+    sampling: Sampling | None
+
+    def __repr__(self) -> str:
+        return shown(self, sampling="s")
+
+    def __init__(
+        self,
+        law: AccelerationLaw | QuaternionFeedback,
+        half_width: ArrayInput = HALF_WIDTH,
+        sampling: ArrayInput | None = None,
+    ):
+        if not isinstance(law, AccelerationLaw | QuaternionFeedback):
+            raise ValueError(
+                f"a hysteretic law acts through an AccelerationLaw or a QuaternionFeedback, but {law!r} was given"
+            )
+        self.law = law
+        self.half_width = real_scalar(half_width, "the half-width")
+        known = concrete(self.half_width)
+        if known is not None and not 0 <= known < 1:
+            raise ValueError(
+                f"the half-width of the hysteresis must be in [0, 1), but {float(known)} was given: "
+                "it is compared with μ0/|μ|, and 0.25 suits most noise"
+            )
+        self.sampling = sampling_instants(sampling)
+
+    def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
+        """The command (4,) [rad/s²] in body axes, for the sign of `quaternion`."""
+        if isinstance(self.law, QuaternionFeedback):
+            return signed_quaternion_feedback(self.law, reference, quaternion, rate)
+        return self.law(reference, quaternion, rate)
+
+    def deviation(self, reference: Attitude, quaternion: Quat) -> Quat:
+        """The error quaternion of `law` (4,)."""
+        return self.law.deviation(reference, quaternion)
+
+    def renewed_sign(self, sign: Scalar, reference: Attitude, quaternion: Quat) -> Scalar:
+        """The updated sign h at this attitude: `sign`, or −`sign` where sign·μ0 < −δ|μ|."""
+        return jnp.where(self.switches(sign, reference, quaternion), -sign, sign)
+
+    def switches(self, sign: Scalar, reference: Attitude, quaternion: Quat) -> Flag:
+        """Whether the sign changes at this attitude."""
+        mu = error_quaternion(reference, quaternion)
+        size = jnp.sqrt(jnp.sum(mu * mu))
+        return sign * mu[0] < -self.half_width.astype(mu.dtype) * size
+
+
+def inner(law: AbstractLaw) -> AbstractLaw:
+    """The law without its hysteresis."""
+    return law.law if isinstance(law, HystereticLaw) else law
+
+
+def first_sign(law: AbstractLaw, like: Quat) -> Scalar | None:
+    """The sign h before its first update, 1; None for laws without memory."""
+    return jnp.ones_like(like, shape=()) if isinstance(law, HystereticLaw) else None
+
+
+def renewed(law: AbstractLaw, sign: Scalar | None, reference: Attitude, quaternion: Quat) -> Scalar | None:
+    """The updated sign at this attitude; None for laws without memory."""
+    if sign is None or not isinstance(law, HystereticLaw):
+        return sign
+    return law.renewed_sign(sign, reference, quaternion)
+
+
+def signed(sign: Scalar | None, quaternion: Quat) -> Quat:
+    """hλ."""
+    return quaternion if sign is None else sign * quaternion

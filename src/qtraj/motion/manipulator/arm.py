@@ -1,0 +1,188 @@
+"""A serial arm as a list of joints: the pose of its gripper, the geometric Jacobian, and that one's change.
+
+Each joint is a fixed axis in the base's axes while all joints are at zero; the gripper's pose is the product of the
+joints' motions, the first joint's last, and of its pose at zero. Rates and accelerations are in the base's, inertial,
+axes: (ω, v) = J(q) q̇ and (ε, a) = J q̈ + J̇ q̇.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from qtraj.algebra import quaternion, rotation
+from qtraj.algebra.quaternion import product, rotate
+from qtraj.foundation.arrays import as_float, concrete, real_vector
+from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
+from qtraj.foundation.types import ArrayInput, Quat, Vec3
+
+REVOLUTE, PRISMATIC = "revolute", "prismatic"
+
+Joints = Float[Array, " n"]
+Jacobian = Float[Array, "6 n"]
+
+
+@storable
+class Joint(eqx.Module):
+    """One joint of an arm, with every joint at zero, in the base's axes.
+
+    `axis` (3,): its direction, of any length; `point` (3,) [m]: a point on it (of no importance for a prismatic joint).
+    `kind`: "revolute", turned by an angle [rad], or "prismatic", moved by a length [m].
+
+    **Raises:** ValueError for an axis that is zero, other shapes or another kind.
+    """
+
+    axis: Vec3
+    point: Vec3
+    kind: str = eqx.field(static=True)
+
+    def __repr__(self) -> str:
+        return shown(self, point="m")
+
+    def __init__(self, axis: ArrayInput, point: ArrayInput = (0.0, 0.0, 0.0), kind: str = REVOLUTE):
+        axis = real_vector(axis, "the axis of a joint", 3)
+        known = concrete(axis)
+        if known is not None and not known.any():
+            raise ValueError("the axis of a joint must not be zero: give its direction")
+        if kind not in (REVOLUTE, PRISMATIC):
+            raise ValueError(f"a joint must be 'revolute' or 'prismatic', but {kind!r} was given")
+        self.axis = axis / jnp.linalg.norm(axis)
+        self.point = real_vector(point, "the point on the axis of a joint", 3).astype(axis.dtype)
+        self.kind = kind
+
+
+@storable
+class Arm(eqx.Module):
+    """A serial arm: `joints` from the base to the gripper, and the gripper's pose with every joint at zero.
+
+    `home_position` (3,) [m] and `home_quaternion` (4,), gripper to base. `Arm.from_dh` takes Denavit–Hartenberg rows.
+
+    **Raises:** ValueError for joints that are none, or a pose of another shape.
+    """
+
+    joints: tuple[Joint, ...]
+    home_position: Vec3
+    home_quaternion: Quat
+
+    def __repr__(self) -> str:
+        return shown(self, home_position="m")
+
+    def __init__(
+        self,
+        joints: Sequence[Joint],
+        home_position: ArrayInput,
+        home_quaternion: ArrayInput = (1.0, 0.0, 0.0, 0.0),
+    ):
+        self.joints = tuple(joints)
+        if not self.joints or not all(isinstance(joint, Joint) for joint in self.joints):
+            raise ValueError(f"the joints of an arm must be Joint(axis, point) one after the other, not {joints!r}")
+        self.home_position = real_vector(home_position, "the home position", 3)
+        self.home_quaternion = quaternion.unit(real_vector(home_quaternion, "the home quaternion", 4))
+
+    @classmethod
+    def from_dh(cls, rows: ArrayInput, kinds: Sequence[str] | None = None) -> Arm:
+        """The arm of classic Denavit–Hartenberg rows (n, 4): a [m], α [rad], d [m], θ [rad], each joint at zero.
+
+        A joint turns about, or moves along, the z axis of the frame before it; its value adds to θ or d. `kinds` are
+        "revolute" or "prismatic"; None: all revolute.
+
+        **Raises:** ValueError for rows of another shape, not finite or traced, or kinds that are not one for each.
+        """
+        with jax.ensure_compile_time_eval():  # what is known outside a trace stays known inside
+            table = concrete(as_float(rows))
+        if table is None:
+            raise ValueError(
+                "Denavit–Hartenberg rows must be known, not traced: build Arm(joints, position) from arrays"
+            )
+        if table.ndim != 2 or table.shape[0] == 0 or table.shape[1] != 4:
+            raise ValueError(f"rows (n, 4) of a, alpha, d, theta were expected, but shape {table.shape} was given")
+        if not np.isfinite(table).all():
+            raise ValueError(f"Denavit–Hartenberg rows must be finite, but {table.tolist()} was given")
+        kinds = [REVOLUTE] * len(table) if kinds is None else list(kinds)
+        if len(kinds) != len(table):
+            raise ValueError(f"{len(table)} rows need as many kinds, but {len(kinds)} were given")
+        frame, joints = np.eye(4), []
+        for row, kind in zip(table, kinds, strict=True):
+            joints.append(Joint(frame[:3, 2], frame[:3, 3], kind))
+            frame = frame @ _dh(row)
+        return cls(joints, frame[:3, 3], rotation.from_dcm(jnp.asarray(frame[:3, :3].T)))
+
+    def pose(self, q: Joints) -> tuple[Vec3, Quat]:
+        """Position [m] and unit quaternion of the gripper; the quaternion is continuous in the joints.
+
+        `q` (n,): angles [rad] and lengths [m].
+        """
+        position, attitude = self.home_position.astype(q.dtype), self.home_quaternion.astype(q.dtype)
+        for k in reversed(range(len(self.joints))):
+            position, attitude = _moved(self.joints[k], q[k], position, attitude)
+        return position, attitude
+
+    def jacobian(self, q: Joints) -> Jacobian:
+        """J with (ω, v) = J q̇, inertial axes: angular rows first, then those of the gripper's velocity."""
+        return self.kinematics(q)[2]
+
+    def bias(self, q: Joints, q_dot: Joints) -> Float[Array, 6]:
+        """J̇ q̇: the gripper's angular [rad/s²] and linear [m/s²] acceleration where the joints have none."""
+        return jax.jvp(lambda q: jnp.matmul(self.jacobian(q), q_dot, precision="highest"), (q,), (q_dot,))[1]
+
+    def kinematics(self, q: Joints) -> tuple[Vec3, Quat, Jacobian]:
+        """Position and quaternion of the gripper, as `pose` gives them, and the Jacobian, from the base outwards."""
+        spun = jnp.zeros((4,), q.dtype).at[0].set(1.0)
+        shift, axes, points = jnp.zeros((3,), q.dtype), [], []
+        for k, joint in enumerate(self.joints):
+            axis = rotate(spun, joint.axis.astype(q.dtype))
+            point = rotate(spun, joint.point.astype(q.dtype)) + shift
+            axes.append(axis)
+            points.append(point)
+            if joint.kind == REVOLUTE:
+                spin = quaternion.exp(0.5 * q[k] * axis)
+                shift, spun = point + rotate(spin, shift - point), product(spin, spun)
+            else:
+                shift = shift + q[k] * axis
+        tip = rotate(spun, self.home_position.astype(q.dtype)) + shift
+        columns = [
+            jnp.concatenate([axis, jnp.cross(axis, tip - point)])
+            if joint.kind == REVOLUTE
+            else jnp.concatenate([jnp.zeros_like(axis), axis])
+            for joint, axis, point in zip(self.joints, axes, points, strict=True)
+        ]
+        return tip, product(spun, self.home_quaternion.astype(q.dtype)), jnp.stack(columns, axis=1)
+
+
+def stanford_arm() -> Arm:
+    """The Stanford arm, six joints, the third prismatic: Denavit–Hartenberg rows of Fu, Gonzalez and Lee (1987).
+
+    Lengths d1 = 0.412 m, d2 = 0.154 m, d6 = 0.263 m. The wrist is singular where its fifth joint is at zero, the arm
+    where the third is.
+    """
+    right = np.pi / 2
+    rows = [
+        [0.0, -right, 0.412, 0.0],
+        [0.0, right, 0.154, 0.0],
+        [0.0, 0.0, 0.0, -right],
+        [0.0, -right, 0.0, 0.0],
+        [0.0, right, 0.0, 0.0],
+        [0.0, 0.0, 0.263, 0.0],
+    ]
+    return Arm.from_dh(rows, [REVOLUTE, REVOLUTE, PRISMATIC, REVOLUTE, REVOLUTE, REVOLUTE])
+
+
+def _moved(joint: Joint, value: Array, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+    axis, point = joint.axis.astype(value.dtype), joint.point.astype(value.dtype)
+    if joint.kind == PRISMATIC:
+        return position + value * axis, attitude
+    spin = quaternion.exp(0.5 * value * axis)
+    return point + rotate(spin, position - point), product(spin, attitude)
+
+
+def _dh(row: np.ndarray) -> np.ndarray:
+    """The frame of one row in the frame before it."""
+    a, alpha, d, theta = row
+    ca, sa, ct, st = np.cos(alpha), np.sin(alpha), np.cos(theta), np.sin(theta)
+    return np.array([[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0, 0, 0, 1]])

@@ -1,0 +1,114 @@
+"""The motion of an arm: its joints, its gripper compared with the program, and the effect of singularities."""
+
+import os
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from qtraj.foundation import document
+from qtraj.foundation.arrays import as_float
+from qtraj.foundation.document import storable
+from qtraj.foundation.outcome import AbstractOutcome, ResultCode
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import batch_prefix, extent, times_text
+from qtraj.foundation.types import ArrayInput
+
+
+@storable
+class ArmMotion(AbstractOutcome):
+    """An arm under a law at the instants `times` (n,) [s].
+
+    `joints`, `joint_rates`, `joint_accelerations` (n, m): angles [rad] and lengths [m]. `position` (n, 3) [m] and
+    `quaternion` (n, 4) of the gripper, of any length; `rate` (n, 4) [rad/s], inertial axes, ω0 first. `error` (n, 4):
+    the law's error quaternion; `angle` (n,) [rad] to the program; `distance` (n,) [m] to the path, None without one.
+    `smallest` (n,): the smallest singular value of the Jacobian. `missed` (n,): the length of the missing part of the
+    gripper's acceleration [rad/s², m/s²]: 0, except for round-off, away from singularities. Instants that were not
+    reached are NaN; `code` is a `ResultCode` and `result` its text.
+    """
+
+    times: Float[Array, "*batch n"]
+    joints: Float[Array, "*batch n m"]
+    joint_rates: Float[Array, "*batch n m"]
+    joint_accelerations: Float[Array, "*batch n m"]
+    position: Float[Array, "*batch n 3"]
+    quaternion: Float[Array, "*batch n 4"]
+    rate: Float[Array, "*batch n 4"]
+    error: Float[Array, "*batch n 4"]
+    angle: Float[Array, "*batch n"]
+    smallest: Float[Array, "*batch n"]
+    missed: Float[Array, "*batch n"]
+    code: Int[Array, "*batch"]
+    distance: Float[Array, "*batch n"] | None
+
+    def __init__(
+        self,
+        times: ArrayInput,
+        joints: ArrayInput,
+        joint_rates: ArrayInput,
+        joint_accelerations: ArrayInput,
+        position: ArrayInput,
+        quaternion: ArrayInput,
+        rate: ArrayInput,
+        error: ArrayInput,
+        angle: ArrayInput,
+        smallest: ArrayInput,
+        missed: ArrayInput,
+        code: ArrayInput,
+        distance: ArrayInput | None = None,
+    ):
+        self.times, self.joints, self.joint_rates = as_float(times), as_float(joints), as_float(joint_rates)
+        self.joint_accelerations, self.position = as_float(joint_accelerations), as_float(position)
+        self.quaternion, self.rate, self.error = as_float(quaternion), as_float(rate), as_float(error)
+        self.angle, self.smallest, self.missed = as_float(angle), as_float(smallest), as_float(missed)
+        self.code = jnp.asarray(code, jnp.int32)
+        self.distance = None if distance is None else as_float(distance)
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Write the motion to a TOML file, exactly (JSON where every instant was reached); `qtraj.load` reads it.
+
+        **Raises:** ValueError for another suffix.
+        """
+        document.save(self, file)
+
+    def explain(self, at: tuple[int, ...]) -> str:
+        """The result of one motion in words, and the effect of singularities."""
+        code, missed = ResultCode(int(np.asarray(self.code)[at])), np.asarray(self.missed)[at]
+        text = "finished: every instant was reached." if code == ResultCode.successful else code.text
+        finite = missed[np.isfinite(missed)]
+        if not finite.size:
+            return f"{text} No instant was reached."
+        return f"{text} The gripper lacked up to {finite.max():.3g} of its acceleration (rad/s², m/s²)."
+
+    def record(self) -> Record:
+        """The motion over `time`, or over `sample` where each batch element has its own times."""
+        along = "time" if self.times.ndim == 1 else "sample"
+        each, turn = (along, "joint"), (along, "component")
+        columns = {
+            "joints": Quantity(self.joints, "", "angles [rad] and lengths [m] of the joints", each),
+            "joint_rates": Quantity(self.joint_rates, "", "rates of the joints [rad/s, m/s]", each),
+            "joint_accelerations": Quantity(
+                self.joint_accelerations, "", "accelerations of the joints [rad/s², m/s²]", each
+            ),
+            "position": Quantity(self.position, "m", "position of the gripper", (along, "world")),
+            "quaternion": Quantity(self.quaternion, "1", "attitude of the gripper, to inertial, of any length", turn),
+            "rate": Quantity(
+                self.rate, "rad s-1", "angular rate of the gripper, inertial axes; first d/dt ln|λ|²", turn
+            ),
+            "error": Quantity(self.error, "1", "error quaternion of the law", turn),
+            "angle": Quantity(self.angle, "rad", "angle between gripper and program", (along,)),
+            "distance": Quantity(self.distance, "m", "distance of the gripper from its path", (along,)),
+            "smallest": Quantity(self.smallest, "", "smallest singular value of the Jacobian [rad, m]", (along,)),
+            "missed": Quantity(self.missed, "", "what the acceleration lacked [rad/s², m/s²]", (along,)),
+            "result": Quantity(np.asarray(self.result), "", "how it ended"),
+            "code": Quantity(self.code, "1", "how it ended, as a number"),
+        }
+        summary = (
+            f"{batch_prefix(self.code.shape)}{times_text(self.times)}: angle to the program {extent(self.angle, 'rad')}"
+        )
+        return Record(
+            f"{summary}, smallest singular value {extent(self.smallest)}",
+            {name: q for name, q in columns.items() if q.values is not None},
+            {"time": Quantity(self.times, "s", "time", (along,))},
+            {"frame": "inertial"},
+        )

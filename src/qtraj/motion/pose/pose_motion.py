@@ -1,0 +1,92 @@
+"""How a body moved and turned under a law for its pose."""
+
+import os
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from qtraj.foundation import document
+from qtraj.foundation.arrays import as_float
+from qtraj.foundation.document import storable
+from qtraj.foundation.outcome import AbstractOutcome, ResultCode
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import batch_prefix, extent, times_text
+from qtraj.foundation.types import ArrayInput
+
+
+@storable
+class PoseMotion(AbstractOutcome):
+    """A pose under a law at the instants `times` (n,) [s].
+
+    `position`, `velocity` (n, 3) [m, m/s] and the commanded `acceleration` (n, 3) [m/s²], inertial axes; `quaternion`
+    (n, 4), of any length, and `rate` (n, 4) [rad/s], body axes, ω0 first; the angular `command` (n, 4) [rad/s²], body
+    axes, virtual part first. `error` (n, 8): the dual error quaternion M, μ first. `distance` (n,) [m] and `angle` (n,)
+    [rad] to the program. Instants that were not reached are NaN; `code` is a `ResultCode` and `result` its text.
+    """
+
+    times: Float[Array, "*batch n"]
+    position: Float[Array, "*batch n 3"]
+    velocity: Float[Array, "*batch n 3"]
+    acceleration: Float[Array, "*batch n 3"]
+    quaternion: Float[Array, "*batch n 4"]
+    rate: Float[Array, "*batch n 4"]
+    command: Float[Array, "*batch n 4"]
+    error: Float[Array, "*batch n 8"]
+    distance: Float[Array, "*batch n"]
+    angle: Float[Array, "*batch n"]
+    code: Int[Array, "*batch"]
+
+    def __init__(
+        self,
+        times: ArrayInput,
+        position: ArrayInput,
+        velocity: ArrayInput,
+        acceleration: ArrayInput,
+        quaternion: ArrayInput,
+        rate: ArrayInput,
+        command: ArrayInput,
+        error: ArrayInput,
+        distance: ArrayInput,
+        angle: ArrayInput,
+        code: ArrayInput,
+    ):
+        self.times, self.position, self.velocity = as_float(times), as_float(position), as_float(velocity)
+        self.acceleration, self.quaternion, self.rate = as_float(acceleration), as_float(quaternion), as_float(rate)
+        self.command, self.error = as_float(command), as_float(error)
+        self.distance, self.angle = as_float(distance), as_float(angle)
+        self.code = jnp.asarray(code, jnp.int32)
+
+    def explain(self, at: tuple[int, ...]) -> str:
+        """How one motion ended, and what to do."""
+        code = ResultCode(int(np.asarray(self.code)[at]))
+        return "finished: every instant was reached." if code == ResultCode.successful else code.text
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Write the motion to a TOML file, exactly (JSON where every instant was reached); `qtraj.load` reads it.
+
+        **Raises:** ValueError for another suffix.
+        """
+        document.save(self, file)
+
+    def record(self) -> Record:
+        """The motion over `time`, or over `sample` where each batch element has its own times."""
+        along = "time" if self.times.ndim == 1 else "sample"
+        world, turn = (along, "world"), (along, "component")
+        variables = {
+            "position": Quantity(self.position, "m", "position, inertial axes", world),
+            "velocity": Quantity(self.velocity, "m s-1", "velocity, inertial axes", world),
+            "acceleration": Quantity(self.acceleration, "m s-2", "acceleration commanded, inertial axes", world),
+            "quaternion": Quantity(self.quaternion, "1", "attitude, body to inertial, of any length", turn),
+            "rate": Quantity(self.rate, "rad s-1", "angular rate, body axes; first the virtual rate", turn),
+            "command": Quantity(self.command, "rad s-2", "angular acceleration commanded, body axes", turn),
+            "error": Quantity(self.error[..., :4], "1", "error quaternion: real part of the dual one", turn),
+            "dual_error": Quantity(self.error[..., 4:], "m", "dual part of the error quaternion", turn),
+            "distance": Quantity(self.distance, "m", "distance from the path", (along,)),
+            "angle": Quantity(self.angle, "rad", "angle between body and program", (along,)),
+            "result": Quantity(np.asarray(self.result), "", "how it ended"),
+            "code": Quantity(self.code, "1", "how it ended, as a number"),
+        }
+        far = f"distance {extent(self.distance, 'm')}, angle to the program {extent(self.angle, 'rad')}"
+        summary = f"{batch_prefix(self.code.shape)}{times_text(self.times)}: {far}"
+        return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": "body"})

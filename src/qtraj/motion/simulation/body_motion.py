@@ -1,0 +1,114 @@
+"""The motion of a rigid body under a law, and the deviation of its error from the exact error equation."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from qtraj.algebra.quaternion import conjugate, product
+from qtraj.foundation.arrays import as_float
+from qtraj.foundation.document import storable
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import AbstractResult, batch_prefix, extent, times_text
+from qtraj.foundation.types import ArrayInput, Quat
+from qtraj.motion.attitude import Attitude
+from qtraj.motion.control.errors import error_quaternion, error_rate
+from qtraj.motion.control.laws import AccelerationLaw
+from qtraj.motion.control.response import error_state
+
+
+@storable
+class BodyMotion(AbstractResult):
+    """Torques, wheels and the exactness of the error equation at the instants `times` (n,) [s].
+
+    `torque` (n, 3) [N m]: of motors or thrusters on the body, body axes. `momentum` (n, m) [N m s]: of the wheels.
+    `mismatch` (n, 3) [rad/s²]: the acceleration of the body minus the command of the law at its true state, body
+    axes: the effect of inertia, external torques, limits, holds and sensors. Of an `AccelerationLaw` also
+    `residual` (n, 4) [1/s²], the left side of its error equation ẍ + K1ẋ + K2x = 0, which is 0 where it is exact, and
+    `deviation` (n, 4), the error minus its closed form from the same start (not for a law with hysteresis).
+    """
+
+    times: Float[Array, "*batch n"]
+    torque: Float[Array, "*batch n 3"]
+    momentum: Float[Array, "*batch n m"] | None
+    mismatch: Float[Array, "*batch n 3"]
+    residual: Float[Array, "*batch n 4"] | None
+    deviation: Float[Array, "*batch n 4"] | None
+
+    def __init__(
+        self,
+        times: ArrayInput,
+        torque: ArrayInput,
+        mismatch: ArrayInput,
+        momentum: ArrayInput | None = None,
+        residual: ArrayInput | None = None,
+        deviation: ArrayInput | None = None,
+    ):
+        self.times, self.torque, self.mismatch = as_float(times), as_float(torque), as_float(mismatch)
+        self.momentum = None if momentum is None else as_float(momentum)
+        self.residual = None if residual is None else as_float(residual)
+        self.deviation = None if deviation is None else as_float(deviation)
+
+    def variables(self) -> dict[str, Quantity]:
+        """The fields with units, over `time`, or over `sample` where each batch element has its own times."""
+        along = "time" if self.times.ndim == 1 else "sample"
+        error = (along, "component")
+        columns = {
+            "torque": Quantity(self.torque, "N m", "control torque on the body, body axes", (along, "body")),
+            "momentum": Quantity(self.momentum, "N m s", "momentum of each wheel about its axis", (along, "wheel")),
+            "mismatch": Quantity(
+                self.mismatch, "rad s-2", "acceleration minus the command of the law, body axes", (along, "body")
+            ),
+            "residual": Quantity(self.residual, "s-2", "left side of the error equation, 0 where exact", error),
+            "deviation": Quantity(self.deviation, "1", "error quaternion minus its closed form", error),
+        }
+        return {name: q for name, q in columns.items() if q.values is not None}
+
+    def record(self) -> Record:
+        """The motion over `time`, or over `sample` where each batch element has its own times."""
+        along = "time" if self.times.ndim == 1 else "sample"
+        prefix = batch_prefix(self.torque.shape[:-2])
+        summary = f"{prefix}{times_text(self.times)}: {self.exactness()}, torque {extent(_length(self.torque), 'N m')}"
+        return Record(
+            summary, self.variables(), {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": "body"}
+        )
+
+    def exactness(self) -> str:
+        """The deviation from the exact error equation, in words."""
+        text = f"the body missed the law by up to {_largest(self.mismatch):.3g} rad/s²"
+        if self.deviation is None:
+            return text
+        return f"{text}, its error the closed form by up to {_largest(self.deviation):.3g}"
+
+    def largest(self) -> Float[Array, "*batch"]:
+        """The largest length of `mismatch` at the instants [rad/s²]; NaN where one was not reached."""
+        return jnp.max(jnp.sqrt(jnp.sum(self.mismatch**2, axis=-1)), axis=-1)
+
+
+def residual_of(law: AccelerationLaw, reference: Attitude, quaternion: Quat, mismatch: Quat) -> Quat:
+    """ẍ + K1ẋ + K2x [1/s²] where ε is off by `mismatch` (4,): λ̈ is then off by ½λ∘mismatch."""
+    slope_error = 0.5 * product(quaternion, mismatch)
+    if law.error == "body":
+        return product(conjugate(reference.quaternion), slope_error)
+    return product(slope_error, conjugate(reference.quaternion)) if law.error == "inertial" else slope_error
+
+
+def deviation_of(
+    law: AccelerationLaw, references: Attitude, times: Float[Array, " n"], quaternions: Array, rates: Array
+) -> Float[Array, "n 4"]:
+    """The law's error at the instants minus its closed form from the first of them."""
+    first = jax.tree.map(lambda x: x[0], references)
+    x = error_quaternion(first, quaternions[0], law.error)
+    v = error_rate(first, quaternions[0], rates[0], law.error)
+    closed = jax.vmap(lambda t: error_state(law, x, v, t - times[0])[0])(times)
+    return jax.vmap(lambda at, q: error_quaternion(at, q, law.error))(references, quaternions) - closed
+
+
+def _length(x: Array) -> np.ndarray:
+    return np.linalg.norm(np.asarray(x), axis=-1)
+
+
+def _largest(x: Array) -> float:
+    lengths = _length(x)
+    finite = lengths[np.isfinite(lengths)]
+    return float(finite.max()) if finite.size else float("nan")

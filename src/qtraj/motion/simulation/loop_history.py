@@ -1,0 +1,117 @@
+"""A simulated closed loop over time, beside its program and its closed form."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from qtraj.foundation.arrays import as_float
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import AbstractResult, extent, times_text
+from qtraj.foundation.types import ArrayInput
+from qtraj.motion.attitude import AbstractProgram, Attitude
+from qtraj.motion.control.closed_form import ClosedMotion, closed_motion
+from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
+from qtraj.motion.programs.slew_history import attitudes_at
+from qtraj.motion.simulation.solution import Solution
+
+FINE = 1200
+"""Equal intervals of `judging_times`."""
+SIDE = 1e-9
+"""Of the duration: how far before a jump `judging_times` looks at its earlier side."""
+
+
+class LoopHistory(AbstractResult):
+    """The motion of a closed loop, `solution`, at n instants, with what it is compared with at the same instants.
+
+    `reference`: the program, fields (n, …). `closed_form`: the motion that nothing disturbs, None for a law whose
+    error is not linear. `history[rows]` is the same at some of the instants.
+    """
+
+    solution: Solution
+    reference: Attitude
+    closed_form: ClosedMotion | None
+
+    @property
+    def times(self) -> np.ndarray:
+        """The instants [s]."""
+        return np.asarray(self.solution.times)
+
+    def record(self) -> Record:
+        """Everything over `time`. The virtual parts, of d/dt ln|λ|², have no radians."""
+        solution, closed = self.solution, self.closed_form
+        per = "s-1" if solution.commands == "rate" else "s-2"
+        time, body, component = ("time",), ("time", "body"), ("time", "component")
+        rate, command = np.asarray(solution.rate), np.asarray(solution.command)
+        variables = {
+            "angle": Quantity(solution.angle, "rad", "angle between body and program", time),
+            "error": Quantity(solution.error, "1", "error quaternion of the law", component),
+            "norm": Quantity(solution.norm, "1", "length of the quaternion", time),
+            "quaternion": Quantity(solution.quaternion, "1", "attitude of the body, of any length", component),
+            "rate": Quantity(rate[:, 1:], "rad s-1", "rate of the body, its own axes", body),
+            "virtual_rate": Quantity(rate[:, 0], "s-1", "virtual rate, d/dt ln|quaternion|²", time),
+            "command": Quantity(command[:, 1:], f"rad {per}", "physical command, body axes", body),
+            "virtual_command": Quantity(
+                command[:, 0], per, "virtual command, which steers the length of the quaternion", time
+            ),
+            "program_quaternion": Quantity(self.reference.quaternion, "1", "attitude of the program", component),
+            "program_rate": Quantity(self.reference.rate, "rad s-1", "rate of the program, its own axes", body),
+        }
+        if closed is not None:
+            variables |= {
+                "closed_form_angle": Quantity(closed.angle, "rad", "angle in closed form, undisturbed", time),
+                "closed_form_error": Quantity(
+                    closed.error, "1", "error quaternion in closed form, undisturbed", component
+                ),
+            }
+        summary = f"{times_text(self.times)}: angle to the program {extent(solution.angle, 'rad')}"
+        times = Quantity(solution.times, "s", "time from the start of the program", time)
+        about = {"frame": "body", "rate_convention": "body axes; a virtual rate is d/dt ln|quaternion|²"}
+        return Record(summary, variables, {"time": times}, about)
+
+    def __getitem__(self, rows: ArrayInput | slice) -> LoopHistory:
+        """The same at some of the instants."""
+        code = self.solution.code
+        return jax.tree.map(lambda values: values if values is code else jnp.asarray(values)[rows], self)
+
+
+def loop_history(
+    program: AbstractProgram, law: AbstractLaw, quaternion: ArrayInput, rate: ArrayInput, solution: Solution
+) -> LoopHistory:
+    """A solution of `simulate` beside its program and its closed form; the first four arguments are those of the call.
+
+    **Raises:** ValueError for a solution without commands, or a program without an attitude at one of its instants.
+    """
+    if solution.command is None or solution.angle is None:
+        raise ValueError("an open-loop integration has no command and no error: simulate gives them")
+    references = references_at(program, solution.times)
+    closed = None
+    if isinstance(law, AccelerationLaw | RateLaw):
+        closed = closed_motion(law, references, as_float(quaternion), as_float(rate), solution.times)
+    return LoopHistory(solution, references, closed)
+
+
+def references_at(program: AbstractProgram, times: ArrayInput) -> Attitude:
+    """A program at the instants `times` (n,) [s].
+
+    **Raises:** ValueError where it has no attitude at one of them.
+    """
+    references = attitudes_at(program, as_float(times))
+    good = np.isfinite(np.asarray(references.quaternion)).all(axis=1)
+    if not good.all():
+        missing = float(np.asarray(times)[int(np.argmin(good))])
+        raise ValueError(f"the program has no attitude at t = {missing:.6g} s")
+    return references
+
+
+def judging_times(times: np.ndarray, jumps: np.ndarray | None = None, renewals: np.ndarray | None = None) -> np.ndarray:
+    """Instants [s] that suffice to judge a loop.
+
+    `times` from 0 on, 1200 equal intervals between them, every renewal of the command, and both sides of every jump of
+    the program.
+    """
+    duration, nothing = float(times[-1]), np.zeros(0)
+    jumps, renewals = (nothing if x is None else x for x in (jumps, renewals))
+    others = np.concatenate([np.linspace(0.0, duration, FINE + 1), jumps, jumps - SIDE * duration, renewals])
+    return np.unique(np.concatenate([times, others[(others >= 0) & (others <= duration)]]))

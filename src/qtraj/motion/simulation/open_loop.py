@@ -1,0 +1,127 @@
+"""Open-loop control: the acceleration ε⁰ of a program without feedback (paper C, (1.5), (1.6), (3.14), (3.15)).
+
+From the program's own attitude and rate it reproduces the program. Nothing corrects an error: an attitude error
+remains, a rate error makes the attitude error grow with time, and a disturbance is integrated twice. `simulate` closes
+the loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.algebra.quaternion import conjugate, rotate
+from qtraj.foundation.arrays import concrete, real_vector
+from qtraj.foundation.types import ArrayInput, Quat, Scalar, Vec3
+from qtraj.motion.attitude import AbstractProgram
+from qtraj.motion.checks import output_times, require_axes
+from qtraj.motion.control.errors import error_angle, error_quaternion, pure
+from qtraj.motion.simulation.disturbance import AbstractDisturbance, DisturbanceAcceleration
+from qtraj.motion.simulation.initial_sign import NEARER, require_sign, start_quaternion
+from qtraj.motion.simulation.kinematics import integrate
+from qtraj.motion.simulation.ode import MAX_STEPS
+from qtraj.motion.simulation.solution import Solution
+
+
+def open_loop(
+    program: AbstractProgram,
+    times: ArrayInput,
+    quaternion: ArrayInput | None = None,
+    rate: ArrayInput | None = None,
+    axes: str = "body",
+    disturbance: AbstractDisturbance | Callable[..., Any] | None = None,
+    solver: Any = None,
+    rtol: ArrayInput = 1e-10,
+    atol: ArrayInput = 1e-12,
+    *,
+    sign: str = NEARER,
+    jumps: ArrayInput | None = None,
+    adjoint: Any = None,
+    max_steps: int = MAX_STEPS,
+    throw: bool = False,
+) -> Solution:
+    """The motion of a body under ω̇ = ε⁰(t), the acceleration of `program`, without any feedback.
+
+    `times` (n,) [s]: instants of the program's own time, increasing; the first is that of the initial state.
+    `quaternion` (4,) and `rate` (4,) [rad/s]: None for the program's own, which is then reproduced. `axes`, "body" or
+    "inertial", are those in which ε⁰ is applied, and those of the initial and the resulting rate. Off the program the
+    two differ: the same components then describe different directions. `disturbance`, in body axes, and `sign` are
+    those of `simulate`; `jumps` None uses the program's `switches` if it has them; all other arguments are as in
+    `integrate`.
+
+    The solution's `command` is ε⁰ in the axes of the body, `error` the body error μ, `angle` that to the program.
+
+    **Raises:** ValueError as `integrate`, for another type of program, or another sign. RuntimeError with `throw`.
+    """
+    require_axes(axes)
+    require_sign(sign)
+    if not isinstance(program, AbstractProgram):
+        raise ValueError(f"a program such as FrameProgram(path) was expected, but {program!r} was given")
+    if disturbance is not None and not isinstance(disturbance, AbstractDisturbance):
+        disturbance = DisturbanceAcceleration(disturbance)
+    times = output_times(times)
+    first = program.at(times[0], axes)
+    start = first.quaternion if quaternion is None else real_vector(quaternion, "the initial quaternion", 4)
+    start = start_quaternion(sign, first, start)
+    rate = pure(first.rate) if rate is None else rate
+    source = Programmed(program, disturbance, axes)
+    if jumps is None:
+        jumps = _switches(program)
+    solution = integrate(
+        source, start, rate, times, axes, solver, rtol, atol, jumps=jumps, adjoint=adjoint, max_steps=max_steps
+    )
+    solution = _compared(source, solution)
+    return solution.check() if throw else solution
+
+
+class Programmed(eqx.Module):
+    """The acceleration of a program with the disturbance, as a function for `integrate`."""
+
+    program: AbstractProgram
+    disturbance: AbstractDisturbance | None
+    axes: str = eqx.field(static=True)
+
+    def __call__(self, t: Scalar, quaternion: Quat, rate: Quat) -> Quat:
+        """ε (4,) [rad/s²] with the disturbance, in `axes`."""
+        epsilon = self._programmed(t, quaternion)
+        if self.disturbance is None:
+            return pure(epsilon)
+        push = self.disturbance.acceleration(t).astype(quaternion.dtype)
+        return pure(epsilon + (push if self.axes == "body" else rotate(quaternion, push)))
+
+    def command(self, t: Scalar, quaternion: Quat) -> Quat:
+        """ε⁰ (4,) [rad/s²] in body axes."""
+        epsilon = self._programmed(t, quaternion)
+        return pure(epsilon if self.axes == "body" else rotate(conjugate(quaternion), epsilon))
+
+    def _programmed(self, t: Scalar, quaternion: Quat) -> Vec3:
+        return self.program.at(t, self.axes).acceleration.astype(quaternion.dtype)
+
+
+@eqx.filter_jit
+def _compared(source: Programmed, solution: Solution) -> Solution:
+    """The solution with commands, errors and angles."""
+
+    def at(t: Scalar, quaternion: Quat) -> tuple[Quat, Quat, Scalar]:
+        reference = jax.tree.map(lambda x: x.astype(t.dtype), source.program(t))
+        return (
+            source.command(t, quaternion),
+            error_quaternion(reference, quaternion),
+            error_angle(reference, quaternion),
+        )
+
+    s = solution
+    commands, errors, angles = jax.vmap(at)(s.times, s.quaternion)
+    commands = jnp.where(jnp.isfinite(s.quaternion[:, :1]), commands, jnp.nan)
+    return Solution(s.times, s.quaternion, s.rate, s.code, commands, errors, angles, s.axes)
+
+
+def _switches(program: AbstractProgram) -> Float[Array, " m"] | None:
+    """The instants at which the program's acceleration jumps, if the program has `switches`."""
+    switches = getattr(program, "switches", None)
+    return None if switches is None or concrete(switches) is None else switches

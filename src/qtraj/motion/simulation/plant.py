@@ -1,0 +1,105 @@
+"""The body of a closed loop: λ and ω under a command, and the wheels of a body with inertia under their orders."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from qtraj.algebra.quaternion import derivative
+from qtraj.foundation.types import Quat, Scalar
+from qtraj.motion.control.errors import pure
+from qtraj.motion.simulation.loop import Loop
+from qtraj.motion.simulation.ode import State
+from qtraj.motion.simulation.task import Scale
+
+RIGID = 8
+"""Number of state components of λ and ω; the momenta of wheels come after them."""
+
+
+class Held(eqx.Module):
+    """The current command (4,) and, for a body with inertia, the order to its motors."""
+
+    command: Quat
+    order: Float[Array, " m"]
+
+
+class States(eqx.Module):
+    """λ, ω, the wheels' momenta and the commands at the output instants."""
+
+    quaternion: Float[Array, "n 4"]
+    rate: Float[Array, "n 4"]
+    momentum: Float[Array, "n m"]
+    held: Held
+
+
+class Plant(eqx.Module):
+    """The body under a command: its state is in R⁸ for accelerations, plus wheel momenta, and in R⁴ for rates."""
+
+    loop: Loop
+    scale: Scale
+
+    def pack(self, quaternion: Quat, rate: Quat) -> State:
+        """The state vector of λ, ω and the initial wheel momenta."""
+        if self.loop.commands_rate:
+            return quaternion / self.scale.quaternion
+        state = self.scale.pack(quaternion, rate)
+        return state if self.loop.body is None else jnp.concatenate([state, self.momentum / self.momentum_scale])
+
+    def unpack(self, state: State, command: Quat) -> tuple[Quat, Quat]:
+        """λ and ω of a state vector; under a rate law ω is the command."""
+        if self.loop.commands_rate:
+            return state * self.scale.quaternion, command
+        return self.scale.unpack(state[:RIGID])
+
+    @property
+    def momentum(self) -> Float[Array, " m"]:
+        """The momenta of the wheels at the start [N m s]."""
+        none = jnp.zeros_like(self.scale.rate, shape=(0,))
+        return none if self.loop.body is None else self.loop.body.momentum.astype(none.dtype)
+
+    @property
+    def momentum_scale(self) -> Scalar:
+        """A scale that makes momenta of order one [N m s]."""
+        if self.loop.body is None:
+            return self.scale.rate
+        size = jnp.max(jnp.abs(self.loop.body.inertia)).astype(self.scale.rate.dtype) * self.scale.rate
+        return jax.lax.stop_gradient(size)
+
+    def hold(self, state: State, command: Quat, rate: Quat) -> Held:
+        """The command and the order from this instant on, for the measured `rate`."""
+        if self.loop.body is None:
+            return Held(command, jnp.zeros_like(command, shape=(0,)))
+        momentum = state[RIGID:] * self.momentum_scale
+        return Held(command, self.loop.body.order(command[1:], rate[1:], momentum))
+
+    def states(self, states: Float[Array, "n d"], held: Held, signs: Float[Array, " n"] | None) -> States:
+        """λ, ω, momenta and commands for many state vectors."""
+        quaternions, rates = jax.vmap(self.unpack)(states, held.command)
+        quaternions = quaternions if signs is None else signs[:, None] * quaternions
+        return States(quaternions, rates, states[:, RIGID:] * self.momentum_scale, held)
+
+    def acceleration(self, t: Scalar, rate: Quat, momentum: Float[Array, " m"], held: Held) -> Quat:
+        """ε (4,) [rad/s²] of the body under the current command, without a disturbance."""
+        if self.loop.body is None:
+            return held.command
+        physical = self.loop.body.acceleration(t, rate[1:], momentum, held.order)
+        return jnp.concatenate([held.command[:1], physical])
+
+    def slope(self, t: Scalar, state: State, held: Held) -> State:
+        """The time derivative of the state vector [1/s]."""
+        command = held.command.astype(state.dtype)
+        if self.loop.commands_rate:
+            return derivative(state, command)
+        quaternion, rate = self.scale.unpack(state[:RIGID])
+        momentum = state[RIGID:] * self.momentum_scale
+        epsilon = self.disturbed(t, self.acceleration(t, rate, momentum, held).astype(state.dtype))
+        slope = self.scale.pack(derivative(quaternion, rate), epsilon)
+        if self.loop.body is None:
+            return slope
+        return jnp.concatenate([slope, self.loop.body.momentum_slope(held.order, momentum) / self.momentum_scale])
+
+    def disturbed(self, t: Scalar, epsilon: Quat) -> Quat:
+        """ε with the disturbance."""
+        if self.loop.disturbance is None:
+            return epsilon
+        return epsilon + pure(self.loop.disturbance.acceleration(t).astype(epsilon.dtype))

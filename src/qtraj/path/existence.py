@@ -1,0 +1,34 @@
+"""Whether a frame exists everywhere on a path."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from qtraj.path.frame_axes import MINIMIZING, NATURAL, THRUST_ALIGNED, UPRIGHT
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.trihedral import AbstractFrame, trihedral
+
+MISSING = {
+    NATURAL: "no motion, or no bend",
+    UPRIGHT: "no motion, or straight up or down",
+    THRUST_ALIGNED: "no motion, free fall, or thrust along the velocity or the heading",
+    MINIMIZING: "no motion",
+}
+"""Where the frame of a name does not exist."""
+
+SAMPLES = 257
+"""Equally spaced instants at which a frame must exist."""
+
+
+def first_undefined(path: AbstractHodograph, frame: AbstractFrame, samples: int = SAMPLES) -> float | None:
+    """The first of equally spaced instants [s] at which a frame does not exist on a path; None for none."""
+    times = jnp.linspace(0.0, path.duration, samples)
+    defined = np.asarray(_defined(path, frame, times))
+    return None if defined.all() else float(times[int(np.argmin(defined))])
+
+
+@eqx.filter_jit
+def _defined(path: AbstractHodograph, frame: AbstractFrame, times: Float[Array, " n"]) -> Bool[Array, " n"]:
+    return jax.vmap(lambda t: trihedral(path, t, frame).defined)(times)

@@ -1,0 +1,27 @@
+"""Rates and accelerations in body or in inertial axes: which outputs have them, and how they are labelled.
+
+ω_ξ = λ∘ω_x∘λ⁻¹ and ε_ξ = λ∘ε_x∘λ⁻¹ (paper C, section 1): the components of the same two vectors. Since ω × ω = 0,
+ε_ξ is the time derivative of ω_ξ, as ε_x is that of ω_x.
+"""
+
+import dataclasses
+
+from qtraj.path.channel import Channel
+
+BODY, INERTIAL = "body", "inertial"
+
+TURNING = ("rate", "angular_acceleration")
+"""The outputs of a frame that have components in either axes."""
+
+
+def require_axes(axes: str) -> None:
+    """Raise a ValueError for axes that are neither 'body' nor 'inertial'."""
+    if axes not in (BODY, INERTIAL):
+        raise ValueError(f"axes must be 'body' or 'inertial', but {axes!r} was given")
+
+
+def in_axes(entry: Channel, axes: str) -> Channel:
+    """The output as it is labelled where rates and accelerations are in these axes."""
+    if axes == BODY or entry.name not in TURNING:
+        return entry
+    return dataclasses.replace(entry, meaning=entry.meaning.replace("body axes", "inertial axes"), axes=("world",))

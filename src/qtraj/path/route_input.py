@@ -1,0 +1,198 @@
+"""From joint states, splines and other paths to the segments of a route."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Array
+from numpy.polynomial import polynomial as power
+
+from qtraj.foundation.arrays import as_float, concrete, real_scalar, require_finite, require_positive
+from qtraj.foundation.types import ArrayInput
+from qtraj.path import pieces
+from qtraj.path.moving_basis import MovingPolynomials
+
+NAMES = ("position", "velocity", "acceleration", "jerk")
+
+MOST = 65536
+"""Segments of a converted path, at most."""
+
+SLACK = 1 + 1e-9
+"""By this factor bounds are raised for their own rounding."""
+
+Pieces = tuple[Any, Any, Any, Any]
+"""Starts, coefficients, duration and origin."""
+
+
+def from_states(times: ArrayInput, orders: Sequence[ArrayInput]) -> Pieces:
+    """The padded segments between states (n, 3) at `times` (n,)."""
+    known: Any = _times(times)
+    states = [_states(x, name, known) for x, name in zip(orders, NAMES, strict=False)]
+    np_ = pieces.arithmetic(known, *states)
+    if np_ is np:
+        known, states = np.asarray(known), [np.asarray(x) for x in states]
+    elapsed, origin = known - known[0], states[0][0]
+    local = np_.stack([states[0] - origin[None], *states[1:]], axis=1)
+    c = pieces.hermite(elapsed[1:] - elapsed[:-1], local)
+    starts, c = pieces.padded(elapsed[:-1], c)
+    return as_float(starts), as_float(c), as_float(elapsed[-1]), as_float(origin)
+
+
+def from_piecewise(spline: Any) -> Pieces:
+    """The segments of a spline of SciPy."""
+    x, c = _ppoly(spline)
+    if c.ndim != 3 or c.shape[2] != 3:
+        raise ValueError(
+            f"a spline of a route must have values of shape (3,), x, y and z in metres, but its have {c.shape[2:]}"
+        )
+    if np.iscomplexobj(c):
+        raise ValueError("a spline of a route must have real coefficients, but complex ones were given")
+    while len(c) > 1 and not c[0].any():
+        c = c[1:]
+    if len(c) > pieces.TERMS[-1]:
+        raise ValueError(
+            f"a spline of a route may have degree {pieces.TERMS[-1] - 1} at most, but it has {len(c) - 1}. "
+            "Interpolate it by one of lower degree."
+        )
+    if not (np.all(np.isfinite(x)) and np.all(np.isfinite(c))):
+        raise ValueError("a spline of a route must have finite breakpoints and coefficients")
+    kept = np.diff(x) > 0
+    if np.any(np.diff(x) < 0) or not kept.any():
+        raise ValueError("the breakpoints of a spline of a route must increase")
+    x, c = np.append(x[:-1][kept], x[-1]), np.moveaxis(c[::-1][:, kept], 1, 0).astype(float)
+    origin = c[0, 0].copy()
+    c[:, 0] -= origin
+    return x[:-1] - x[0], c, np.asarray(x[-1] - x[0], float), origin
+
+
+def _ppoly(spline: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Breakpoints, and coefficients (terms, pieces, …) with the highest power first."""
+    from scipy.interpolate import BPoly, BSpline, PPoly
+
+    if isinstance(spline, BPoly):
+        spline = PPoly.from_bernstein_basis(spline)
+    if isinstance(spline, BSpline):
+        t, k, rest = np.asarray(spline.t, float), spline.k, spline.c.shape[1:]
+        columns = np.asarray(spline.c, float).reshape(len(spline.c), -1).T
+        c = np.stack([PPoly.from_spline((t, column, k)).c for column in columns], axis=-1)
+        return t[k : len(t) - k], c[:, k : len(t) - k - 1].reshape(k + 1, -1, *rest)
+    if not isinstance(spline, PPoly):
+        raise ValueError(
+            "a PPoly, CubicSpline, BSpline or BPoly of scipy.interpolate was expected, "
+            f"but a {type(spline).__name__} was given"
+        )
+    return np.asarray(spline.x, float), np.asarray(spline.c)
+
+
+def from_path(path: Any, tolerance: ArrayInput) -> Pieces:
+    """The segments of a route within `tolerance` [m] of a path with polynomials."""
+    tolerance = real_scalar(tolerance, "the tolerance of a route")
+    require_positive(tolerance, "the tolerance of a route", "m")
+    known = path.polynomials()
+    if known is None:
+        raise ValueError(
+            f"a path with polynomials, such as a SpiralHelix, was expected, but a {type(path).__name__} was given"
+        )
+    duration = np.asarray(concrete(path.duration), float)
+    if duration.ndim:
+        raise ValueError("one path was expected, but many were given: convert them one by one")
+    moving = [np.atleast_1d(np.asarray(x, float)) for x in _moving(known)]
+    most, count = float(np.asarray(tolerance)), 1
+    while True:
+        edges = duration * np.linspace(0.0, 1.0, count + 1)
+        states = _states_at(path, edges)
+        rounding = 2.0**-44 * float(np.max(np.abs(states[:, 0])) + np.max(np.abs(states[:, 1])) * duration / count)
+        bound = float(np.max(_deviations(moving, edges))) + rounding
+        if bound <= most:
+            break
+        if rounding > most or count == MOST:
+            raise ValueError(
+                f"this path comes to within {bound:.3g} m of a route of {count} segments, not to {most:.3g} m: "
+                "pass a larger tolerance"
+            )
+        count = min(2 * count, MOST)
+    origin = states[0, 0].copy()
+    states[:, 0] -= origin
+    return edges[:-1], pieces.hermite(np.diff(edges), states), duration, origin
+
+
+def _states_at(path: Any, times: np.ndarray) -> np.ndarray:
+    """Position to jerk (n, 4, 3) at many times, of one executable whatever their number."""
+    import jax
+
+    rows = pieces.padded_size(len(times))
+    filled = np.pad(times, (0, rows - len(times)), mode="edge")
+    found = np.asarray(_rows(path, filled), float)[: len(times)]
+    return np.array(found) if jax.config.read("jax_enable_x64") else found.copy()
+
+
+def _rows(path: Any, times: np.ndarray) -> Array:
+    import equinox as eqx
+    import jax
+
+    return eqx.filter_jit(jax.vmap(lambda t: path.derivatives(t, 3)))(as_float(times))
+
+
+def _moving(known: MovingPolynomials) -> tuple[Any, Any, Any, Any]:
+    return known.x, np.zeros(1) if known.y is None else known.y, known.z, known.angle
+
+
+def _deviations(moving: list[np.ndarray], edges: np.ndarray) -> np.ndarray:
+    """A bound on the deviation [m] of septic interpolants between `edges`, segment by segment.
+
+    The error of Hermite interpolation with m states at each end is at most h^2m/(2^2m (2m)!)·max |r^(2m)|. The
+    derivative is a polynomial in the moving basis, whose length on a segment is at most the length of the sums of its
+    coefficients' magnitudes about the middle of the segment.
+    """
+    x, y, z, angle = moving
+    turning = power.polyder(angle)
+    for _ in range(8):
+        x, y = (
+            power.polysub(power.polyder(x), power.polymul(turning, y)),
+            power.polyadd(power.polyder(y), power.polymul(turning, x)),
+        )
+        z = power.polyder(z)
+    middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
+    sizes = [_largest(c, middle, half) for c in (x, y, z)]
+    eighth = np.sqrt(sum(size**2 for size in sizes))
+    return SLACK * (2 * half) ** 8 / (2.0**8 * math.factorial(8)) * eighth
+
+
+def _largest(c: np.ndarray, middle: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """A bound on the magnitude of a polynomial on intervals."""
+    found, derived = np.zeros_like(middle), c
+    for k in range(len(c)):
+        found = found + np.abs(power.polyval(middle, derived)) * half**k / math.factorial(k)
+        derived = power.polyder(derived)
+    rounding = 64 * np.finfo(float).eps * power.polyval(np.abs(middle) + half, np.abs(c))
+    return found + rounding
+
+
+def _times(values: ArrayInput) -> Any:
+    times = as_float(values)
+    if times.ndim != 1 or times.shape[0] < 2:
+        raise ValueError(
+            f"the times of a route must be a vector of at least 2, but an array of shape {times.shape} was given"
+        )
+    require_finite(times, "the times of a route")
+    known = concrete(times)
+    late = np.flatnonzero(~(np.diff(known) > 0)) if known is not None else np.zeros(0)
+    if known is not None and late.size:
+        k = int(late[0]) + 1
+        raise ValueError(
+            f"the times of a route must increase strictly, but joint {k} has {known[k]:.17g} s after "
+            f"{known[k - 1]:.17g} s"
+        )
+    return times
+
+
+def _states(values: ArrayInput, name: str, times: Any) -> Any:
+    states = as_float(values)
+    if states.shape != (times.shape[0], 3):
+        raise ValueError(
+            f"the {name} of a route must have shape ({times.shape[0]}, 3), one row for each time, "
+            f"but an array of shape {states.shape} was given"
+        )
+    require_finite(states, f"the {name} of a route")
+    return states.astype(times.dtype)

@@ -1,0 +1,62 @@
+"""The point of a route that is nearest to a given one."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.lax import stop_gradient
+from jaxtyping import Array
+
+from qtraj.algebra.vector import norm
+from qtraj.foundation.shown import shown
+from qtraj.foundation.types import Scalar, Vec3
+from qtraj.path import pieces
+
+PARTS = 16
+"""Parts of a segment, in the best of which the nearest point is sought."""
+
+STEPS = 8
+
+
+class Nearest(NamedTuple):
+    """Where a route is nearest to a point: the `time` [s], the `position` (3,) there and the `distance` [m]."""
+
+    time: Scalar
+    position: Vec3
+    distance: Scalar
+
+    def __repr__(self) -> str:
+        return shown(self, time="s", position="m", distance="m")
+
+
+@jax.jit
+def nearest(starts: Array, c: Array, duration: Scalar, point: Vec3) -> Nearest:
+    """The nearest point of a route; both about the route's origin."""
+    fixed, target = stop_gradient((c, point))
+    h = stop_gradient(pieces.durations(starts, duration))
+    u = jnp.asarray(np.linspace(0.0, 1.0, PARTS + 1), c.dtype)
+    s = h[:, None] * u[None]  # (segments, places)
+    spread = jnp.broadcast_to(fixed[:, None], (*s.shape, *fixed.shape[1:]))
+    offset = pieces.values(spread, s, 0)[0] - target[None, None]
+    best = jnp.argmin(jnp.sum(offset**2, axis=-1), axis=1)
+    middle = jnp.take_along_axis(s, best[:, None], axis=1)[:, 0]
+    low, high = jnp.maximum(middle - h / PARTS, 0.0), jnp.minimum(middle + h / PARTS, h)
+
+    def improve(_: Any, s: Array) -> Array:
+        r, v, a = pieces.values(fixed, s, 2)
+        away = r - target[None]
+        slope, bend = jnp.sum(away * v, axis=-1), jnp.sum(v * v + away * a, axis=-1)
+        step = jnp.where(bend > 0, -slope / jnp.where(bend > 0, bend, 1.0), -jnp.sign(slope) * h / PARTS)
+        return jnp.clip(s + step, low, high)
+
+    refined = jax.lax.fori_loop(0, STEPS, improve, middle)
+    places = jnp.stack([middle, refined])
+    both = jnp.broadcast_to(fixed[None], (2, *fixed.shape))
+    squares = jnp.sum((pieces.values(both, places, 0)[0] - target[None, None]) ** 2, axis=-1)
+    squares = jnp.where(jnp.isfinite(starts)[None], squares, jnp.inf)
+    at = jnp.argmin(squares)
+    row = at % starts.shape[0]
+    s = places.reshape(-1)[at]
+    position = pieces.values(c[row], s, 0)[0]
+    return Nearest(starts[row] + s, position, norm(position - point))

@@ -1,0 +1,277 @@
+"""Scenarios of `qtraj simulate`: their keys, and the closed loop that they describe."""
+
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal
+
+import jax.numpy as jnp
+import numpy as np
+from pydantic import Field, model_validator
+
+from qtraj.foundation.naming import naming
+from qtraj.foundation.types import Quat
+from qtraj.io.saved import is_saved, saved_path, saved_program
+from qtraj.motion.attitude import AbstractProgram
+from qtraj.motion.control.laws import AbstractLaw
+from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
+from qtraj.motion.programs.frame_program import FrameProgram
+from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing, name_of
+from qtraj.motion.simulation.actuator import Actuator
+from qtraj.motion.simulation.disturbance import AbstractDisturbance
+from qtraj.motion.simulation.loop import Loop, renewal_instants
+from qtraj.motion.simulation.sensor import AbstractSensor
+from qtraj.path.existence import MISSING, first_undefined
+from qtraj.path.frame_axes import MINIMIZING, NATURAL, THRUST_ALIGNED, UPRIGHT
+from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.thrust_aligned import ThrustAligned
+from qtraj.path.trihedral import AbstractFrame, Natural, Upright
+from qtraj.scenario.loop_parts import (
+    BASELINES,
+    ActuatorPart,
+    DisturbancePart,
+    ErrorPart,
+    FeedbackPart,
+    SensorPart,
+)
+from qtraj.scenario.part import (
+    ANGLES,
+    SECONDS,
+    THREE,
+    Angles,
+    NamedPart,
+    Number,
+    Part,
+    Positive,
+    Text,
+    Vector,
+    key,
+    radians,
+)
+from qtraj.scenario.path import lay
+from qtraj.scenario.reader import ScenarioFile, read_scenario
+from qtraj.scenario.slew import SlewPart
+
+FRAMES = {UPRIGHT: Upright, NATURAL: Natural, MINIMIZING: RotationMinimizing, THRUST_ALIGNED: ThrustAligned}
+MOST_SAMPLES = 100_000
+SOURCES = "[program.slew], path = 'a path scenario or a saved path', or file = 'a saved program'"
+LONGER = 1e-9
+"""Relative: a duration so much longer than the program is that of the program, written with fewer digits."""
+
+
+class ProgramPart(Part):
+    """What the attitude shall be: a slew, the frame of a path, or a saved program."""
+
+    slew: SlewPart | None = key("a slew within limits, all of which it must keep", "a table [program.slew]", None)
+    path: Text | None = key(
+        "a path whose frame is the program",
+        "the name of a path scenario or a saved path, relative to the scenario",
+        None,
+    )
+    frame: (
+        Literal["natural", "upright", "rotation-minimizing", "rotation_minimizing", "thrust-aligned", "thrust_aligned"]
+        | None
+    ) = key(
+        "frame of the path: x forward, y left, z up ('upright', if left out); tangent, principal normal, binormal, "
+        "which flips over where the bend changes sides ('natural'); one that never rolls; or that of a multirotor, z "
+        "along its thrust",
+        "'upright', 'natural', 'rotation-minimizing' or 'thrust-aligned'",
+        None,
+    )
+    up: Vector | None = key("direction of the upright frame; [0, 0, 1]", THREE, None)
+    heading: Number | None = key(
+        "heading of the thrust-aligned frame, from world x towards world y; along the velocity if left out",
+        "a finite angle, the heading of the thrust-aligned frame",
+        None,
+    )
+    file: Text | None = key(
+        "a program such as the program.toml of qtraj slew",
+        "the name of a saved program, relative to the scenario",
+        None,
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> "ProgramPart":
+        sources = self.given("slew", "path", "file")
+        if len(sources) != 1:
+            found = f"there are several programs ({', '.join(sources)})" if sources else "there is no program"
+            raise ValueError(f"{found}: give one of {SOURCES}")
+        if self.path is None and (extra := self.given("frame", "up", "heading")):
+            raise ValueError(f"the key '{extra[0]}' belongs to a path, and there is none")
+        if self.up is not None and ((self.frame or "upright") != "upright" or not any(self.up)):
+            raise ValueError("the key 'up' belongs to frame = 'upright', and is a direction other than 0")
+        if self.heading is not None and (self.frame or "").replace("_", "-") != "thrust-aligned":
+            raise ValueError("the key 'heading' belongs to frame = 'thrust-aligned'")
+        return self
+
+    def describe(self, program: AbstractProgram) -> str:
+        """What the program is, in words."""
+        if self.path is not None:
+            return f"{name_of(program.frame if isinstance(program, FrameProgram) else Upright())} frame of {self.path}"
+        if self.file is not None:
+            return f"{type(program).__name__} of {self.file}"
+        return "sequence of slews" if isinstance(program, SlewSequence) else "slew"
+
+    def along(self, path: SpiralHelix, chosen: str | None, angles: str) -> FrameProgram:
+        """The frame of a path as a program; the frame that is `chosen` goes before the scenario's."""
+        name = (chosen or self.frame or UPRIGHT).replace("_", "-")
+        frame: Frame = FRAMES[name]()
+        if name == THRUST_ALIGNED and self.heading is not None:
+            frame = ThrustAligned(radians(angles) * self.heading)
+        if name == UPRIGHT and self.up is not None:
+            frame = Upright(self.up)
+        if isinstance(frame, AbstractFrame) and (when := first_undefined(path, frame)) is not None:
+            other = NATURAL if name == UPRIGHT else UPRIGHT
+            raise ValueError(
+                f"the {name} frame of this path does not exist at t = {when:.6g} s ({MISSING[name]}): take frame = "
+                f"'{other}' or '{MINIMIZING}', or --frame with one of them"
+            )
+        return FrameProgram(path, frame)
+
+
+class SimulationPart(Part):
+    """Times and tolerances."""
+
+    duration: Positive | None = key(
+        "time simulated; that of the program if left out, and longer only where the program comes to rest",
+        SECONDS,
+        None,
+    )
+    samples: Annotated[int, Field(ge=2, le=MOST_SAMPLES)] = key(
+        "instants of the table; --samples goes before it",
+        f"a whole number from 2 to {MOST_SAMPLES}, the instants of the table",
+        601,
+    )
+    settled: Positive | None = key(
+        "error within which the loop has settled; 1° if left out",
+        "a positive finite angle, within which it has settled",
+        None,
+    )
+    rtol: Annotated[float, Field(ge=1e-14, le=1e-2)] = key(
+        "relative tolerance of a step", "a number from 1e-14 to 1e-2", 1e-10
+    )
+    atol: Annotated[float, Field(ge=1e-16, le=1e-2)] = key(
+        "absolute tolerance of a step", "a number from 1e-16 to 1e-2", 1e-12
+    )
+
+
+class LoopScenario(NamedPart):
+    """A body that a feedback law makes follow a program, with what disturbs, measures and acts."""
+
+    angles: Angles = key("the unit of angles", ANGLES)
+    program: ProgramPart = key("what the attitude shall be", "a table [program]")
+    law: FeedbackPart = key("the feedback", "a table [law]")
+    error: ErrorPart = key("how the body starts", "a table [error]", ErrorPart())
+    disturbance: DisturbancePart | None = key("what acts besides the command", "a table [disturbance]", None)
+    sensor: SensorPart | None = key("what the computer knows of the body; all if left out", "a table [sensor]", None)
+    actuator: ActuatorPart | None = key("what the body gets of a command; all if left out", "a table [actuator]", None)
+    simulation: SimulationPart = key("times and tolerances", "a table [simulation]", SimulationPart())
+
+    @model_validator(mode="after")
+    def _suiting(self) -> "LoopScenario":
+        if self.law.kind == "rate":
+            if self.disturbance is not None:
+                raise ValueError("[disturbance] suits no law of the kind 'rate', which commands the rate itself")
+            if self.sensor is not None and self.sensor.kind == "gyros":
+                raise ValueError("[sensor] of the kind 'gyros' suits no law of the kind 'rate', whose rate jumps")
+            if any(self.error.rate):
+                raise ValueError("the key 'error.rate' suits no law of the kind 'rate', which commands the rate itself")
+        if self.error.gauge == "gibbs" and self.law.kind not in ("body", "inertial"):
+            raise ValueError("error.gauge = 'gibbs' belongs to laws of the kinds 'body' and 'inertial'")
+        if self.error.gauge == "gibbs" and self.error.sign == "far":
+            raise ValueError("error.sign = 'far' contradicts error.gauge = 'gibbs', which has μ0 = 1: leave one out")
+        if self.law.kind in BASELINES and "sign" in self.error.model_fields_set:
+            raise ValueError(
+                f"the key 'error.sign' suits no law of the kind '{self.law.kind}', which takes λ and −λ alike"
+            )
+        samplings = [p.sampling for p in (self.sensor, self.actuator) if p is not None and p.sampling is not None]
+        if len(set(samplings)) > 1:
+            raise ValueError("sensor.sampling and actuator.sampling differ: give both the same period, or one of them")
+        return self
+
+
+@dataclass(frozen=True)
+class LoopTask:
+    """A closed loop that is ready to run: the arguments of `qtraj.simulate`.
+
+    `times` (n,) [s] are the instants of the table; `renewals` [s] those of new commands, None for a continuous loop.
+    """
+
+    program: AbstractProgram
+    law: AbstractLaw
+    quaternion: Quat
+    rate: Quat
+    times: np.ndarray
+    disturbance: AbstractDisturbance | None
+    sensor: AbstractSensor | None
+    actuator: Actuator | None
+    rtol: float
+    atol: float
+    renewals: np.ndarray | None = None
+
+    @property
+    def jumps(self) -> np.ndarray | None:
+        """The instants at which the program's acceleration may jump [s]; None for none."""
+        return np.unique(self.program.switches) if isinstance(self.program, EulerTurn | SlewSequence) else None
+
+
+def prepare(given: ScenarioFile[LoopScenario], samples: int | None = None, frame: str | None = None) -> LoopTask:
+    """The closed loop of a scenario; `samples` and `frame` go before those that the scenario asks for.
+
+    **Raises:** OSError for a file that cannot be read; ValueError for data that make no loop.
+    """
+    scenario = given.scenario
+    scale = radians(scenario.angles)
+    program = _program(given, frame)
+    times = _times(scenario, program, samples)
+    with naming("[law]: "):
+        law = scenario.law.law()
+    quaternion, rate = scenario.error.state(scenario.angles, program(jnp.asarray(0.0)), law)
+    task = LoopTask(
+        program=program,
+        law=law,
+        quaternion=quaternion,
+        rate=rate,
+        times=times,
+        disturbance=None if scenario.disturbance is None else scenario.disturbance.disturbance(scale),
+        sensor=None if scenario.sensor is None else scenario.sensor.sensor(scale),
+        actuator=None if scenario.actuator is None else scenario.actuator.actuator(scale),
+        rtol=scenario.simulation.rtol,
+        atol=scenario.simulation.atol,
+    )
+    sampled = scenario.sensor is not None and scenario.sensor.sampling is not None
+    with naming(f"the key '{'sensor' if sampled else 'actuator'}.sampling': "):
+        loop = Loop(program, law, task.disturbance, task.sensor, task.actuator or Actuator())
+        renewals = renewal_instants(loop, jnp.asarray(times))
+    return replace(task, renewals=None if renewals is None else np.asarray(renewals))
+
+
+def _program(given: ScenarioFile[LoopScenario], frame: str | None) -> AbstractProgram:
+    part, angles = given.scenario.program, given.scenario.angles
+    if frame is not None and part.path is None:
+        raise ValueError(f"--frame {frame} belongs to a program along a path, [program] path, and there is none")
+    if part.slew is not None:
+        with naming("in [program.slew], "):
+            return part.slew.program(angles, strict=True)
+    if part.path is None:
+        return saved_program(given.beside(str(part.file)))
+    file = given.beside(part.path)
+    return part.along(saved_path(file) if is_saved(file) else lay(read_scenario(file, "path")).path, frame, angles)
+
+
+def _times(scenario: LoopScenario, program: AbstractProgram, samples: int | None) -> np.ndarray:
+    own = float(program.duration)
+    duration = scenario.simulation.duration
+    if duration is None:
+        if own <= 0:
+            raise ValueError("the program takes no time: give simulation.duration [s]")
+        duration = own
+    moving = isinstance(program, EulerTurn) and float(program.profile.end_rate) != 0
+    if duration > own and (
+        moving or not isinstance(program, EulerTurn | SlewSequence)
+    ):  # which does not rest at its end
+        if duration > own * (1 + LONGER):
+            raise ValueError(
+                f"the key 'simulation.duration' holds {duration:.15g}, but expected no more than {own:.15g} s: this "
+                f"program ends there{', still turning' if moving else ''}"
+            )
+        duration = own
+    return np.linspace(0.0, duration, scenario.simulation.samples if samples is None else samples)

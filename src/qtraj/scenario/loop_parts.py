@@ -1,0 +1,281 @@
+"""Tables of a closed loop: the law with its gains, how the body starts, what disturbs, measures and acts."""
+
+from typing import Annotated, Any, Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from pydantic import Field, PlainValidator, model_validator
+from pydantic_core import PydanticCustomError
+
+from qtraj.foundation.naming import naming
+from qtraj.foundation.types import Quat
+from qtraj.motion.attitude import Attitude
+from qtraj.motion.control import gains
+from qtraj.motion.control.baselines import GeometricFeedback, LogarithmicFeedback, QuaternionFeedback
+from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
+from qtraj.motion.control.quaternion_sign import HALF_TURN, place
+from qtraj.motion.simulation.actuator import Actuator
+from qtraj.motion.simulation.disturbance import (
+    AbstractDisturbance,
+    DisturbanceAcceleration,
+    DisturbanceTorque,
+    Sinusoid,
+)
+from qtraj.motion.simulation.sensor import AbstractSensor, Gyros, Sensor
+from qtraj.scenario.part import (
+    SECONDS,
+    THREE,
+    AttitudePart,
+    NotNegative,
+    Number,
+    Part,
+    Positive,
+    Vector,
+    is_number,
+    key,
+    radians,
+)
+
+LINEAR = ("body", "inertial", "additive")
+"""Acceleration laws with an exactly linear error."""
+BASELINES = {"quaternion": QuaternionFeedback, "geometric": GeometricFeedback, "logarithmic": LogarithmicFeedback}
+"""Established feedbacks, whose error is not linear."""
+KIND = "'body', 'inertial', 'additive', 'rate', 'quaternion', 'geometric' or 'logarithmic'"
+GAINS = ("k1", "k", "settling_time", "damping", "weights")
+WAYS = "k1 and k2, or settling_time, or damping and frequency, or [law.weights]"
+GAIN = "a positive finite number, a list of finite numbers for a diagonal, or a square matrix of them"
+INERTIA = "a positive finite number, three of them, or three rows of three finite numbers [kg m²]"
+SEEDS = 2**63
+"""Seeds of `jax.random` are smaller."""
+AXIS_LIMIT = "a positive finite number, or three of them with saturation = 'axis', angle per s² (of a rate law per s)"
+
+
+def _gain(value: Any) -> Any:
+    """A positive number, a row of numbers, or as many rows of as many numbers, stable or not."""
+    rows = value if isinstance(value, list) else [value]
+    square = all(isinstance(row, list) and len(row) == len(rows) for row in rows)
+    entries = [entry for row in rows for entry in row] if square else rows
+    positive = isinstance(value, list) or (is_number(value) and value > 0)
+    if not entries or not all(map(is_number, entries)) or not positive:
+        raise PydanticCustomError("gain", "no gain")
+    return value
+
+
+def _numbers(value: Any, *sizes: int) -> list[Any]:
+    """A number, or rows of three, or as many numbers, in one list; an error for anything else."""
+    flat = value if isinstance(value, list) else [value]
+    if flat and all(isinstance(row, list) and len(row) == 3 for row in flat):
+        flat = [entry for row in flat for entry in row]
+    if not all(map(is_number, flat)) or (isinstance(value, list) and len(flat) not in sizes):
+        raise PydanticCustomError("numbers", "no such numbers")
+    return flat
+
+
+def _inertia(value: Any) -> Any:
+    _numbers(value, 3, 9)
+    return value
+
+
+def _limit(value: Any) -> Any:
+    if min(_numbers(value, 3)) <= 0 or (isinstance(value, list) and isinstance(value[0], list)):
+        raise PydanticCustomError("numbers", "not positive")
+    return value
+
+
+Gain = Annotated[Any, PlainValidator(_gain)]
+
+
+class WeightsPart(Part):
+    """Weights of the linear-quadratic regulator, which minimises ∫(error x² + rate ẋ² + command ẍ²)dt."""
+
+    error: Positive = key("weight of the error", "a positive finite number [1/s⁴]")
+    rate: NotNegative = key("weight of its rate", "a finite number [1/s²], not negative", 0.0)
+    command: Positive = key("weight of the command", "a positive finite number", 1.0)
+
+
+class FeedbackPart(Part):
+    """The feedback law and its gains, in one of several forms.
+
+    Of 'body', 'inertial' and 'additive' the error x obeys ẍ + k1ẋ + k2x = 0, of 'rate' ẋ + kx = 0; 'quaternion',
+    'geometric' and 'logarithmic' are established baselines. Gains: k1 and k2, or settling_time, or damping and
+    frequency, or [law.weights]; of 'rate' k or settling_time.
+    """
+
+    kind: Literal["body", "inertial", "additive", "rate", "quaternion", "geometric", "logarithmic"] = key(
+        "the law", KIND, "body"
+    )
+    k1: Gain | None = key("gain on the rate of the error", f"{GAIN} [1/s]", None)
+    k2: Gain | None = key("gain on the error", f"{GAIN} [1/s²]", None)
+    k: Gain | None = key("gain of the rate law", f"{GAIN} [1/s]", None)
+    settling_time: Positive | None = key("critically damped: the time to 'residual'", SECONDS, None)
+    residual: Annotated[float, Field(gt=0, lt=1)] = key(
+        "part of the error left at settling_time", "a number between 0 and 1", 0.02
+    )
+    damping: Positive | None = key("damping ratio", "a positive finite number, the damping ratio", None)
+    frequency: Positive | None = key("natural frequency", "a positive finite number [1/s], undamped", None)
+    weights: WeightsPart | None = key("weights of a quadratic regulator", "a table [law.weights]", None)
+
+    @model_validator(mode="after")
+    def _one_form(self) -> "FeedbackPart":
+        for a, b in (("k1", "k2"), ("damping", "frequency")):
+            if len(found := self.given(a, b)) == 1:
+                missing = b if found == [a] else a
+                raise ValueError(f"the key '{missing}' is missing: {a} and {b} belong together")
+        forms = self.given(*GAINS)
+        ways = "k or settling_time" if self.kind == "rate" else WAYS
+        if len(forms) != 1:
+            found = f"there are several gains ({', '.join(forms)})" if forms else "there are no gains"
+            raise ValueError(f"{found}: give one of {ways}")
+        allowed = ("k", "settling_time") if self.kind == "rate" else ("k1", "settling_time", "damping", "weights")
+        if forms[0] not in allowed:
+            raise ValueError(f"the key '{forms[0]}' does not suit the kind '{self.kind}': give {ways}")
+        if self.settling_time is None and "residual" in self.model_fields_set:
+            raise ValueError("the key 'residual' belongs to settling_time, and there is none")
+        return self
+
+    @model_validator(mode="after")
+    def _fitting(self) -> "FeedbackPart":
+        size = 4 if self.kind in (*LINEAR, "rate") else 3
+        for name in self.given("k1", "k2", "k"):
+            value = getattr(self, name)
+            if isinstance(value, list) and len(value) != size:
+                raise ValueError(
+                    f"the key '{name}' holds a gain of size {len(value)}, but expected a number, {size} for a "
+                    f"diagonal, or {size} × {size} for a law of the kind '{self.kind}'"
+                )
+        return self
+
+    def law(self) -> AbstractLaw:
+        """The law."""
+        if self.kind == "rate":
+            if self.settling_time is not None:
+                return RateLaw(gains.rate_from_settling_time(self.settling_time, self.residual))
+            return RateLaw(jnp.asarray(self.k, float))
+        k1, k2 = self._gains()
+        return AccelerationLaw(k1, k2, self.kind) if self.kind in LINEAR else BASELINES[self.kind](k1, k2)
+
+    def _gains(self) -> tuple[Any, Any]:
+        if self.settling_time is not None:
+            return gains.from_settling_time(self.settling_time, self.residual)
+        if self.damping is not None and self.frequency is not None:
+            return gains.from_damping(self.damping, self.frequency)
+        if self.weights is not None:
+            return gains.from_weights(self.weights.error, self.weights.rate, self.weights.command)
+        return jnp.asarray(self.k1, float), jnp.asarray(self.k2, float)
+
+
+class ErrorPart(AttitudePart):
+    """How the body starts against the program, λ = λ⁰∘μ, in body axes; without an attitude on the program."""
+
+    rate: Vector = key(
+        "the body's rate less the program's", f"{THREE}, angle per s: the body's less the program's", [0.0, 0.0, 0.0]
+    )
+    sign: Literal["auto", "near", "far"] = key(
+        "which of λ and −λ, two errors of one attitude: the better one, that with μ0 ≥ 0, or the other; not for the "
+        "baselines, which take both alike, and not 'far' with gauge = 'gibbs'",
+        "'auto', 'near' or 'far'",
+        "auto",
+    )
+    gauge: Literal["unit", "gibbs"] = key(
+        "|λ| and ω0: 1 and 0, or such that the Gibbs vector of the error obeys the law's linear equation",
+        "'unit' or 'gibbs'",
+        "unit",
+    )
+
+    def state(self, angles: str, start: Attitude, law: AbstractLaw) -> tuple[Quat, Quat]:
+        """λ and ω at the start."""
+        mu = self.unit_quaternion(angles)
+        mu = jnp.asarray([1.0, 0.0, 0.0, 0.0]) if mu is None else mu
+        if self.gauge == "gibbs" and abs(float(mu[0])) < HALF_TURN:
+            raise ValueError("error.gauge = 'gibbs' is not possible at a half turn, which has no Gibbs vector")
+        return place(law, start, mu, radians(angles) * jnp.asarray(self.rate), self.sign, self.gauge)
+
+
+class DisturbancePart(Part):
+    """An acceleration or a torque in body axes, constant, or sin(2πt/period + phase) times it."""
+
+    acceleration: Vector | None = key("angular acceleration", f"{THREE}, angle per s²", None)
+    torque: Vector | None = key("torque, with inertia", f"{THREE} [N m]", None)
+    inertia: Annotated[Any, PlainValidator(_inertia)] | None = key("inertia of the body", INERTIA, None)
+    period: Positive | None = key("period of a sinusoid", SECONDS, None)
+    phase: Number = key("phase of a sinusoid", "a finite angle", 0.0)
+
+    @model_validator(mode="after")
+    def _one(self) -> "DisturbancePart":
+        if len(self.given("acceleration", "torque")) != 1:
+            raise ValueError("give one of acceleration, or torque and inertia")
+        if len(self.given("torque", "inertia")) == 1:
+            raise ValueError("torque and inertia belong together: ε = J⁻¹M")
+        if self.period is None and "phase" in self.model_fields_set:
+            raise ValueError("the key 'phase' belongs to a period, and there is none")
+        return self
+
+    def disturbance(self, scale: float) -> AbstractDisturbance:
+        """What acts on the body; `scale` turns angles into radians."""
+        amplitude = self.torque if self.acceleration is None else [scale * x for x in self.acceleration]
+        function: Any = jnp.asarray(amplitude, float)
+        if self.period is not None:
+            function = Sinusoid(function, self.period, scale * self.phase)
+        if self.acceleration is not None:
+            return DisturbanceAcceleration(function)
+        with naming("the key 'disturbance.inertia': "):
+            return DisturbanceTorque(function, jnp.asarray(self.inertia, float))
+
+
+class SensorPart(Part):
+    """What measures attitude and rate, or gyros alone, with which the on-board computer propagates λ."""
+
+    kind: Literal["state", "gyros"] = key("what it is", "'state' or 'gyros'", "state")
+    sampling: Positive | None = key("sampling period; continuous without", SECONDS, None)
+    rate_bias: Vector = key("bias of the rate", f"{THREE}, angle per s", [0.0, 0.0, 0.0])
+    rate_noise: NotNegative = key(
+        "standard deviation of the rate", "a finite number, not negative, angle per s and sample", 0.0
+    )
+    attitude_bias: Vector = key(
+        "bias of the attitude", f"{THREE}, angles: of gyros, at the start alone", [0.0, 0.0, 0.0]
+    )
+    attitude_noise: NotNegative = key(
+        "standard deviation of the attitude, of no gyros", "a finite angle, not negative, per sample", 0.0
+    )
+    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = key(
+        "of the noise, which it determines", "a whole number from 0 to 2⁶³ − 1", 0
+    )
+
+    @model_validator(mode="after")
+    def _sampled(self) -> "SensorPart":
+        if self.sampling is None and (self.rate_noise or self.attitude_noise or self.kind == "gyros"):
+            raise ValueError("the key 'sampling' is missing: noise and gyros need a sampling period [s]")
+        if self.kind == "gyros" and self.attitude_noise:
+            raise ValueError("the key 'attitude_noise' suits no gyros, which measure no attitude")
+        return self
+
+    def sensor(self, scale: float) -> AbstractSensor:
+        """The sensor; `scale` turns angles into radians."""
+        rate_bias, attitude_bias = (scale * np.array(bias) for bias in (self.rate_bias, self.attitude_bias))
+        rate_noise, attitude_noise = scale * self.rate_noise, scale * self.attitude_noise
+        random = jax.random.key(self.seed) if rate_noise or attitude_noise else None
+        if self.kind == "gyros" and self.sampling is not None:
+            return Gyros(self.sampling, rate_bias, rate_noise, attitude_bias, random)
+        return Sensor(rate_bias, rate_noise, attitude_bias, attitude_noise, self.sampling, random)
+
+
+class ActuatorPart(Part):
+    """Limit of the physical command, and how long a command is held."""
+
+    limit: Annotated[Any, PlainValidator(_limit)] | None = key("limit of the command", AXIS_LIMIT, None)
+    saturation: Literal["norm", "axis"] = key(
+        "whether the length or each component is limited", "'norm' or 'axis'", "norm"
+    )
+    sampling: Positive | None = key("how long a command is held; continuous without", SECONDS, None)
+
+    @model_validator(mode="after")
+    def _per_axis(self) -> "ActuatorPart":
+        if isinstance(self.limit, list) and self.saturation == "norm":
+            raise ValueError("a limit of each axis needs saturation = 'axis'")
+        return self
+
+    def actuator(self, scale: float) -> Actuator:
+        """The actuator; `scale` turns angles into radians."""
+        limit = None if self.limit is None else scale * np.asarray(self.limit, float)
+        return Actuator(limit, self.saturation, self.sampling)

@@ -1,0 +1,192 @@
+"""Scenarios of `qtraj tune` and `qtraj evaluate`: their keys, and the path and the tuning that they describe."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import create_model, model_validator
+
+from qtraj.design.fitting.fitted import Fitted
+from qtraj.design.limits import Limits
+from qtraj.design.tuning.initial import initial_path
+from qtraj.foundation.naming import naming
+from qtraj.io.saved import saved_path
+from qtraj.path.boundary import BoundaryState
+from qtraj.path.change import sampled
+from qtraj.path.placement import Placement
+from qtraj.path.quantity import QUANTITIES
+from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.track import Track
+from qtraj.scenario.part import SECONDS, THREE, NamedPart, Part, Positive, Quaternion, Text, Vector, Wholes, key
+from qtraj.scenario.path_parts import FitPart, TrackPart, TunePart
+from qtraj.scenario.reader import ScenarioFile
+
+
+class StatePart(Part):
+    """A boundary state in world axes."""
+
+    position: Vector = key("where the vehicle is", f"{THREE} [m]")
+    velocity: Vector = key("how it moves", f"{THREE} [m/s]")
+    acceleration: Vector | None = key(
+        "its acceleration, of a hermite path alone and at both ends: ρ, φ, h are then quintics", f"{THREE} [m/s²]", None
+    )
+
+
+class PlacementPart(Part):
+    """Where the axis of a path between two boundary states stands."""
+
+    origin: Vector = key("where the axis stands", f"{THREE} [m], a point of the axis")
+    orientation: Quaternion | None = key(
+        "the direction of the axis; vertical if left out",
+        "a quaternion of four finite numbers, scalar first, from the path's axes to the world's",
+        None,
+    )
+
+
+class LimitedPart(Part):
+    """Upper bounds on path quantities, anywhere on the path."""
+
+    def limits(self) -> dict[str, float]:
+        """The limits that are set, by name."""
+        return {name: value for name, value in self.model_dump().items() if value is not None}
+
+
+_number: Any = Positive
+_limits: dict[str, Any] = {
+    name: (_number | None, key(entry.meaning, f"a positive finite number [{entry.label}]", None))
+    for name, entry in QUANTITIES.items()
+}
+LimitsPart = create_model("LimitsPart", __base__=LimitedPart, __doc__=LimitedPart.__doc__, **_limits)
+"""One key for each entry of the registry of path quantities."""
+
+
+class PathScenario(NamedPart):
+    """A scenario: one path (a track, two boundary states, or a saved path), limits, and what tuning is to do."""
+
+    track: TrackPart | None = key("the path from a recording", "a table [track]", None)
+    fit: FitPart | None = key("how the recording is fitted", "a table [fit]", None)
+    start: StatePart | None = key("the path from two states: the first", "a table [start]", None)
+    end: StatePart | None = key("the path from two states: the last", "a table [end]", None)
+    path: Text | None = key("the path from a file", "the name of a saved path, relative to the scenario", None)
+    placement: PlacementPart | None = key("the axis of a path from two states", "a table [placement]", None)
+    duration: Positive | None = key(
+        "of a path from two states; if left out, that of their rates about the axis", SECONDS, None
+    )
+    turns: Wholes | None = key("of a path from two states: whole turns besides", "a whole number, 0 or more", None)
+    limits: LimitsPart = key(  # pyright: ignore[reportInvalidTypeForm]
+        "what tuning must keep", "a table [limits]", LimitsPart()
+    )
+    purpose: dict[str, Text] = key(
+        "why there is a limit, for the tables", "a table [purpose] of texts, one for each limit", {}
+    )
+    tune: TunePart = key("what tuning is to do", "a table [tune]", TunePart())
+
+    @property
+    def motion(self) -> str:
+        """The motion of the tuned path: as given, or what suits its source."""
+        return self.tune.motion or ("uniform" if self.track is None else "hermite")
+
+    @model_validator(mode="after")
+    def _one_path(self) -> "PathScenario":
+        states, sources = self.given("start", "end"), self.given("track", "start", "end", "path")
+        if not sources:
+            raise ValueError('there is no path: give [track], or [start] and [end], or path = "a saved path"')
+        if len(states) == 1 and len(sources) == 1:
+            raise ValueError(f"[{states[0]}] stands alone: [{'end' if states == ['start'] else 'start'}] is missing")
+        if len(sources) > 1 and sources != ["start", "end"]:
+            raise ValueError(f"there are several paths ({', '.join(sources)}): give one of track, start and end, path")
+        return self
+
+    @model_validator(mode="after")
+    def _belonging(self) -> "PathScenario":
+        if self.fit is not None and self.track is None:
+            raise ValueError("[fit] belongs to a [track], and there is none")
+        for name in self.given("placement", "duration", "turns"):
+            if self.start is None:
+                raise ValueError(f"{name} belongs to [start] and [end]: a track or a saved path has its own")
+        if self.tune.turns is not None and self.start is None:
+            raise ValueError("tune.turns belongs to [start] and [end]: a track or a saved path has its own turn")
+        for name in self.given("duration", "turns"):
+            if getattr(self.tune, name) is not None:
+                raise ValueError(f"{name} and tune.{name} are the same thing: give one of them")
+        return self
+
+    @model_validator(mode="after")
+    def _purposes(self) -> "PathScenario":
+        if extra := sorted(set(self.purpose) - set(self.limits.limits())):
+            raise ValueError(f"purpose.{extra[0]}: [limits] has no {extra[0]!r} that could have a purpose")
+        return self
+
+
+@dataclass(frozen=True)
+class PathTask:
+    """The path before tuning, and the arguments of `qtraj.tune` besides those that [tune] alone determines."""
+
+    path: SpiralHelix
+    start: BoundaryState
+    end: BoundaryState
+    limits: Limits
+    objective: str
+    motion: str
+    duration: float | None
+    starts: int
+    part: TunePart
+    turns: int = 0
+    turn: float | None = None
+    track: Track | None = None
+    fitted: Fitted | None = None
+
+    def tuning(self) -> dict[str, Any]:
+        """The arguments of `qtraj.tune`."""
+        names = ("start", "end", "limits", "objective", "motion", "duration", "turns", "turn", "starts")
+        given = {name: getattr(self, name) for name in names}
+        return given | {"placement": self.path.placement} | self.part.arguments()
+
+
+def lay(
+    given: ScenarioFile[PathScenario],
+    motion: str | None = None,
+    objective: str | None = None,
+    starts: int | None = None,
+) -> PathTask:
+    """The path of a scenario and what tuning needs; what is given here goes before the scenario's own.
+
+    **Raises:** OSError for a file that cannot be read; ValueError, naming the scenario, for data that make no path.
+    """
+    scenario = given.scenario
+    chosen: dict[str, Any] = {
+        "objective": objective or scenario.tune.objective,
+        "motion": motion or scenario.motion,
+        "starts": scenario.tune.starts if starts is None else starts,
+        "limits": Limits(**scenario.limits.limits()),
+        "part": scenario.tune,
+    }
+    with naming(f"{given.file}: "):
+        if scenario.track is not None:
+            track = scenario.track.read(given.beside)
+            fitted = (scenario.fit or FitPart()).fit(track, chosen["motion"])
+            return _along(fitted.path, track=track, fitted=fitted, **chosen)
+        if scenario.path is not None:
+            return _along(saved_path(given.beside(scenario.path)), **chosen)
+        return _between(scenario, **chosen)
+
+
+def _along(path: SpiralHelix, part: TunePart, **chosen: Any) -> PathTask:
+    """The task of a path that is there already: its ends are the boundary states, its turn is kept."""
+    keeps = chosen["motion"] == "hermite" or chosen["objective"] == "smoothest"
+    duration = part.duration or (float(path.duration) if keeps else None)
+    # Without its mismatch it has the structure of a tuned path, so that both share what is compiled.
+    plain = SpiralHelix(path.radius, path.angle, path.height, path.duration, path.placement)
+    states = sampled(plain)
+    start, end = states.ends
+    return PathTask(plain, start, end, duration=duration, turn=float(states.turn), part=part, **chosen)
+
+
+def _between(scenario: PathScenario, part: TunePart, **chosen: Any) -> PathTask:
+    """The task between two boundary states."""
+    if scenario.start is None or scenario.end is None:
+        raise ValueError("there are no [start] and [end]")
+    start, end = (BoundaryState(**s.model_dump(exclude_none=True)) for s in (scenario.start, scenario.end))
+    placement = None if scenario.placement is None else Placement(**scenario.placement.model_dump(exclude_none=True))
+    duration, turns = part.duration or scenario.duration, part.turns or scenario.turns or 0
+    path = initial_path(start, end, chosen["objective"], chosen["motion"], duration, turns, placement)
+    return PathTask(path, start, end, duration=duration, turns=turns, part=part, **chosen)

@@ -1,0 +1,218 @@
+"""Tables of a path scenario that say how a recording is read and fitted, and what tuning is to do."""
+
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from qtraj.design.fitting.fit import BOUNDS, POSITION_SIGMA, VELOCITY_SIGMA, fit
+from qtraj.design.fitting.fitted import Fitted
+from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES, either
+from qtraj.io.attitude_angles import AttitudeAngles
+from qtraj.io.tangent_plane import TangentPlane
+from qtraj.io.track_file import read_track
+from qtraj.path.track import Track
+from qtraj.scenario.part import SECONDS, Angles, Counts, Pair, Part, Positive, RangeMap, Text, Vector, Wholes, key
+
+if TYPE_CHECKING:  # a checker of types takes no names that are read from a registry
+    Motion = str
+    Objective = str
+else:
+    Motion = Literal[tuple(MOTIONS)]
+    Objective = Literal[tuple(OBJECTIVES)]
+Method = Literal["sqp", "lbfgs", "adam"]
+
+MOTION, OBJECTIVE, METHOD = either(MOTIONS), either(OBJECTIVES), "'sqp', 'lbfgs' or 'adam'"
+VARIABLES = "'start.V_rho', 'start.V_phi' (hermite), 'start.V_h', the same of 'end', 'duration'"
+COUNT = "a whole number, 1 or more"
+OPTIONS = ("max_steps", "inner_steps", "learning_rate")
+LEARNING_RATE = 0.01
+"""Of "adam", where the scenario does not say."""
+
+
+class AnglesPart(Part):
+    """What roll, pitch and heading of a recording mean; every key is needed, nothing is guessed."""
+
+    sequence: Text = key(
+        "order of the rotations: x roll, y pitch, z heading; upper case about moving axes, lower about fixed ones",
+        "three letters such as 'ZYX'",
+    )
+    heading: Literal["north-clockwise", "x-anticlockwise"] = key(
+        "from where and in which sense the heading counts", "'north-clockwise' or 'x-anticlockwise'"
+    )
+    unit: Angles = key("the unit of the columns", "'deg' or 'rad'")
+    body: Literal["forward-right-down", "forward-left-up"] = key(
+        "the body axes x, y, z about which roll and pitch are right-handed", "'forward-right-down' or 'forward-left-up'"
+    )
+
+
+class TrackPart(Part):
+    """A window of a recording, which a path is fitted to."""
+
+    file: Text = key("the recording: CSV with a header, or TUM", "the name of a text file, relative to the scenario")
+    window: Pair | None = key(
+        "the part of it that counts; all if left out",
+        "two finite times [t0, t1] in seconds on the recording's own clock",
+        None,
+    )
+    columns: dict[Literal["time", "position", "velocity", "attitude"], Text | list[Text]] | None = key(
+        "names of columns where they are not common ones",
+        "column names of 'time', 'position', 'velocity' or 'attitude'; an empty list leaves a part out",
+        None,
+    )
+    angles: AnglesPart | None = key(
+        "what its roll, pitch and heading mean, where the attitude is recorded so", "a table [track.angles]", None
+    )
+    projection: Literal["tangent-plane", "tangent_plane"] | None = key(
+        "how latitude, longitude and height become metres; the position is read in metres if left out",
+        "'tangent-plane': east, north and up on the tangent plane of WGS 84",
+        None,
+    )
+    origin: Vector | None = key(
+        "where the tangent plane touches; at the first sample of the file if left out",
+        "[latitude °, longitude °, height m]",
+        None,
+    )
+    source: Text | None = key(
+        "its attribution, kept in the results", "a text: where the recording comes from, and its licence", None
+    )
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "TrackPart":
+        if self.window is not None and not self.window[0] < self.window[1]:
+            raise ValueError(f"the key 'window' holds {self.window}, but expected [t0, t1] with t0 < t1")
+        if self.origin is not None and self.projection is None:
+            raise ValueError("the key 'origin' belongs to projection = 'tangent-plane'")
+        return self
+
+    def read(self, beside: Callable[[str], Path]) -> Track:
+        """The window of the recording, whose file lies `beside` the scenario."""
+        columns = None if self.columns is None else {name: chosen or None for name, chosen in self.columns.items()}
+        angles = None if self.angles is None else AttitudeAngles(**self.angles.model_dump())
+        origin = None if self.origin is None else (self.origin[0], self.origin[1], self.origin[2])
+        projection = None if self.projection is None else TangentPlane(origin)
+        track = read_track(beside(self.file), columns, angles, projection)
+        return track if self.window is None else track.window(*self.window)
+
+
+class FitPart(Part):
+    """How the recording is fitted."""
+
+    motion: Motion | None = key(
+        "of the angle: a polynomial, or at a constant rate; that of [tune] if left out", MOTION, None
+    )
+    position_sigma: Positive | None = key(
+        f"standard deviation of a recorded position; {POSITION_SIGMA} if left out", "a positive finite number [m]", None
+    )
+    velocity_sigma: Positive | None = key(
+        f"standard deviation of a recorded velocity; {VELOCITY_SIGMA} if left out",
+        "a positive finite number [m/s]",
+        None,
+    )
+    radius_bounds: Annotated[list[Positive], Field(min_length=2, max_length=2)] | None = key(
+        f"least and largest radius about the axis; {BOUNDS[0]:g} and {BOUNDS[1]:g} mean radii if left out",
+        "two positive finite radii [low, high] [m]",
+        None,
+    )
+
+    def fit(self, track: Track, motion: str) -> Fitted:
+        """The path that follows a recording, by the motion of the angle that stands here, else by `motion`."""
+        settings = self.model_dump(exclude_none=True)
+        if self.radius_bounds is not None:
+            settings["radius_bounds"] = tuple(map(float, self.radius_bounds))
+        return fit(track, **{"motion": motion, **settings})
+
+
+class TunePart(Part):
+    """What is asked of the tuned path."""
+
+    objective: Objective = key(
+        "what is sought within the limits: the least change of the boundary velocities (not of the path), the least "
+        "duration, or the least jerk",
+        OBJECTIVE,
+        "nearest",
+    )
+    motion: Motion | None = key(
+        "of the angle: at a constant rate, or a polynomial; if left out, 'hermite' of a [track] and 'uniform' of all "
+        "else",
+        MOTION,
+        None,
+    )
+    duration: Positive | None = key(
+        "first one of a hermite path, held where the smoothest is sought; if left out, that of the given rates",
+        SECONDS,
+        None,
+    )
+    turns: Wholes | None = key("whole turns about the axis besides", "a whole number, 0 or more", None)
+    fixed: list[Text] = key(
+        f"variables that keep their given value: {VARIABLES}; and 'start.heading', 'end.heading'",
+        'a list of names, as in fixed = ["end.V_h"]',
+        [],
+    )
+    bounds: RangeMap = key(
+        "between which values a variable must stay; what is not named may go as far as the search does",
+        "a table [tune.bounds] of [low, high] in m/s or s: duration = [4.0, 8.0], or of one of them alone: "
+        'duration = {max = 8.0}, or {min = 4.0}; a name with a dot stands in quotes: "end.V_h" = [-0.5, 0.5]',
+        {},
+    )
+    corridor: Positive | None = key(
+        "largest distance from the given path, at equal parts of the durations and counted along the arc",
+        "a positive finite number [m]",
+        None,
+    )
+    starts: Counts = key("searches, from the given states and about them", COUNT, 8)
+    method: Method = key(
+        "how to search: sequential quadratic programming, much the fastest, or an augmented Lagrangian around an "
+        "optimiser of optax, for comparison",
+        METHOD,
+        "sqp",
+    )
+    max_steps: Counts | None = key(
+        "steps of 'sqp', or rounds of the others, after which a search ends; 300 if left out", COUNT, None
+    )
+    inner_steps: Counts | None = key("steps of 'lbfgs' or 'adam' in one round; 200 if left out", COUNT, None)
+    learning_rate: Positive | None = key(
+        "of 'adam', in reference speeds; 0.01 if left out", "a positive finite number", None
+    )
+
+    @model_validator(mode="after")
+    def _options(self) -> "TunePart":
+        if self.learning_rate is not None and self.method != "adam":
+            raise ValueError(f"learning_rate belongs to method = 'adam', but the method is {self.method!r}")
+        if self.inner_steps is not None and self.method == "sqp":
+            raise ValueError("inner_steps belongs to method = 'lbfgs' or 'adam', but the method is 'sqp'")
+        return self
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The options of the method that are set."""
+        return {name: getattr(self, name) for name in self.given(*OPTIONS)}
+
+    @property
+    def ranges(self) -> dict[str, tuple[float | None, float | None]]:
+        """Lowest and highest value of each bounded variable by its name, None for none."""
+        given = self.bounds.items()
+        return {name: (x.get("min"), x.get("max")) if isinstance(x, dict) else (x[0], x[1]) for name, x in given}
+
+    def arguments(self) -> dict[str, Any]:
+        """The arguments of `qtraj.tune` that stand here alone."""
+        options = self.options
+        rate = options.pop("learning_rate", LEARNING_RATE)
+        method = _adam(rate) if self.method == "adam" else self.method
+        return {
+            "fixed": tuple(self.fixed),
+            "bounds": self.ranges,
+            "corridor": self.corridor,
+            "method": method,
+            **options,
+        }
+
+
+@lru_cache(maxsize=8)
+def _adam(learning_rate: float) -> Any:
+    """One optimiser for each rate, so that its compiled search serves again."""
+    import optax  # here, for most scenarios do without
+
+    return optax.adam(learning_rate)

@@ -1,0 +1,205 @@
+"""Reading scenario files, and one message for what is wrong in one: file, key, value, what was expected."""
+
+import difflib
+import hashlib
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from qtraj.foundation.toml_fault import quoted, syntax_fault
+from qtraj.foundation.untrusted import decoded, parse_toml, read_bytes
+from qtraj.io.recording import is_recording
+from qtraj.scenario import KINDS, Kind
+
+HASH_DIGITS = 16
+LIKE = 0.7
+"""Keys less alike than this, from 0 to 1, are not taken for one another: 'duration' is no 'acceleration' (0.6)."""
+
+PATHS = ("track", "start", "path")
+"""A path scenario has one of these, although no single one is required."""
+
+Location = Sequence[int | str]
+S = TypeVar("S", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class ScenarioFile(Generic[S]):
+    """A scenario with the file it stands in; `hash` is the SHA-256 of the file's bytes, 16 hexadecimal digits.
+
+    `warnings` name the keys that have new names.
+    """
+
+    file: Path
+    scenario: S
+    hash: str
+    warnings: tuple[str, ...] = ()
+
+    def beside(self, name: str) -> Path:
+        """The file of this name, relative to the scenario's own folder."""
+        return self.file.parent / name
+
+
+def read_scenario(file: Path | str | None, kind: str) -> ScenarioFile[Any]:
+    """The scenario in a TOML file, of a kind in `qtraj.scenario.KINDS`; without a file the embedded one.
+
+    **Raises:** OSError where the file cannot be read; ValueError with one message that names the file and, for bad
+    syntax, line and column, else the key, what it holds and what was expected, or for which command the file is.
+    """
+    known = KINDS[kind]
+    path = known.embedded if file is None else Path(file)
+    content = read_bytes(path)
+    if is_recording(path):
+        raise ValueError(f"{path}: {_recorded(path, known)}")
+    data = _parse(path, content, known)
+    renamed = {old: new for old, new in known.renamed.items() if _rename(data, old.split("."), new)}
+    try:
+        scenario = known.model.model_validate(data)
+    except ValidationError as error:
+        text = _misplaced(data, known) or explain(error, known.model)
+        for old, new in renamed.items():
+            text = text.replace(new, old)  # the user's own names
+        raise ValueError(f"{path}: {text}") from None
+    warnings = (f"{path}: '{old}' is now '{new}'" for old, new in renamed.items())
+    return ScenarioFile(path, scenario, content_hash(content), tuple(warnings))
+
+
+def content_hash(content: bytes) -> str:
+    """The first 16 hexadecimal digits of the SHA-256 of a file's bytes."""
+    return hashlib.sha256(content).hexdigest()[:HASH_DIGITS]
+
+
+def _rename(data: Any, old: Sequence[str], new: str) -> bool:
+    """Give a key its new name, which stands in the same table, unless that is there too; whether it was there."""
+    *tables, last = old
+    new = new.rpartition(".")[2]
+    for name in tables:
+        data = data.get(name) if isinstance(data, dict) else None
+    if not isinstance(data, dict) or last not in data or new in data:
+        return False
+    data[new] = data.pop(last)
+    return True
+
+
+def _parse(path: Path, content: bytes, kind: Kind) -> dict[str, Any]:
+    text = decoded(path, content)
+    try:
+        return parse_toml(text)
+    except tomllib.TOMLDecodeError as error:
+        if is_recording(path, text):
+            raise ValueError(f"{path}: {_recorded(path, kind)}") from None
+        raise ValueError(f"{path}: not valid TOML: {syntax_fault(text, error)}") from None
+    except ValueError as error:
+        raise ValueError(f"{path}: not a scenario: {error}") from None
+
+
+def _misplaced(data: Mapping[str, Any], kind: Kind) -> str | None:
+    """What a file is, and who reads it, where its first level shows that it is no scenario of this kind; else None."""
+    if "format" in data and "type" in data:
+        return (
+            f"this is a saved {data['type']}, not a scenario: `qtraj simulate` follows a saved program, with file = "
+            "'its name' in [program]; `qtraj evaluate` tabulates a saved path"
+        )
+    fitting = [other for other in KINDS.values() if _fits(data, other)]
+    return None if kind in fitting or not fitting else f"this is a scenario of {fitting[0].title}"
+
+
+def _fits(data: Mapping[str, Any], kind: Kind) -> bool:
+    fields = kind.model.model_fields
+    needed = {name for name, field in fields.items() if field.is_required()}
+    whole = kind is not KINDS["path"] or any(name in data for name in PATHS)
+    return whole and needed <= data.keys() <= fields.keys()
+
+
+def _recorded(file: Path, kind: Kind) -> str:
+    """What to do with a recording that was given in place of a scenario of this kind."""
+    what, table = "this is a recording, not a scenario", f'file = "{file.name}" under [track]'
+    if kind is KINDS["path"]:
+        return f"{what}: write a .toml file with {table}, and with [limits]"
+    return f"{what}: {KINDS['path'].title} read one, from a .toml file with {table}"
+
+
+def explain(error: ValidationError, root: type[BaseModel]) -> str:
+    """The first fault that pydantic found in a `root`, in the words of this project, and how many more there are."""
+    faults = error.errors(include_url=False)
+    first = min(faults, key=lambda fault: fault["type"] == "missing")  # a misspelt key before the key that it misses
+    keys = {_dotted(_within(fault["loc"], root)) for fault in faults}
+    more = f" (and {len(keys) - 1} more)" if len(keys) > 1 else ""
+    return f"{_fault(dict(first), root)}{more}"
+
+
+def _fault(fault: dict[str, Any], root: type[BaseModel]) -> str:
+    where = _within(fault["loc"], root)
+    if fault["type"] == "extra_forbidden":
+        return _unknown(where, root)
+    if fault["type"] == "value_error":
+        text = str(fault["ctx"]["error"])
+        return f"[{_dotted(where)}]: {text}" if where else text
+    expected = _expected(where, root)
+    if fault["type"] == "missing":
+        return f"the key '{_dotted(where)}' is missing: expected {expected}"
+    return f"the key '{_dotted(where)}' holds {quoted(fault['input'])}, but expected {expected}"
+
+
+def _unknown(where: Location, root: type[BaseModel]) -> str:
+    model = root
+    for step in where[:-1]:
+        model = _table(model, step) or model
+    known, name = list(model.model_fields), str(where[-1])
+    begun = [key for key in known if key.startswith(name)]  # what was probably meant begins so, or has similar letters
+    near = difflib.get_close_matches(name, begun or known, n=1, cutoff=0.0 if begun else LIKE)
+    hint = f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(known)}"
+    return f"unknown key '{_dotted(where)}'; {hint}"
+
+
+def _within(location: Location, root: type[BaseModel]) -> Location:
+    """A location without pydantic's own marks, such as the member of a union or '[key]'."""
+    model: type[BaseModel] | None = root
+    kept: list[int | str] = []
+    for step in location:
+        if isinstance(step, int):
+            kept.append(step)
+        elif model is not None:
+            kept.append(step)
+            model = _table(model, step)
+        elif kept[-1] in ("columns", "purpose", "bounds") and step != "[key]":
+            kept.append(step)
+    return kept
+
+
+def _dotted(location: Location) -> str:
+    text = ""
+    for step in location:
+        text += f"[{step}]" if isinstance(step, int) else f".{step}" if text else step
+    return text
+
+
+def _table(model: type[BaseModel], key: int | str) -> type[BaseModel] | None:
+    """The model of the table, or of each table of the array, under a key; None for a plain value."""
+    field = model.model_fields.get(str(key))
+    if field is None:
+        return None
+    choices = [field.annotation, *get_args(field.annotation)]
+    choices += [inner for choice in choices for inner in get_args(choice)]
+    return next((c for c in choices if isinstance(c, type) and issubclass(c, BaseModel)), None)
+
+
+def _expected(location: Location, root: type[BaseModel]) -> str:
+    """The description of the key at a location, or of the nearest key above it."""
+    model = root
+    description = "another value"
+    for step in location:
+        if isinstance(step, int):
+            continue
+        field = model.model_fields.get(step)
+        if field is None:
+            break
+        description = field.description or description
+        inner = _table(model, step)
+        if inner is None:
+            break  # what stands below a plain value, as in [tune.bounds], may have the name of a key beside it
+        model = inner
+    return description

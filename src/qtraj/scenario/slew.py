@@ -1,0 +1,186 @@
+"""Scenarios of `qtraj slew`, and the slew that is the program of `qtraj simulate`: their keys, and the program."""
+
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import model_validator
+
+from qtraj.foundation.naming import naming
+from qtraj.motion.dynamics import inertia_matrix
+from qtraj.motion.profiles.profile import AbstractProfile
+from qtraj.motion.profiles.s_curve import SCurve
+from qtraj.motion.profiles.smooth_step import Cubic, Quintic, Septic
+from qtraj.motion.profiles.time_optimal import TimeOptimal
+from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
+from qtraj.motion.programs.slew_torque import within_torque
+from qtraj.scenario.part import (
+    ANGLES,
+    Angles,
+    KnownAttitudePart,
+    NamedPart,
+    Number,
+    Part,
+    Positive,
+    Vector,
+    key,
+    radians,
+)
+from qtraj.scenario.reader import ScenarioFile
+
+LAWS = {"time_optimal": TimeOptimal, "s_curve": SCurve, "cubic": Cubic, "quintic": Quintic, "septic": Septic}
+KIND = "'time_optimal', 's_curve', 'cubic', 'quintic' or 'septic'"
+LIMITS = ("max_rate", "max_acceleration", "max_jerk")
+END_RATES = ("start_rate", "end_rate")
+NEEDED = {"time_optimal": ("max_acceleration",), "s_curve": ("max_acceleration", "max_jerk")}
+"""Of laws that no duration alone determines."""
+JERKY = ("time_optimal", "cubic")
+"""Laws whose acceleration jumps, within the slew or at its ends: no jerk limit holds."""
+
+
+class SlewLawPart(Part):
+    """How the angle of each slew proceeds in time.
+
+    A time_optimal slew needs max_acceleration, an s_curve max_acceleration and max_jerk; the polynomials (cubic,
+    quintic, septic) need a limit or a duration. With limits alone the slew takes the least time within them.
+    """
+
+    kind: Literal["time_optimal", "s_curve", "cubic", "quintic", "septic"] = key("the law", KIND, "time_optimal")
+    max_rate: Positive | None = key("limit of the rate", "a positive finite number, angle per s", None)
+    max_acceleration: Positive | None = key("limit of the acceleration", "a positive finite number, angle per s²", None)
+    max_jerk: Positive | None = key(
+        "limit of the jerk, of laws whose acceleration does not jump: s_curve, quintic, septic",
+        "a positive finite number, angle per s³",
+        None,
+    )
+    duration: Positive | None = key(
+        "what each slew takes; a polynomial is then made without its limits, and judged by them",
+        "a positive finite number [s], of each slew",
+        None,
+    )
+    start_rate: Number | None = key(
+        "rate at which a time_optimal slew starts; 0 if left out", "a finite number, angle per s along the slew", None
+    )
+    end_rate: Number | None = key(
+        "rate at which a time_optimal slew ends; 0 if left out", "a finite number, angle per s along the slew", None
+    )
+
+    @model_validator(mode="after")
+    def _suiting(self) -> "SlewLawPart":
+        needed = NEEDED.get(self.kind)
+        for name in needed or ():
+            if getattr(self, name) is None:
+                raise ValueError(f"the key '{name}' is missing: a slew of the kind '{self.kind}' needs it")
+        if self.kind in JERKY and self.max_jerk is not None:
+            other = "'s_curve'" if self.kind == "time_optimal" else "'quintic', 'septic' or 's_curve'"
+            raise ValueError(f"a {self.kind} slew has jumps of acceleration and no jerk limit: take kind = {other}")
+        if self.kind != "time_optimal" and (extra := self.given(*END_RATES)):
+            raise ValueError(
+                f"the key '{extra[0]}' belongs to 'time_optimal': a slew of the kind '{self.kind}' rests at its ends"
+            )
+        if needed is None and not self.given(*LIMITS, "duration"):
+            limits = LIMITS[:2] if self.kind in JERKY else LIMITS
+            raise ValueError(f"a {self.kind} slew needs a duration or a limit: {', '.join(limits)}")
+        for name in self.given(*END_RATES):
+            if self.max_rate is not None and abs(getattr(self, name)) > self.max_rate:
+                raise ValueError(
+                    f"the key '{name}' holds {getattr(self, name)!r}, but expected no more than max_rate = "
+                    f"{self.max_rate!r}"
+                )
+        return self
+
+    def limits(self, angles: str) -> dict[str, float]:
+        """The limits that are given, by name, in radians."""
+        return {name: radians(angles) * getattr(self, name) for name in self.given(*LIMITS)}
+
+    def law(self, angles: str, limited: bool = False) -> AbstractProfile:
+        """The law; a polynomial of fixed duration without its limits, which are judged afterwards, unless `limited`."""
+        more: dict[str, Any] = {} if self.duration is None else {"duration": self.duration}
+        if limited or self.duration is None or self.kind in NEEDED:
+            more |= self.limits(angles)
+        ends = {name: radians(angles) * getattr(self, name) for name in self.given(*END_RATES)}
+        if self.kind in NEEDED:
+            more.setdefault("max_rate", None)
+        return LAWS[self.kind](**more, **ends)
+
+
+class BodyPart(Part):
+    """The body that turns: its inertia, and how much torque there is."""
+
+    inertia: Positive | Vector | list[Vector] = key(
+        "moment of inertia of a spherical body, principal moments, or the tensor, in body axes [kg m²]",
+        "a positive number, three of them, or three rows of three",
+    )
+    max_torque: Positive | Vector | None = key(
+        "limit of the torque [N m]: of its length, or of each component in body axes; the slew slows to keep it",
+        "a positive number, or three of them",
+        None,
+    )
+
+    @model_validator(mode="after")
+    def _physical(self) -> "BodyPart":
+        try:
+            inertia_matrix(self.inertia)
+        except ValueError as error:
+            raise ValueError(f"the key 'inertia' holds {self.inertia!r}: {error}") from error
+        if isinstance(self.max_torque, list) and not all(m > 0 for m in self.max_torque):
+            raise ValueError(f"the key 'max_torque' holds {self.max_torque!r}, but expected positive numbers [N m]")
+        return self
+
+
+class SlewPart(Part):
+    """A slew from [start] to [end], by way of any [[via]], under a [law]: the shorter way about a fixed axis each."""
+
+    start: KnownAttitudePart = key("the first attitude", "a table [start] with an attitude")
+    via: list[KnownAttitudePart] = key("attitudes in between, at rest at each", "tables [[via]], an attitude each", [])
+    end: KnownAttitudePart = key("the last attitude", "a table [end] with an attitude")
+    law: SlewLawPart = key("how the angle proceeds", "a table [law]")
+    body: BodyPart | None = key("the body, for torques and their limit", "a table [body]", None)
+
+    @model_validator(mode="after")
+    def _resting(self) -> "SlewPart":
+        if self.via and (extra := self.law.given(*END_RATES)):
+            raise ValueError(f"the key 'law.{extra[0]}' suits no sequence of slews, which rests at each attitude")
+        return self
+
+    def attitudes(self) -> dict[str, KnownAttitudePart]:
+        """All attitudes in their order, by the names of their tables."""
+        return {"start": self.start} | {f"via[{k}]": part for k, part in enumerate(self.via)} | {"end": self.end}
+
+    def program(self, angles: str, strict: bool = False) -> EulerTurn | SlewSequence:
+        """One slew, or a sequence by way of [[via]], slowed to its torque limit.
+
+        With a duration or end rates of its own it is judged by its limits afterwards; if `strict` it must keep them.
+
+        **Raises:** ValueError for a duration in which no such slew is possible.
+        """
+        attitudes = np.stack([attitude.attitude(angles) for attitude in self.attitudes().values()])
+        program, law = self._within(attitudes, angles), self.law
+        with naming("" if strict else "[law]: "):
+            if strict and law.limits(angles) and law.duration is not None:
+                limited = law.law(angles, limited=True)
+                for angle in np.atleast_1d(program.angle if isinstance(program, EulerTurn) else program.angles):
+                    limited.profile(angle)  # names the limit that would be broken
+            body = self.body
+            if body is None or body.max_torque is None or (law.given("duration", *END_RATES) and not strict):
+                return program
+            return within_torque(program, body.inertia, body.max_torque)
+
+    def _within(self, attitudes: np.ndarray, angles: str) -> EulerTurn | SlewSequence:
+        with naming("[law]: "):
+            law = self.law.law(angles)
+            return SlewSequence(attitudes, law) if len(attitudes) > 2 else EulerTurn(attitudes[0], attitudes[1], law)
+
+
+class SlewScenario(NamedPart, SlewPart):
+    """A slew from [start] to [end], by way of any [[via]], under a [law]: the shorter way about a fixed axis each."""
+
+    angles: Angles = key("the unit of angles", ANGLES)
+
+
+def slew_program(given: ScenarioFile[SlewScenario]) -> EulerTurn | SlewSequence:
+    """The program of a scenario.
+
+    **Raises:** ValueError, naming the scenario, for a duration in which no such slew is possible.
+    """
+    with naming(f"{given.file}: "):
+        return given.scenario.program(given.scenario.angles)

@@ -1,0 +1,99 @@
+"""From a result of the commands, a folder or a file, to the dataset that a report draws."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import xarray
+
+from qtraj.design.tuning.outcome import Tuned
+from qtraj.io.dataset_file import SUFFIXES, load_dataset
+from qtraj.io.stored import load
+from qtraj.motion.programs.rotation_minimizing import Frame, name_of
+from qtraj.path.frame_axes import NATURAL
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.trihedral import Upright
+from qtraj.viz.drawable import drawable
+
+DATASETS = ("paths.nc", "table.nc")
+"""What the commands write into their folders, each of which can be drawn."""
+TUNED = "tuning.toml"
+DOCUMENTS = (".toml", ".json")
+
+
+@dataclass(frozen=True)
+class Source:
+    """The file that is drawn, its dataset, and the tuning that belongs to it, where there is one."""
+
+    file: Path
+    dataset: xarray.Dataset
+    tuned: Tuned | None = None
+
+
+def find(result: Path, frame: Frame | None = None) -> Source:
+    """The dataset of a result: of a folder, a dataset's file, or a saved path.
+
+    **Raises:** OSError where nothing is there or it cannot be read; ValueError, naming the file, for what is no result.
+    """
+    if not result.exists():
+        raise FileNotFoundError(f"{result}: there is no such result; 'qtraj tune' writes one into qtraj-out")
+    if result.suffix in DOCUMENTS:
+        return _saved(result, Upright() if frame is None else frame)
+    file = _within(result) if is_folder(result) else result
+    dataset = load_dataset(file)
+    if frame is not None:
+        _require_frame(file, dataset, frame)
+    return Source(file, dataset, _tuning(file.parent / TUNED, dataset))
+
+
+def is_folder(result: Path) -> bool:
+    """Whether a result is a folder of files, not a Zarr store."""
+    return result.is_dir() and result.suffix not in SUFFIXES
+
+
+def _within(folder: Path) -> Path:
+    """The one dataset of a folder."""
+    found = [folder / name for name in DATASETS if (folder / name).is_file()]
+    if not found:
+        names = " nor ".join(DATASETS)
+        raise ValueError(f"{folder}: this folder holds neither {names}, which qtraj's commands write into their --out")
+    if len(found) > 1:
+        raise ValueError(f"{folder}: this folder holds several results: name one of {', '.join(map(str, found))}")
+    return found[0]
+
+
+def _require_frame(file: Path, dataset: xarray.Dataset, frame: Frame) -> None:
+    """Raise a ValueError where a dataset, whose attitudes stand in one frame, is asked for another."""
+    if "position" not in dataset:
+        raise ValueError(f"{file}: --frame belongs to a path, but this result is one of attitudes alone")
+    held, wanted = dataset.attrs.get("frame", NATURAL), name_of(frame)
+    if held != wanted:
+        raise ValueError(
+            f"{file}: the attitudes in this dataset are those of the {held} frame: name the saved path beside it "
+            f"(path.toml, tuning.toml), or run the command that wrote it with --frame {wanted}"
+        )
+
+
+def _saved(file: Path, frame: Frame) -> Source:
+    """The dataset of a saved path, or of a saved tuning and its path."""
+    stored = load(file)
+    tuned = stored if isinstance(stored, Tuned) else None
+    path = stored if tuned is None else tuned.path
+    if not isinstance(path, AbstractHodograph):
+        raise ValueError(
+            f"{file}: a saved path or tuning was expected, but the file holds a {type(stored).__name__}: name the "
+            "table.nc beside it"
+        )
+    dataset = drawable(path if tuned is None else tuned, frame)
+    return Source(file, dataset.assign_attrs(title=file.name), tuned)
+
+
+def _tuning(file: Path, dataset: xarray.Dataset) -> Tuned | None:
+    """The tuning stored beside a dataset, if it is the one whose path stands in it as "after"."""
+    if not file.is_file() or "path" not in dataset.dims or "after" not in dataset["path"].values.tolist():
+        return None
+    try:
+        tuned = load(file)
+    except ValueError:  # some other file of this name
+        return None
+    duration = float(dataset["duration"].sel(path="after")) if "duration" in dataset else None
+    return tuned if isinstance(tuned, Tuned) and float(tuned.path.duration) == duration else None

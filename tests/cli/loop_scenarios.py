@@ -1,0 +1,12 @@
+"""Texts that the scenarios of the tests of `qtraj simulate` are made of."""
+
+SLEW = """
+angles = "deg"
+[program.slew.start]
+quaternion = [1, 0, 0, 0]
+[program.slew.end]
+rotation_vector = [0, 0, 30]
+[program.slew.law]
+max_acceleration = 20
+"""
+LAW = "[law]\nsettling_time = 3\n"

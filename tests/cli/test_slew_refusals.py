@@ -1,0 +1,115 @@
+"""What `qtraj slew` refuses, and in which words."""
+
+import pytest
+
+from qtraj.scenario import KINDS
+from qtraj.scenario.slew import SlewLawPart
+
+from .slew_scenarios import LAW, REST
+
+
+@pytest.mark.parametrize(
+    ("law", "missing"),
+    [({}, "max_acceleration"), ({"kind": "s_curve", "max_acceleration": 1.0}, "max_jerk")],
+)
+def test_laws_say_what_they_need(law, missing):
+    with pytest.raises(ValueError, match=f"the key '{missing}' is missing"):
+        SlewLawPart.model_validate(law)
+
+
+def embedded(kind):
+    return KINDS[kind].embedded.read_text(encoding="utf-8")
+
+
+BAD = {
+    "no unit": (REST.replace('angles = "deg"', "") + LAW, ["the key 'angles' is missing", "'deg' or 'rad'"]),
+    "another unit": (REST.replace('"deg"', '"grad"') + LAW, ["the key 'angles' holds 'grad'", "'deg' or 'rad'"]),
+    "no law": (REST, ["the key 'law' is missing", "a table [law]"]),
+    "no end": (REST.split("[end]")[0] + LAW, ["the key 'end' is missing"]),
+    "no attitude": (REST.replace("quaternion = [1, 0, 0, 0]", "") + LAW, ["[start]: there is no attitude"]),
+    "two attitudes": (REST.replace("[end]", "[end]\ngibbs = [0, 0, 1]") + LAW, ["[end]: there are several attitudes"]),
+    "a zero quaternion": (REST.replace("[1, 0", "[0, 0") + LAW, ["[start]: the quaternion is zero"]),
+    "three components": (
+        REST.replace("[1, 0, 0, 0]", "[1, 0, 0]") + LAW,
+        ["'start.quaternion' holds [1, 0, 0]", "four finite numbers"],
+    ),
+    "angles without a sequence": (
+        REST.replace("rotation_vector", "euler") + LAW,
+        ["[end]: euler and sequence belong together"],
+    ),
+    "a strange sequence": (
+        REST.replace("rotation_vector", "sequence = 'xxy'\neuler") + LAW,
+        ["[end]: an Euler sequence must be", "'xxy' was given"],
+    ),
+    "a misspelt limit": (
+        REST + LAW.replace("max_rate", "maxrate"),
+        ["unknown key 'law.maxrate'", "did you mean 'max_rate'?"],
+    ),
+    "the beginning of a limit": (
+        "[law]\nmax_acc = 1\n" + REST,
+        ["unknown key 'law.max_acc'", "did you mean 'max_acceleration'?"],
+    ),
+    "a misspelt key in a list": (
+        REST + "[[via]]\ngibs = [0, 0, 1]\n" + LAW,
+        ["unknown key 'via[0].gibs'", "did you mean 'gibbs'?"],
+    ),
+    "a text for a component": (
+        REST + "[[via]]\ngibbs = [0, 'x', 1]\n" + LAW,
+        ["'via[0].gibbs[1]' holds 'x'", "three finite numbers"],
+    ),
+    "a negative limit": (REST + LAW.replace("= 1", "= -1"), ["'law.max_rate' holds -1", "angle per s"]),
+    "another law": (REST + LAW + "kind = 'linear'\n", ["'law.kind' holds 'linear'", "'time_optimal', 's_curve'"]),
+    "a jerk of jumps": (REST + LAW + "max_jerk = 1\n", ["[law]: a time_optimal slew has jumps"]),
+    "a jerk of the jumps of a cubic": (
+        REST + "[law]\nkind = 'cubic'\nduration = 9\nmax_jerk = 1\n",
+        ["[law]: a cubic slew has jumps", "'quintic'"],
+    ),
+    "an end rate of a smooth law": (
+        REST + LAW + "kind = 'cubic'\nend_rate = 0.1\n",
+        ["[law]: the key 'end_rate' belongs to 'time_optimal'"],
+    ),
+    "an end rate beyond the limit": (
+        REST + LAW + "end_rate = 3\n",
+        ["'end_rate' holds 3", "no more than max_rate = 1"],
+    ),
+    "an end rate a little beyond the limit": (
+        REST + LAW + "end_rate = 1.00000001\n",
+        ["'end_rate' holds 1.00000001, but expected no more than max_rate = 1.0"],
+    ),
+    "an end rate of a chain": (
+        REST + "[[via]]\ngibbs = [0, 0, 1]\n" + LAW + "end_rate = 0.1\n",
+        ["the key 'law.end_rate' suits no sequence of slews"],
+    ),
+    "nothing that takes time": (REST + "[law]\nkind = 'cubic'\n", ["needs a duration or a limit"]),
+    "too short a time": (
+        REST + LAW + "duration = 100\n",
+        ["[law]: a slew by", "the duration 100 s", "Allow more"],
+    ),
+    "a saved program": (
+        "format = 'qtraj/1'\ntype = 'EulerTurn'\n",
+        ["this is a saved EulerTurn, not a scenario", "`qtraj simulate` follows a saved program"],
+    ),
+    "a scenario of simulate": (
+        KINDS["loop"].embedded.read_text(encoding="utf-8"),
+        ["this is a scenario of `qtraj simulate`"],
+    ),
+    "a scenario of tune": (
+        KINDS["path"].embedded.read_text(encoding="utf-8"),
+        ["this is a scenario of `qtraj tune` and"],
+    ),
+}
+
+
+@pytest.mark.parametrize("content", BAD.values(), ids=BAD)
+def test_bad_scenarios(qtraj, tmp_path, content):
+    text, fragments = content
+    file = tmp_path / "scenario.toml"
+    file.write_text(text)
+    result = qtraj("slew", file, "--out", tmp_path / "out")
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    assert result.stderr.startswith(f"error: {file}: ")
+    assert result.stderr.count("\n") == 1
+    for fragment in fragments:
+        assert fragment in result.stderr
+    assert list(tmp_path.iterdir()) == [file]
