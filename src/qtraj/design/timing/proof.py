@@ -17,7 +17,7 @@ from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
 from qtraj.algebra.chebyshev_model import ChebyshevModel, multiple
 from qtraj.algebra.positivity import NEGATIVE, POSITIVE, prove_positive
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
-from qtraj.design.proof.inequalities import Parts, parts, squared_bound
+from qtraj.design.proof.inequalities import PathDerivatives, path_derivatives, squared_bound
 from qtraj.design.timing.constraints import NAMES, UPPER
 from qtraj.design.timing.timing import Timing
 from qtraj.foundation.types import Scalar
@@ -50,7 +50,7 @@ def _proved(
     path: Any, duration: Array, coefficients: Array, at_rest: Bool[Array, " 2"], bounds: dict[str, Scalar]
 ) -> dict[str, Array]:
     cells = coefficients.shape[0]
-    whole = parts(jax.tree.map(lambda x: x[..., None], path), duration[None])
+    whole = path_derivatives(jax.tree.map(lambda x: x[..., None], path), duration[None])
     a, rest = _timing(coefficients, at_rest)
     middle = (2 * jnp.arange(cells, dtype=coefficients.dtype) + 1) / cells - 1
 
@@ -116,7 +116,7 @@ def _centred(powers: Float[Array, "k cells"]) -> CellPolynomial:
     return cell_polynomial(form[None, :, None], error[None])
 
 
-def _unit(name: str, whole: Parts) -> Array:
+def _unit(name: str, whole: PathDerivatives) -> Array:
     """What turns the limit [m, s] into a number."""
     entry = QUANTITIES[name]
     return whole.unit**entry.per_time / whole.length**entry.length

@@ -1,30 +1,27 @@
-"""From few cells to many: the fastest timing of a path by interior-point searches, each begun where the last ended."""
+"""The fastest timing of a path in given cells: interior-point searches, with limits tightened between the nodes."""
 
-import functools
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient
 from jaxtyping import Array, Float
-from scipy.interpolate import BSpline, make_interp_spline
 
-from qtraj.design.timing.constraints import COUNT, Constraints, at_nodes, constraints, tightened, used, values
+from qtraj.design.timing.constraints import COUNT, UPPER, Constraints, Parts, parts, tightened, used, values
+from qtraj.design.timing.grid import Grid, Shape, derivatives
 from qtraj.design.timing.interior_point import Program, State, duration, solve
-from qtraj.design.timing.spline import DEGREE, Nodes, clamped, local, nodes, power_form, within
+from qtraj.design.timing.spline import DEGREE, Nodes, at_nodes, local, nodes, power_form, within
 from qtraj.foundation.types import Scalar
-from qtraj.path.hodograph import AbstractHodograph
 
-COARSEST, FINER = 16, 8
-"""The fewest cells with which a search begins, and how many times more the next has."""
+GAPS = ((1.0, 1e-2), (1e-2, 1e-5), (1e-4, 1e-8))
+"""Relative duality gaps at which searches begin and end. Before each but the first, the limits are tightened."""
 
-COARSE, FINE, LAST = 1.0, 1e-2, 1e-8
-"""Relative duality gaps: where the first search and the later ones begin, and where the last ends."""
+LAST = GAPS[-1][1]
 
-ROUNDS, OVER, CHECKED = 2, 1.3, 16
-"""Limits are tightened so often where they are passed between the nodes, by this part of the excess, as seen at so many
-places in each cell."""
+OVER, CHECKED = 1.3, 9
+"""Limits are tightened by this part of the excess between the nodes, as seen at so many places of each cell."""
 
 INSIDE, CLOSE = 0.9, 0.98
 """Part of the limits up to which the initial values of the first and of later searches go."""
@@ -33,104 +30,143 @@ INSIDE, CLOSE = 0.9, 0.98
 class Problem(NamedTuple):
     """A path, its limits by name (infinite where there is none), and the largest squared path speed at its ends."""
 
-    path: AbstractHodograph
+    shape: Shape
     bounds: dict[str, Scalar]
     ends: Float[Array, " 2"]
 
 
+class Tables(NamedTuple):
+    """What the cells alone determine: the grid, its nodes, and the spline at places within each cell."""
+
+    grid: Grid
+    nodes: Nodes
+    within: Float[np.ndarray, "places 3 4 cells"]
+    powers: Float[np.ndarray, "4 4 cells"]
+
+
 class Found(NamedTuple):
-    """The squared path speed in powers of the place in each cell, the derivatives of the time, and the last iterate."""
+    """The fastest timing of a path in its cells.
+
+    `powers` (cells, 4): the squared path speed in powers of the place in each cell. `usage` (limits, cells): the
+    largest part of each limit that is used. `worst` (limits, 2): the cell and the place where it is most. `sensitivity`
+    is zero and has the derivatives of the least time.
+    """
 
     powers: Float[Array, "cells 4"]
+    usage: Float[Array, "8 cells"]
+    worst: Float[Array, "8 2"]
     sensitivity: Scalar
-    state: State
+    steps: Array
+    error: Scalar
 
 
-def fastest(problem: Problem, cells: int, rest: tuple[bool, bool]) -> Found:
-    """The fastest timing in `cells` cells; its duration has derivatives in the path and the limits."""
+def tables(grid: Grid, rest: tuple[bool, bool]) -> Tables:
+    """The tables of a grid; `rest` says whether the vehicle is at rest at the start and at the end."""
+    return Tables(grid, nodes(grid.knots, rest), within(grid.knots, CHECKED), power_form(grid.knots))
+
+
+@eqx.filter_jit
+def fastest(problem: Problem, t: Tables) -> Found:
+    """The fastest timing; `sensitivity` has derivatives in the path and the limits."""
     fixed = stop_gradient(problem)
-    sizes = [cells]
-    while sizes[0] >= COARSEST * FINER:
-        sizes.insert(0, sizes[0] // FINER)
-    first = _shape(sizes[0] + DEGREE, rest, fixed.path.duration.dtype)
-    gaps = COARSE
-    for size in sizes:
-        plain = jnp.ones((COUNT, size), first.dtype)
-        state = _searched(fixed, nodes(size, rest), first, plain, gaps, LAST if size == cells else FINE)
-        gaps = FINE
-        first = jnp.asarray(prolongation(size, size * FINER)) @ state.coefficients if size < cells else first
-    factors = jnp.ones((COUNT, cells), first.dtype)
-    for _ in range(ROUNDS):
-        factors = factors * _excess(fixed, within(cells, CHECKED), state)
-        state = _searched(fixed, nodes(cells, rest), state.coefficients, factors, gaps, LAST)
-    powers = jnp.sum(jnp.asarray(power_form(cells), first.dtype) * local(state.coefficients)[:, None], axis=-1)
-    return Found(powers, _sensitivity(problem, nodes(cells, rest), state, factors), state)
+    imposed, between = _imposed(fixed, t)
+    program = _program(fixed, t, imposed)
+
+    def attempt(carry: Any, gaps: Array) -> tuple[Any, Array]:
+        coefficients, _, factors, taken, _ = carry
+        own = program._replace(constraints=tightened(program.constraints, _at_nodes(factors)))
+        part = _largest_part(own.constraints, at_nodes(own.nodes, coefficients))
+        part = jnp.where(gaps[0] >= 1, INSIDE * part, jnp.minimum(CLOSE * part, 1.0))
+        state = solve(own, coefficients * part, (gaps[0], gaps[1]))
+        usage = _between_nodes(between, t, state.coefficients)
+        excess = _grouped(jnp.max(usage, axis=1))
+        more = jnp.where((excess > 1) & (gaps[1] > LAST), 1 + OVER * (excess - 1), 1.0)
+        carry = (state.coefficients, state.multipliers, factors * more, taken + state.steps, state.error)
+        return carry, usage
+
+    first = _initial(program)
+    cells, dtype = t.grid.cells, first.dtype
+    start = (
+        first,
+        jnp.zeros((COUNT, 2 * cells + 1), dtype),
+        jnp.ones((COUNT, cells), dtype),
+        jnp.zeros((), jnp.int32),
+        jnp.full((), jnp.inf, dtype),
+    )
+    (coefficients, multipliers, factors, steps, error), usages = jax.lax.scan(attempt, start, jnp.asarray(GAPS, dtype))
+    powers = jnp.sum(jnp.asarray(t.powers, dtype) * local(coefficients)[None], axis=1).T
+    usage = usages[-1]
+    place = jnp.argmax(usage.reshape(usage.shape[0], -1), axis=1)
+    worst = jnp.stack([place % cells, place // cells / (CHECKED - 1)], axis=1)
+    factors = _at_nodes(factors)
+    v = at_nodes(program.nodes, coefficients)
+    return Found(powers, jnp.max(usage, axis=1), worst, _sensitivity(problem, t, v, multipliers, factors), steps, error)
 
 
-@functools.lru_cache(maxsize=8)
-def prolongation(cells: int, more: int) -> Float[np.ndarray, "more+3 cells+3"]:
-    """The matrix from the coefficients of a spline to those of the same spline in more cells."""
-    knots = clamped(more)
-    places = (knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3
-    coarse = BSpline(clamped(cells), np.eye(cells + DEGREE), DEGREE)(places * cells / more)
-    return make_interp_spline(places, coarse, DEGREE, t=knots).c
+def _program(problem: Problem, t: Tables, imposed: Parts) -> Program:
+    dtype, cells = problem.shape.per_cell.dtype, t.grid.cells
+    own: Nodes = jax.tree.map(lambda x: jnp.asarray(x, dtype), t.nodes)
+    c = imposed.constraints()
+    upper = c.upper.at[0].max(1 / problem.ends[0]).at[cells].max(1 / problem.ends[1])
+    return Program(
+        own,
+        own.weight * problem.shape.per_cell,
+        Constraints(upper, c.forms, jnp.where(own.standing > 0, 0.0, c.jerk)),
+    )
 
 
-@eqx.filter_jit
-def _searched(
-    problem: Problem,
-    tables: Nodes,
-    first: Float[Array, "cells+3"],
-    factors: Float[Array, "7 cells"],
-    begin: Scalar | float,
-    end: Scalar | float,
-) -> State:
-    """The search from coefficients that are made smaller where they leave the limits; the coarsest also larger."""
-    program = _program(problem, tables)
-    program = program._replace(constraints=tightened(program.constraints, factors))
-    part = _largest_part(program.constraints, at_nodes(program.basis, first))
-    part = jnp.where(begin == COARSE, INSIDE * part, jnp.minimum(CLOSE * part, 1.0))
-    return solve(program, first * part, (jnp.asarray(begin), jnp.asarray(end)))
+def _imposed(problem: Problem, t: Tables) -> tuple[Parts, Parts]:
+    """The limits at the nodes, and at places within the cells."""
+    cells, grid = t.grid.cells, t.grid
+    cell = np.concatenate([np.arange(cells), [cells - 1], np.arange(cells), np.tile(np.arange(cells), CHECKED)])
+    nodes, dtype = 2 * cells + 1, problem.shape.per_cell.dtype
+    knots, at, own = jnp.asarray(grid.knots), jnp.asarray(t.nodes.place), cell[:nodes]
+    places = jnp.asarray(np.repeat(np.linspace(0.0, 1.0, CHECKED), cells), dtype)
+    place = jnp.concatenate([(at - knots[own]) / (knots[own + 1] - knots[own]), places])
+    r = derivatives(problem.shape, grid, cell, place)
+    found = parts(r, problem.shape.per_cell, problem.bounds)
+    return Parts(*(x[..., :nodes] for x in found)), Parts(*(x[..., nodes:] for x in found))
 
 
-@eqx.filter_jit
-def _excess(problem: Problem, tables: Nodes, state: State) -> Float[Array, "7 cells"]:
-    """By what each limit must be tightened in each cell to hold between the nodes too."""
-    program = _program(problem, tables)
-    most = jnp.max(used(program.constraints, at_nodes(program.basis, state.coefficients)), axis=-1)
-    return jnp.where(most > 1, 1 + OVER * (most - 1), 1.0)
+def _between_nodes(between: Parts, t: Tables, coefficients: Array) -> Float[Array, "8 places cells"]:
+    """The used part of each limit at places within the cells."""
+    v = jnp.sum(jnp.asarray(t.within, coefficients.dtype) * local(coefficients), axis=2)
+    return used(between, jnp.moveaxis(v, 1, 0).reshape(3, -1)).reshape(-1, CHECKED, t.grid.cells)
 
 
-def _program(problem: Problem, tables: Nodes) -> Program:
-    path, dtype = problem.path, problem.path.duration.dtype
-    cells = tables.place.shape[0]
-    place, weight, basis, free = (jnp.asarray(x, dtype) for x in tables)
-    per_cell = path.duration / cells
-    at = (jnp.arange(cells, dtype=dtype)[:, None] + place) * per_cell
-    imposed = constraints(path, at, per_cell, problem.bounds)
-    ends = 1 / problem.ends
-    linear = imposed.linear.at[0, 0, 0, 0].max(ends[0]).at[0, -1, -1, 0].max(ends[1])
-    return Program(basis, weight * per_cell, imposed._replace(linear=linear), free)
+def _grouped(usage: Float[Array, "8 cells"]) -> Float[Array, "5 cells"]:
+    """By constraints: the upper bounds, in a instead of √a for speeds, are one."""
+    upper = jnp.max(usage[: len(UPPER)], axis=0) ** 2
+    return jnp.concatenate([upper[None], usage[len(UPPER) :]])
 
 
-def _shape(count: int, rest: tuple[bool, bool], dtype: Any) -> Array:
-    """A smooth curve that vanishes where the vehicle is at rest."""
-    x = (jnp.clip(jnp.arange(count, dtype=dtype) - 1, 0, count - 3)) / (count - 3)
-    return (x * (2 - x) if rest[0] else 1.0) * ((1 - x) * (1 + x) if rest[1] else 1.0) * jnp.ones_like(x)
+def _at_nodes(factors: Float[Array, "5 cells"]) -> Float[Array, "5 nodes"]:
+    """Those of the cells; at a knot the larger of its two."""
+    one = jnp.ones_like(factors[:, :1])
+    before, after = jnp.concatenate([one, factors], axis=1), jnp.concatenate([factors, one], axis=1)
+    return jnp.concatenate([jnp.maximum(before, after), factors], axis=1)
+
+
+def _initial(p: Program) -> Float[Array, " cells+3"]:
+    """The coefficients of a smooth curve that vanishes where the vehicle is at rest."""
+    count = p.nodes.free.shape[0]
+    x = jnp.clip(jnp.arange(count, dtype=p.weights.dtype) - 1, 0, count - DEGREE) / (count - DEGREE)
+    starts, ends = p.nodes.free[0] < 1, p.nodes.free[-1] < 1
+    return jnp.where(starts, x * (2 - x), 1.0) * jnp.where(ends, (1 - x) * (1 + x), 1.0)
 
 
 def _largest_part(c: Constraints, v: Array) -> Scalar:
     """The factor by which a may grow until it reaches a limit."""
-    parts = used(c, v)
-    linear, jerk = jnp.max(parts[:6]), jnp.max(parts[6]) ** (2 / 3)
-    return 1 / jnp.maximum(jnp.maximum(linear, jerk), 1e-12)
+    g = values(c, v) + 1
+    return 1 / jnp.maximum(
+        jnp.maximum(jnp.max(g[0]), jnp.max(g[1:-1]) ** 0.5), jnp.maximum(jnp.max(g[-1]) ** (1 / 3), 1e-12)
+    )
 
 
-@eqx.filter_jit
-def _sensitivity(problem: Problem, tables: Nodes, state: State, factors: Array) -> Scalar:
+def _sensitivity(problem: Problem, t: Tables, v: Array, multipliers: Array, factors: Array) -> Scalar:
     """Zero, with the derivatives of the least time: those of the Lagrangian at the optimum (envelope theorem)."""
-    program = _program(problem, tables)
-    v = stop_gradient(at_nodes(program.basis, state.coefficients))
-    limits = values(tightened(program.constraints, stop_gradient(factors)), v)
-    lagrangian = duration(program.weights, v) + jnp.sum(stop_gradient(state.multipliers) * limits)
+    program = _program(problem, t, _imposed(problem, t)[0])
+    fixed = stop_gradient((v, multipliers, factors))
+    limits = values(tightened(program.constraints, fixed[2]), fixed[0])
+    lagrangian = duration(program, fixed[0]) + jnp.sum(fixed[1] * limits)
     return lagrangian - stop_gradient(lagrangian)
