@@ -15,6 +15,8 @@ HOMES = (
     "qtraj.design.limits",
     "qtraj.design.proof.certificate",
     "qtraj.design.proof.route_certificate",
+    "qtraj.design.timing.outcome",
+    "qtraj.design.timing.timing",
     "qtraj.design.tuning.outcome",
     "qtraj.motion.attitude_residual",
     "qtraj.motion.control.baselines",

@@ -6,8 +6,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-UNROLL = 8
-
 Band = Float[Array, "4 n"]
 """Row d holds the entries (i, i − d) at place i."""
 
@@ -25,7 +23,7 @@ def factor(band: Band) -> Band:
         inverse = jax.lax.rsqrt(a[0] - l3 * l3 - l2 * l2 - l1 * l1)
         return ((d2,), (l12, d1), (l2, l1, inverse)), (inverse, l1, l2, l3)
 
-    _, rows = jax.lax.scan(step, first, tuple(band), unroll=UNROLL)
+    _, rows = jax.lax.scan(step, first, tuple(band))
     return jnp.stack(rows)
 
 
@@ -44,7 +42,7 @@ def solve(factored: Band, right: Float[Array, " n"]) -> Float[Array, " n"]:
         return (now, x[0], x[1]), now
 
     inverse, l1, l2, l3 = factored
-    _, y = jax.lax.scan(forward, (zero,) * 3, (inverse, l1, l2, l3, right), unroll=UNROLL)
+    _, y = jax.lax.scan(forward, (zero,) * 3, (inverse, l1, l2, l3, right))
     columns = [jnp.pad(row[k:], (0, k)) for k, row in ((1, l1), (2, l2), (3, l3))]  # L(i + k, i)
-    _, x = jax.lax.scan(backward, (zero,) * 3, (inverse, *columns, y), reverse=True, unroll=UNROLL)
+    _, x = jax.lax.scan(backward, (zero,) * 3, (inverse, *columns, y), reverse=True)
     return x

@@ -98,13 +98,13 @@ def _inverse_root(x: Array) -> Array:
 
 def tightened(c: Constraints, factors: Float[Array, "5 nodes"]) -> Constraints:
     """The same constraints with their limits divided by `factors`."""
-    return Constraints(c.upper * factors[0], c.forms * factors[1:-1, None] ** 2, c.jerk * factors[-1] ** 2)
+    return Constraints(c.upper * factors[0], c.forms * factors[1:-1, None] ** 2, c.jerk * factors[-1:] ** 2)
 
 
 def used(p: Parts, v: Float[Array, "3 nodes"]) -> Float[Array, "8 nodes"]:
     """The part of each limit, in the order of `NAMES`, that is used: 1 where it is reached."""
     powers = jnp.asarray([0.5 if QUANTITIES[name].per_time == 1 else 1.0 for name in UPPER])[:, None]
-    upper = (p.upper * jnp.maximum(v[0], 0.0)) ** powers
+    upper = (p.upper * jnp.maximum(v[:1], 0.0)) ** powers
     squares = jnp.stack([*(_form(q, v) for q in p.forms), v[0] * _form(p.jerk, v)])
     return jnp.concatenate([upper, jnp.sqrt(jnp.maximum(squares, 0.0))])
 
@@ -120,7 +120,7 @@ def gradients(c: Constraints, v: Float[Array, "3 nodes"]) -> Float[Array, "5 3 n
     rows = [jnp.stack([c.upper, zero, zero])]
     rows += [2 * jnp.stack([q[0] * v[0] + q[1] * v[1], q[1] * v[0] + q[2] * v[1], zero]) for q in c.forms]
     slope = _times(c.jerk, v)
-    of_jerk = 2 * v[0] * slope
+    of_jerk = 2 * v[:1] * slope
     rows.append(of_jerk.at[0].add(jnp.sum(slope * v, axis=0)))
     return jnp.stack(rows)
 

@@ -21,9 +21,6 @@ BOUNDARY = 0.99
 BALANCE = 0.1
 """The duality gap aimed at is no smaller than this part of the Lagrangian's gradient: both must vanish together."""
 
-CORRECT = 1.0
-CAP = 1.0
-HEDGE = 0.0
 MAX_STEPS = 100
 
 
@@ -87,7 +84,7 @@ def _step(p: Program, s: State, enough: Scalar) -> State:
         """Changes of coefficients, values, slacks (to first order) and multipliers, towards slack · z = `target`."""
         dc = -system(_gradient(p, cost_slope, slope, target * inv_slacks))
         dv = at_nodes(p.nodes, dc)
-        ds = -jnp.sum(slope * dv, axis=1)
+        ds = -jnp.sum(slope * dv[None], axis=1)
         return dc, dv, ds, target * inv_slacks - z - ratio * ds
 
     mean = jnp.mean(slacks * z)
@@ -99,9 +96,9 @@ def _step(p: Program, s: State, enough: Scalar) -> State:
     centring = jnp.clip((predicted / mean) ** 3, 1e-6, 1.0)
     time = jnp.sum(pace)
     residual = jnp.sum(jnp.abs(_gradient(p, cost_slope, slope, z) * s.coefficients))
-    target = jnp.maximum(centring * mean, jnp.minimum(BALANCE * residual / z.size, CAP * mean))
+    target = jnp.maximum(centring * mean, jnp.minimum(BALANCE * residual / z.size, mean))
     correction = dual * dz * gained + z * (gained - step * ds)
-    dc, dv, ds, dz = changes(target - CORRECT * correction)
+    dc, dv, ds, dz = changes(target - correction)
     primal, _ = _step_within(p, v, dv, slacks, 1 - BOUNDARY)
     dual = jnp.minimum(BOUNDARY * _length(z, dz), 1.0)
     error = (mean * z.size + residual) / time
@@ -143,7 +140,7 @@ def _system(p: Program, parts: Float[Array, "3 3 nodes"]) -> Any:
     free = p.nodes.free
     scale = free * jnp.where(free > 0, matrix[0], 1.0) ** -0.5
     shifted = jnp.stack([jnp.pad(scale[: scale.size - d], (d, 0)) for d in range(4)])
-    factored = banded.factor((matrix * shifted * scale).at[0].set(1.0 + 1e-14))
+    factored = banded.factor((matrix * shifted * scale[None]).at[0].set(1.0 + 1e-14))
     return lambda right: banded.solve(factored, right * scale) * scale
 
 

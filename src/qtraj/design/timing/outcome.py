@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.proof.certificate import Certificate
-from qtraj.design.timing.timing import RetimedPath
+from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.foundation.arrays import as_array, as_float
 from qtraj.foundation.document import storable
 from qtraj.foundation.outcome import AbstractOutcome, ResultCode, concrete_codes
@@ -21,13 +21,15 @@ class Retimed(AbstractOutcome):
     """The result of `retime`, of one path or of many (batch axes in front of every array).
 
     `path`, the same curve driven by its fastest timing, a hodograph like any other; `duration` [s], which is
-    differentiable in the path and the limits; `certificate`, what is known of the limits on the whole of it; `speeds`
-    (2,) [m/s] at the start and at the end; `code`, a `ResultCode`; `iterations`, the steps of the last search.
+    differentiable in the path and the limits; `certificate`, what is known of the limits on the whole of it; `usage`
+    (limits, cells), the largest part of each limit of the certificate that is used in each cell of `timing`; `speeds`
+    (2,) [m/s] at the start and at the end; `code`, a `ResultCode`; `iterations`, the steps of all searches.
     """
 
     path: RetimedPath
     duration: Float[Array, "*batch"]
     certificate: Certificate
+    usage: Float[Array, "*batch limits cells"]
     speeds: Float[Array, "*batch 2"]
     code: Int[Array, "*batch"]
     iterations: Int[Array, "*batch"]
@@ -37,13 +39,33 @@ class Retimed(AbstractOutcome):
         path: RetimedPath,
         duration: ArrayInput,
         certificate: Certificate,
+        usage: ArrayInput,
         speeds: ArrayInput,
         code: ArrayInput,
         iterations: ArrayInput,
     ):
         self.path, self.certificate = path, certificate
-        self.duration, self.speeds = as_float(duration), as_float(speeds)
+        self.duration, self.usage, self.speeds = as_float(duration), as_float(usage), as_float(speeds)
         self.code, self.iterations = as_array(code, jnp.int32), as_array(iterations, jnp.int32)
+
+    @property
+    def timing(self) -> Timing:
+        """The relation of the path's own parameter and time."""
+        return self.path.timing
+
+    def intervals(self, name: str, part: float = 0.99) -> list[tuple[float, float]]:
+        """The intervals of time (start, end) [s] in whose cells at least `part` of a limit is used, for one path.
+
+        **Raises:** ValueError for a batch, or for a limit that was not given.
+        """
+        if self.code.ndim:
+            raise ValueError("the intervals of one path were asked for, but this is the result for a batch")
+        if name not in self.certificate.names:
+            raise ValueError(f"no limit on {name!r} was given; the limits are {', '.join(self.certificate.names)}")
+        near = np.asarray(self.usage)[self.certificate.names.index(name)] >= part
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]])))
+        times = np.asarray(self.timing.times)
+        return [(float(times[a]), float(times[b])) for a, b in edges.reshape(-1, 2)]
 
     @property
     def converged(self) -> Any:
@@ -70,8 +92,11 @@ class Retimed(AbstractOutcome):
         variables = {
             "duration": Quantity(self.duration, "s", "least time along the path"),
             "end_speeds": Quantity(self.speeds, "m s-1", "speed at the start and at the end", ("end",)),
+            "cell_time": Quantity(self.timing.times, "s", "times of the timing's knots", ("knot",)),
+            "cell_parameter": Quantity(self.timing.knots, "s", "their parameters on the given path", ("knot",)),
+            "usage": Quantity(self.usage, "1", "largest used part of each limit in a cell", ("limit", "cell")),
             "code": Quantity(self.code, "1", "how the search ended, as a number"),
-            "iterations": Quantity(self.iterations, "1", "steps of the last search"),
+            "iterations": Quantity(self.iterations, "1", "steps of all searches"),
             **findings.variables,
         }
         summary = f"{batch_prefix(self.code.shape, 'paths')}{extent(self.duration, 's')}; {self.certificate.summary}"

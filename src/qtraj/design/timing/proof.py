@@ -1,8 +1,10 @@
 """Limits on a retimed path, proved on the whole of each cell.
 
 In a cell the path and the squared path speed a are polynomials, and each limit is one polynomial inequality between
-them (see `constraints`). The path is taken in its moving basis and restricted to the cell by an exact change of
-variable: the number of cells is a power of two.
+them (see `constraints`). The path is taken in its moving basis, or a route in world axes, and restricted to the cell by
+an exact change of variable: every cell is a dyadic part of a segment. What depends on the direction of the path alone
+is judged with the direction q in place of r', which does not vanish where a segment starts or ends at a stop (see
+`proof.route_segments`).
 """
 
 from typing import Any
@@ -19,73 +21,78 @@ from qtraj.algebra.positivity import NEGATIVE, POSITIVE, prove_positive
 from qtraj.design.proof.certificate import BROKEN, PROVED, UNDECIDED
 from qtraj.design.proof.inequalities import PathDerivatives, path_derivatives, squared_bound
 from qtraj.design.timing.constraints import NAMES, UPPER
-from qtraj.design.timing.timing import Timing
+from qtraj.design.timing.grid import Grid
 from qtraj.foundation.types import Scalar
 from qtraj.path.frenet import Invariants
 from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.quantity import QUANTITIES
 
 
-class _Cell(eqx.Module):
-    """Models of a cell: invariants of the path's derivatives, and a with its derivatives, in half durations."""
+class _Cells(eqx.Module):
+    """Models in cells: three derivatives of the path, and a with its derivatives, in half durations."""
 
-    path: Invariants
+    path: list[ChebyshevModel]
     a: ChebyshevModel
     slope: ChebyshevModel
     bend: ChebyshevModel
 
 
-def proved(
-    path: MovingPolynomials, duration: Scalar, timing: Timing, bounds: dict[str, Scalar]
-) -> dict[str, Int[Array, ""]]:
-    """For each limit the status PROVED, BROKEN or UNDECIDED; proved only where a > 0 is proved too.
+class Proofs(eqx.Module):
+    """For each limit, in the order of `NAMES`, the status PROVED, BROKEN or UNDECIDED on each cell."""
 
-    Absent limits are infinite.
-    """
-    return _proved(path, duration, timing.coefficients, jnp.asarray(timing.rest), bounds)
+    codes: Int[Array, "limits cells"]
+
+    def whole(self) -> Int[Array, " limits"]:
+        """The status on all cells together."""
+        broken, proved = jnp.any(self.codes == BROKEN, axis=1), jnp.all(self.codes == PROVED, axis=1)
+        return jnp.where(broken, BROKEN, jnp.where(proved, PROVED, UNDECIDED)).astype(jnp.int32)
 
 
 @eqx.filter_jit
-def _proved(
-    path: Any, duration: Array, coefficients: Array, at_rest: Bool[Array, " 2"], bounds: dict[str, Scalar]
-) -> dict[str, Array]:
-    cells = coefficients.shape[0]
-    whole = path_derivatives(jax.tree.map(lambda x: x[..., None], path), duration[None])
+def prove(
+    path: MovingPolynomials,
+    durations: Float[Array, " segments"],
+    grid: Grid,
+    timing: tuple[Float[Array, "cells 4"], Bool[Array, " 2"]],
+    bounds: dict[str, Scalar],
+) -> Proofs:
+    """The status of each limit on each cell; proved only where a > 0 is proved too.
+
+    `path`: the polynomials of segments of the given `durations` [s], which is the last axis. `timing`: the coefficients
+    of a in each cell, and whether it vanishes at the start and at the end. Absent limits are infinite.
+    """
+    coefficients, at_rest = timing
+    segments = path_derivatives(path, durations)
+    segment, middle, size = (jnp.asarray(x) for x in (grid.segment, grid.middle, grid.half))
+    own = [jax.tree.map(lambda x: x[..., segment], p) for p in segments.derivatives[:3]]
     a, rest = _timing(coefficients, at_rest)
-    middle = (2 * jnp.arange(cells, dtype=coefficients.dtype) + 1) / cells - 1
-
-    def cell(centre: Array, half: Array) -> _Cell:
-        at, size = middle + centre / cells, half / cells
-        r = [None, *(_spread(p, cells).on(at, size) for p in whole.derivatives[:3])]
-        a0, a1, a2 = (p.on(centre, half)[0] for p in a)
-        return _Cell(Invariants(r), a0, cells * a1, cells * cells * a2)
-
-    squares = [squared_bound(bounds[name][None], _unit(name, whole)) for name in NAMES]
+    finer = [_scaled(p, (1 / size) ** k) for k, p in enumerate(a)]
+    of_cells = PathDerivatives([], segments.length[segment], segments.unit[segment])
+    squares = [squared_bound(bounds[name], _unit(name, of_cells)) for name in NAMES]
     squares = tuple(jnp.stack(x) for x in zip(*squares, strict=True))
-    widest = jnp.full(cells, 2.0, coefficients.dtype)
+    widest = jnp.full(segment.shape, 2.0, coefficients.dtype)
+
+    def cells(centre: Array, half: Array) -> _Cells:
+        r = [p.on(middle[None] + centre * size[None], half * size[None]) for p in own]
+        return _Cells(r, *(p.on(centre, half)[0] for p in finer))
 
     def judged(k: Array) -> Array:
-        """The status of one limit; the last is that a is positive."""
+        """The status of one limit on each cell; the last is that a is positive."""
         bound = tuple(x[jnp.minimum(k, len(NAMES) - 1)] for x in squares)
-        slacks = [lambda *at, name=name: _slack(name, bound, cell(*at)) for name in NAMES]
-        choices = [*slacks, lambda *at: rest.on(*at)[0]]
-        return _status(prove_positive(lambda *at: jax.lax.switch(k, choices, *at), widest).code)
+        choices = [lambda c, at, name=name: _slack(name, bound, c) for name in NAMES]
+        choices.append(lambda c, at: rest.on(*at)[0])
+        code = prove_positive(lambda *at: jax.lax.switch(k, choices, cells(*at), at), widest).code
+        return jnp.where(code == NEGATIVE, BROKEN, jnp.where(code == POSITIVE, PROVED, UNDECIDED)).astype(jnp.int32)
 
     wanted = jnp.append(jnp.stack([jnp.isfinite(bounds[name]) for name in NAMES]), True)
-    decide = lambda k: jax.lax.cond(wanted[k], judged, lambda k: jnp.asarray(PROVED, jnp.int32), k)  # noqa: E731
-    codes = jax.lax.map(decide, jnp.arange(len(NAMES) + 1))
-    codes = jnp.where(codes[-1] == PROVED, codes, jnp.maximum(codes, codes[-1]))
-    return {name: codes[k] for k, name in enumerate(NAMES)}
+    none = jnp.full(segment.shape, PROVED, jnp.int32)
+    codes = jax.lax.map(lambda k: jax.lax.cond(wanted[k], judged, lambda k: none, k), jnp.arange(len(NAMES) + 1))
+    return Proofs(jnp.where((codes[-1:] == PROVED) | (codes[:-1] == BROKEN), codes[:-1], UNDECIDED))
 
 
-def _status(codes: Int[Array, " cells"]) -> Int[Array, ""]:
-    all_positive, any_negative = jnp.all(codes == POSITIVE), jnp.any(codes == NEGATIVE)
-    return jnp.where(any_negative, BROKEN, jnp.where(all_positive, PROVED, UNDECIDED)).astype(jnp.int32)
-
-
-def _spread(p: CellPolynomial, cells: int) -> CellPolynomial:
-    """The same polynomial for every cell."""
-    return jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], cells)), p)
+def _scaled(p: CellPolynomial, factor: Float[Array, " cells"]) -> CellPolynomial:
+    """The polynomials times powers of two, exactly."""
+    return CellPolynomial(p.coefficients * factor[None, None, None], p.shifts * factor[None, None, None, None], p.error * factor[None])
 
 
 def _timing(
@@ -122,10 +129,9 @@ def _unit(name: str, whole: PathDerivatives) -> Array:
     return whole.unit**entry.per_time / whole.length**entry.length
 
 
-def _slack(name: str, bound: Any, c: _Cell) -> ChebyshevModel:
+def _slack(name: str, bound: Any, c: _Cells) -> ChebyshevModel:
     """limit² · denominator − numerator."""
-    i, a = c.path, c.a
-    twice = lambda p, q, r, s: 2 * (p * q) + r * s  # noqa: E731
+    i, a = Invariants([None, *c.path]), c.a
     if name in UPPER:
         entry = QUANTITIES[name]
         numerator = entry.numerator(i) * a
@@ -133,13 +139,13 @@ def _slack(name: str, bound: Any, c: _Cell) -> ChebyshevModel:
         denominator = a.one() if entry.denominator is None else entry.denominator(i)
         return multiple(denominator, *bound) - numerator
     if name == "longitudinal_acceleration":
-        along = twice(i.B, a, i.S, c.slope)
+        along = 2 * (i.B * a) + i.S * c.slope
         return multiple(4 * i.S, *bound) - along * along
     if name == "acceleration":
-        double = 2 * (i.r[2] * a) + i.r[1] * c.slope
+        double = 2 * (i.r[2] * a[None]) + i.r[1] * c.slope[None]
         return multiple(4 * a.one(), *bound) - double @ double
     if name == "jerk":
-        double = 2 * (i.r[3] * a) + 3 * (i.r[2] * c.slope) + i.r[1] * c.bend
+        double = 2 * (i.r[3] * a[None]) + 3 * (i.r[2] * c.slope[None]) + i.r[1] * c.bend[None]
         return multiple(4 * a.one(), *bound) - a * (double @ double)
     SH = i.S * i.H
     growth = i.P1 * SH - i.P * (i.B * i.H + i.S * i.G)

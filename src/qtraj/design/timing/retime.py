@@ -1,32 +1,34 @@
 """The fastest timing along a path whose shape is given."""
 
+from __future__ import annotations
+
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from qtraj.design.limits import Limits
-from qtraj.design.proof.certificate import BROKEN, SAMPLED, UNDECIDED, Certificate
-from qtraj.design.proof.certify import require_float64
+from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, Certificate, require_float64
 from qtraj.design.timing.constraints import NAMES
-from qtraj.design.timing.interior_point import MAX_STEPS
+from qtraj.design.timing.grid import Shape
 from qtraj.design.timing.outcome import Retimed
-from qtraj.design.timing.proof import proved
-from qtraj.design.timing.search import LAST, Found, Problem, fastest
+from qtraj.design.timing.parts import Part, known_segments, known_zero, of_path
+from qtraj.design.timing.proof import prove
+from qtraj.design.timing.search import Found, Problem, fastest, last_gap, tables
 from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.foundation.arrays import concrete, real_scalar
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.quantity import QUANTITIES
-from qtraj.path.values import value
+from qtraj.path.route import Route
 
 KNOTS = 256
-
-SAMPLES = 8
-"""Instants in each cell at which the largest value of a quantity is sought."""
 
 MARGIN = 1e-6
 """Part of the limits that is not used, for what may happen between the nodes at which they are imposed."""
@@ -48,29 +50,127 @@ def retime(
 
     `limits` are those that depend on the timing: `speed`, `acceleration`, `lateral_acceleration`,
     `longitudinal_acceleration`, `jerk`, `yaw_rate`, `yaw_acceleration` and `angular_rate`. `start_speed` and
-    `end_speed` [m/s]: zero for rest, None for a speed that is free. The squared path speed u̇², u the path's own parameter, is a
-    cubic spline of u in `knots` cells, a power of two; more cells come closer to the least time of all. At rest the
-    acceleration begins with a jump, so a limit on the jerk is one on the motion after the start and before the end.
+    `end_speed` [m/s]: zero for rest, None for a speed that is free. The squared path speed u̇², u the path's own
+    parameter, is a cubic spline of u with continuous second derivative in `knots` cells, a power of two; more cells
+    come closer to the least time of all. At rest the acceleration begins with a jump, so a limit on the jerk is one on
+    the motion after the start and before the end.
 
-    The time is minimised by an interior-point method whose steps cost in proportion to the number of cells; without a
-    limit on the jerk the problem is convex. Limits are imposed at four places in each cell, and then proved on the
-    whole of it where the path has polynomials. `duration` is differentiable in the path and the limits, in forward and
-    reverse mode; batches by `jax.vmap`.
+    A route is cut where it stops. Each drive between two stops is timed in at least `knots` cells, from rest to rest,
+    and stops keep their lengths.
+
+    The time is minimised by an interior-point method whose steps cost in proportion to the number of cells, and whose
+    iterates satisfy all limits; without a limit on the jerk the problem is convex. Limits are imposed at two places of
+    each cell, tightened where they are passed between these, and then proved on the whole of each cell if the path has
+    polynomials. `duration` is differentiable in the path and the limits, in forward and reverse mode; batches by
+    `jax.vmap`. A route must be known, but its limits may be traced.
 
     **Raises:** ValueError for limits that do not depend on the timing or leave the speed unbounded, for a negative
-    speed, for `knots` that are no power of two from 16 on, in float32, and for a path that stands still in its own
-    parameter. RuntimeError with `throw` where the result is no success.
+    speed, for `knots` that are no power of two from 16 on, in float32, for a path that stands still in its own
+    parameter, and for a route whose velocity jumps or that stops within a segment. RuntimeError with `throw` where the
+    result is no success.
     """
     require_float64(path)
     names = _require_limits(limits)
     _require_knots(knots)
-    _require_regular(path)
-    speeds = tuple(_speed(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
-    rest = tuple(v is not None and concrete(v) is not None and float(v) == 0 for v in speeds)
     given = limits.given()
+    parts, standing = of_path(path, knots, "jerk" in given)
+    if not isinstance(path, Route):
+        _require_regular(path)
+    speeds = tuple(_speed(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
     bounds = {name: jnp.asarray(given.get(name, np.inf), path.duration.dtype) for name in NAMES}
-    retimed = _retimed(path, bounds, [None if r else v for v, r in zip(speeds, rest, strict=True)], rest, names, knots)
+    retimed = _retimed(path, parts, standing, bounds, speeds, names)
     return retimed.check() if throw else retimed
+
+
+class _Timed(NamedTuple):
+    """The timing of one part: powers of a, used parts of limits and statuses for each cell, knots; and what was found."""
+
+    powers: Float[Array, "cells 4"]
+    usage: Float[Array, "limits cells"]
+    codes: Int[Array, "limits cells"]
+    knots: Float[Array, " cells+1"]
+    found: Found | None
+
+
+def _retimed(
+    path: AbstractHodograph,
+    parts: list[Part],
+    standing: tuple[bool, bool],
+    bounds: dict[str, Scalar],
+    speeds: tuple[Scalar | None, ...],
+    names: tuple[str, ...],
+) -> Retimed:
+    pace = jnp.where(jnp.asarray(standing), 0.0, _paced(path))
+    wanted = jnp.stack([jnp.asarray(np.inf if v is None else v, pace.dtype) for v in speeds])
+    bounded = (pace > 0) & (wanted > 0)
+    largest = jnp.where(bounded, wanted / jnp.where(pace > 0, pace, 1.0), jnp.inf) ** 2
+    rest = tuple(known_zero(v) and not s for v, s in zip(speeds, standing, strict=True))
+    timed = []
+    for k, part in enumerate(parts):
+        first, last = k == 0, k == len(parts) - 1
+        ends = jnp.stack([largest[0] if first else jnp.inf, largest[1] if last else jnp.inf])
+        timed.append(_timed(path, part, bounds, ends, (rest[0] and first, rest[1] and last)))
+    knots = jnp.concatenate([timed[0].knots[:1], *(x.knots[1:] for x in timed)])
+    timing = Timing(jnp.concatenate([x.powers for x in timed]), knots, (rest[0], rest[1]))
+    own = np.array([NAMES.index(name) for name in names])
+    usage = jnp.concatenate([x.usage for x in timed], axis=1)[own] * (1 - MARGIN)
+    codes = jnp.concatenate([x.codes for x in timed], axis=1)[own]
+    searches = [x.found for x in timed if x.found is not None]
+    cells = [part.grid.cells for part in parts if part.grid is not None]
+    errors = jnp.stack([found.error for found in searches])
+    limits = jnp.stack([bounds[name] for name in names])
+    facts = _Facts(usage, codes, limits, pace, wanted, errors, np.array([last_gap(n) for n in cells]))
+    certificate, ends, code = _judged(timing, facts, path.polynomials(), names)
+    time = stop_gradient(timing.duration) + sum(found.sensitivity for found in searches)
+    steps = sum((found.steps for found in searches), jnp.zeros((), jnp.int32))
+    return Retimed(RetimedPath(path, timing), time, certificate, usage, ends, code, steps)
+
+
+class _Facts(NamedTuple):
+    """What the judgement needs: used parts and statuses of limits in all cells, ends, and how the searches ended."""
+
+    usage: Float[Array, "limits cells"]
+    codes: Int[Array, "limits cells"]
+    limits: Float[Array, " limits"]
+    pace: Float[Array, " 2"]
+    wanted: Float[Array, " 2"]
+    errors: Float[Array, " searches"]
+    enough: Float[np.ndarray, " searches"]
+
+
+def _timed(
+    path: AbstractHodograph, part: Part, bounds: dict[str, Scalar], ends: Array, rest: tuple[bool, bool]
+) -> _Timed:
+    dtype = path.duration.dtype
+    start, end = (jnp.asarray(x, dtype) for x in part[:2])
+    grid = part.grid
+    if grid is None:
+        nothing = jnp.zeros((len(NAMES), 1), dtype)
+        unit = jnp.zeros((1, 4), dtype).at[0, 0].set(1.0)
+        return _Timed(unit, nothing, nothing.astype(jnp.int32) + PROVED, jnp.stack([start, end]), None)
+    per_cell = (end - start) / grid.cells
+    inner = {name: bound * (1 - MARGIN) for name, bound in bounds.items()}
+    found = fastest(Problem(Shape(path, start, per_cell), inner, ends), tables(grid, rest))
+    knots = stop_gradient(start + jnp.asarray(grid.knots, dtype) * per_cell)
+    codes = jnp.full((len(NAMES), grid.cells), SAMPLED, jnp.int32)
+    source = _polynomials(path)
+    if source is not None:
+        timing = found.powers, jnp.asarray(rest)
+        codes = prove(*stop_gradient(source), grid, timing, stop_gradient(bounds)).codes
+    return _Timed(found.powers, found.usage, codes, knots, found)
+
+
+def _polynomials(path: AbstractHodograph) -> tuple[MovingPolynomials, Array] | None:
+    """The polynomials of the segments of a path, along the last axis, and their durations."""
+    if isinstance(path, Route):
+        segments = known_segments(path)
+        x, y, z = (segments.coefficients[..., k].T for k in range(3))
+        return MovingPolynomials(*(jnp.asarray(c) for c in (x, y, z, 0 * x[:1]))), jnp.asarray(segments.durations)
+    own = path.polynomials()
+    if own is None:
+        return None
+    coefficients = jax.tree.map(lambda x: x[..., None], (own.x, own.y, own.z, own.angle))
+    return MovingPolynomials(*coefficients), path.duration[None]
 
 
 @eqx.filter_jit
@@ -79,62 +179,35 @@ def _paced(path: AbstractHodograph) -> Float[Array, " 2"]:
     return jnp.stack([jnp.linalg.norm(path.velocity(t)) for t in (jnp.zeros_like(path.duration), path.duration)])
 
 
-def _retimed(
-    path: AbstractHodograph,
-    bounds: dict[str, Scalar],
-    speeds: list[Scalar | None],
-    rest: tuple[bool, ...],
-    names: tuple[str, ...],
-    knots: int,
-) -> Retimed:
-    pace = _paced(path)
-    wanted = jnp.stack([jnp.asarray(np.inf if v is None else v, pace.dtype) for v in speeds])
-    inner = {name: bound * (1 - MARGIN) for name, bound in bounds.items()}
-    found = fastest(Problem(path, inner, (wanted / pace) ** 2), knots, (rest[0], rest[1]))
-    timing = Timing(found.powers, path.duration, rest)
-    result = RetimedPath(path, timing)
-    ends = jnp.sqrt(jnp.maximum(jnp.stack([found.powers[0, 0], jnp.sum(found.powers[-1])]), 0.0)) * pace
-    certificate = _certificate(path, result, bounds, names)
-    time = stop_gradient(timing.duration) + found.sensitivity
-    return Retimed(result, time, certificate, ends, _code(found, certificate, ends, wanted), found.state.steps)
-
-
-def _code(found: Found, certificate: Certificate, ends: Array, wanted: Array) -> Array:
+@eqx.filter_jit
+def _judged(
+    timing: Timing, facts: _Facts, polynomials: MovingPolynomials | None, names: tuple[str, ...]
+) -> tuple[Certificate, Array, Array]:
+    """The certificate, the speeds at the ends and the code of the result."""
+    certificate = _certificate(timing, facts, polynomials, names)
+    powers, wanted = timing.coefficients, facts.wanted
+    ends = jnp.sqrt(jnp.maximum(jnp.stack([powers[0, 0], jnp.sum(powers[-1])]), 0.0)) * facts.pace
     missed = jnp.any(jnp.isfinite(wanted) & (ends < wanted * (1 - REACHED)))
-    unfinished = ~(found.state.error < LAST) & (found.state.steps >= MAX_STEPS)
     code = jnp.where(missed, int(ResultCode.end_speed_not_reached), certificate.code)
-    code = jnp.where(unfinished, int(ResultCode.not_converged), code)
-    return jnp.where(jnp.isfinite(found.powers).all(), code, int(ResultCode.not_finite))
+    code = jnp.where(jnp.all(facts.errors < facts.enough), code, int(ResultCode.not_converged))
+    return certificate, ends, jnp.where(jnp.isfinite(powers).all(), code, int(ResultCode.not_finite))
 
 
 def _certificate(
-    path: AbstractHodograph, retimed: RetimedPath, bounds: dict[str, Scalar], names: tuple[str, ...]
+    timing: Timing, facts: _Facts, polynomials: MovingPolynomials | None, names: tuple[str, ...]
 ) -> Certificate:
-    limits = jnp.stack([bounds[name] for name in names])
-    times, values = _largest(stop_gradient(retimed), names)
-    polynomials = path.polynomials()
-    sampled = jnp.where(values <= limits, SAMPLED, BROKEN)
-    if polynomials is None:
-        return Certificate(names, sampled, times, values, limits)
-    codes = proved(stop_gradient(polynomials), stop_gradient(path.duration), stop_gradient(retimed.timing), bounds)
-    found = jnp.stack([codes[name] for name in names])
-    if polynomials.placement is not None:
+    cell = jnp.argmax(facts.usage, axis=1)
+    values = jnp.take_along_axis(facts.usage, cell[:, None], axis=1)[:, 0] * facts.limits
+    times = 0.5 * (timing.times[cell] + timing.times[cell + 1])
+    rank = jnp.asarray([0, 1, 3, 2])[facts.codes]  # proved, sampled, undecided, broken
+    whole = jnp.asarray([PROVED, SAMPLED, UNDECIDED, BROKEN])[jnp.max(rank, axis=1)]
+    if polynomials is not None and polynomials.placement is not None:
         x, y = polynomials.placement.orientation[1:3]
-        tilted = (x != 0) | (y != 0)
         vertical = np.array([QUANTITIES[name].upright for name in names])
-        found = jnp.where(vertical & tilted, sampled, found)
-    return Certificate(names, jnp.where((values > limits) & (found == UNDECIDED), BROKEN, found), times, values, limits)
-
-
-@eqx.filter_jit
-def _largest(path: RetimedPath, names: tuple[str, ...]) -> tuple[Array, Array]:
-    """The largest sampled value of each quantity and its time [s]."""
-    cells = path.timing.coefficients.shape[0]
-    instants = (jnp.arange(cells * SAMPLES) + 0.5) / (cells * SAMPLES) * path.path.duration
-    times = jax.vmap(path.timing.time)(instants)
-    found = jnp.stack([jax.vmap(lambda t, name=name: value(path, t, name))(times) for name in names])
-    worst = jnp.argmax(found, axis=1)
-    return times[worst], jnp.take_along_axis(found, worst[:, None], axis=1)[:, 0]
+        whole = jnp.where(vertical & ((x != 0) | (y != 0)), SAMPLED, whole)
+    over = values > facts.limits
+    whole = jnp.where(over & ((whole == SAMPLED) | (whole == UNDECIDED)), BROKEN, whole)
+    return Certificate(names, whole, times, values, facts.limits)
 
 
 def _require_limits(limits: Limits) -> tuple[str, ...]:
@@ -142,7 +215,7 @@ def _require_limits(limits: Limits) -> tuple[str, ...]:
     if unknown := [name for name in names if name not in NAMES]:
         raise ValueError(
             f"a timing cannot change {unknown[0]} in the way that retime needs: it takes limits on {', '.join(NAMES)}. "
-            "Whether the shape of a path satisfies the others is told by qtraj.certify."
+            "Call qtraj.certify for the others, which depend on the shape of the path alone."
         )
     if not any(QUANTITIES[name].bounds_speed for name in names):
         raise ValueError(
@@ -167,7 +240,7 @@ def _require_regular(path: AbstractHodograph) -> None:
 
 @eqx.filter_jit
 def _slowest(path: AbstractHodograph) -> Scalar:
-    """The least speed of the path in its own parameter, relative to the largest."""
+    """The lowest speed of the path in its own parameter, relative to the highest."""
     times = path.duration * jnp.linspace(0.0, 1.0, 257, dtype=path.duration.dtype)
     speeds = jax.vmap(lambda t: jnp.linalg.norm(path.velocity(t)))(times)
     return jnp.min(speeds) / jnp.max(speeds)

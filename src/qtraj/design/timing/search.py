@@ -18,7 +18,8 @@ from qtraj.foundation.types import Scalar
 GAPS = ((1.0, 1e-2), (1e-2, 1e-5), (1e-4, 1e-8))
 """Relative duality gaps at which searches begin and end. Before each but the first, the limits are tightened."""
 
-LAST = GAPS[-1][1]
+FINEST = 128
+"""Cells from which on the last gap grows with their squared number: rounding in the jerk keeps it from 1e-8."""
 
 OVER, CHECKED = 1.3, 9
 """Limits are tightened by this part of the excess between the nodes, as seen at so many places of each cell."""
@@ -48,16 +49,20 @@ class Found(NamedTuple):
     """The fastest timing of a path in its cells.
 
     `powers` (cells, 4): the squared path speed in powers of the place in each cell. `usage` (limits, cells): the
-    largest part of each limit that is used. `worst` (limits, 2): the cell and the place where it is most. `sensitivity`
-    is zero and has the derivatives of the least time.
+    largest part of each limit that is used, in the order of `NAMES`. `sensitivity` is zero and has the derivatives of
+    the least time. `steps` counts those of all searches, and `error` is the last one's.
     """
 
     powers: Float[Array, "cells 4"]
     usage: Float[Array, "8 cells"]
-    worst: Float[Array, "8 2"]
     sensitivity: Scalar
     steps: Array
     error: Scalar
+
+
+def last_gap(cells: int) -> float:
+    """The relative duality gap at which the last search ends."""
+    return GAPS[-1][1] * max(1.0, (cells / FINEST) ** 2)
 
 
 def tables(grid: Grid, rest: tuple[bool, bool]) -> Tables:
@@ -68,9 +73,9 @@ def tables(grid: Grid, rest: tuple[bool, bool]) -> Tables:
 @eqx.filter_jit
 def fastest(problem: Problem, t: Tables) -> Found:
     """The fastest timing; `sensitivity` has derivatives in the path and the limits."""
-    fixed = stop_gradient(problem)
-    imposed, between = _imposed(fixed, t)
-    program = _program(fixed, t, imposed)
+    imposed, places = _imposed(problem, t)
+    exact = _program(problem, t, imposed)
+    program, between = stop_gradient((exact, places))
 
     def attempt(carry: Any, gaps: Array) -> tuple[Any, Array]:
         coefficients, _, factors, taken, _ = carry
@@ -80,7 +85,7 @@ def fastest(problem: Problem, t: Tables) -> Found:
         state = solve(own, coefficients * part, (gaps[0], gaps[1]))
         usage = _between_nodes(between, t, state.coefficients)
         excess = _grouped(jnp.max(usage, axis=1))
-        more = jnp.where((excess > 1) & (gaps[1] > LAST), 1 + OVER * (excess - 1), 1.0)
+        more = jnp.where((excess > 1) & (gaps[1] > gaps[2]), 1 + OVER * (excess - 1), 1.0)
         carry = (state.coefficients, state.multipliers, factors * more, taken + state.steps, state.error)
         return carry, usage
 
@@ -93,14 +98,14 @@ def fastest(problem: Problem, t: Tables) -> Found:
         jnp.zeros((), jnp.int32),
         jnp.full((), jnp.inf, dtype),
     )
-    (coefficients, multipliers, factors, steps, error), usages = jax.lax.scan(attempt, start, jnp.asarray(GAPS, dtype))
+    last = last_gap(cells)
+    gaps = jnp.asarray([(a, max(b, last), last) for a, b in GAPS], dtype)
+    (coefficients, multipliers, factors, steps, error), usages = jax.lax.scan(attempt, start, gaps)
     powers = jnp.sum(jnp.asarray(t.powers, dtype) * local(coefficients)[None], axis=1).T
     usage = usages[-1]
-    place = jnp.argmax(usage.reshape(usage.shape[0], -1), axis=1)
-    worst = jnp.stack([place % cells, place // cells / (CHECKED - 1)], axis=1)
     factors = _at_nodes(factors)
     v = at_nodes(program.nodes, coefficients)
-    return Found(powers, jnp.max(usage, axis=1), worst, _sensitivity(problem, t, v, multipliers, factors), steps, error)
+    return Found(stop_gradient(powers), jnp.max(usage, axis=1), _sensitivity(exact, v, multipliers, factors), steps, error)
 
 
 def _program(problem: Problem, t: Tables, imposed: Parts) -> Program:
@@ -130,7 +135,7 @@ def _imposed(problem: Problem, t: Tables) -> tuple[Parts, Parts]:
 
 def _between_nodes(between: Parts, t: Tables, coefficients: Array) -> Float[Array, "8 places cells"]:
     """The used part of each limit at places within the cells."""
-    v = jnp.sum(jnp.asarray(t.within, coefficients.dtype) * local(coefficients), axis=2)
+    v = jnp.sum(jnp.asarray(t.within, coefficients.dtype) * local(coefficients)[None, None], axis=2)
     return used(between, jnp.moveaxis(v, 1, 0).reshape(3, -1)).reshape(-1, CHECKED, t.grid.cells)
 
 
@@ -163,9 +168,8 @@ def _largest_part(c: Constraints, v: Array) -> Scalar:
     )
 
 
-def _sensitivity(problem: Problem, t: Tables, v: Array, multipliers: Array, factors: Array) -> Scalar:
+def _sensitivity(program: Program, v: Array, multipliers: Array, factors: Array) -> Scalar:
     """Zero, with the derivatives of the least time: those of the Lagrangian at the optimum (envelope theorem)."""
-    program = _program(problem, t, _imposed(problem, t)[0])
     fixed = stop_gradient((v, multipliers, factors))
     limits = values(tightened(program.constraints, fixed[2]), fixed[0])
     lagrangian = duration(program, fixed[0]) + jnp.sum(fixed[1] * limits)

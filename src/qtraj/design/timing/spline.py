@@ -120,7 +120,7 @@ def at_nodes(n: Nodes, coefficients: Float[Array, " cells+3"]) -> Float[Array, "
     near = local(coefficients)
     cells = near.shape[-1]
     knots = jnp.stack([coefficients[k : k + cells + 1] for k in range(DEGREE)])
-    return jnp.concatenate([jnp.sum(n.knot * knots, axis=1), jnp.sum(n.inner * near, axis=1)], axis=-1)
+    return jnp.concatenate([jnp.sum(n.knot * knots[None], axis=1), jnp.sum(n.inner * near[None], axis=1)], axis=-1)
 
 
 def gathered(n: Nodes, parts: Float[Array, "3 nodes"]) -> Float[Array, " cells+3"]:

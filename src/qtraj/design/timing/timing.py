@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import as_float, one_instant
 from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 
@@ -24,41 +25,41 @@ NEWTON_STEPS = 8
 
 @storable
 class Timing(eqx.Module):
-    """Time along a path: u̇² = a(u) > 0 in cells of equal length of the parameter u in [0, `length`].
+    """Time along a path: u̇² = a(u) > 0, a cubic polynomial in each cell between `knots` of the path's parameter u.
 
-    `coefficients` (n, 4): ascending powers of the place in [0, 1] within each cell. `rest` says whether the vehicle is
-    at rest at the start and at the end, where a then vanishes. `time` and `parameter` are inverse to each other to
-    about 1e-12 of the duration.
+    `knots` (n + 1,) increase from 0; `coefficients` (n, 4) are ascending powers of the place in [0, 1] within each
+    cell. `rest` says whether a vanishes at the start and at the end, where the vehicle is at rest. `times` (n + 1,) [s]
+    are those of the knots. `time` and `parameter` are inverse to each other to about 1e-12 of the duration.
     """
 
     coefficients: Float[Array, "cells 4"]
-    length: Scalar
+    knots: Float[Array, " cells+1"]
     rest: tuple[bool, bool] = eqx.field(static=True)
-    times: Float[Array, "cells+1"]
+    times: Float[Array, " cells+1"]
 
     def __init__(
         self,
         coefficients: ArrayInput,
-        length: ArrayInput,
+        knots: ArrayInput,
         rest: Sequence[bool] = (False, False),
         times: ArrayInput | None = None,
     ):
-        self.coefficients, self.length = as_float(coefficients), as_float(length)
+        self.coefficients, self.knots = as_float(coefficients), as_float(knots)
         self.rest = (bool(rest[0]), bool(rest[1]))
-        if times is None:
-            passed = jax.vmap(lambda k: self._elapsed(k, jnp.ones((), self.length.dtype)))(jnp.arange(self._cells))
-            self.times = jnp.concatenate([jnp.zeros_like(passed[:1]), jnp.cumsum(passed)])
-        else:
-            self.times = as_float(times)
+        if self.coefficients.shape[-1:] != (4,) or self.knots.shape[-1] != self.coefficients.shape[-2] + 1:
+            raise ValueError(
+                "a timing has coefficients (cells, 4) and one knot more than cells, but arrays of the shapes "
+                f"{self.coefficients.shape} and {self.knots.shape} were given"
+            )
+        self.times = _times(self) if times is None else as_float(times)
+
+    def __repr__(self) -> str:
+        return shown(self, knots="s", coefficients="", times="s")
 
     @property
-    def duration(self) -> Scalar:
+    def duration(self) -> Float[Array, "*batch"]:
         """The time for the whole path [s]."""
-        return self.times[-1]
-
-    @property
-    def _cells(self) -> int:
-        return self.coefficients.shape[0]
+        return self.times[..., -1]
 
     def squared_speed(self, u: ScalarLike) -> Scalar:
         """a(u) = u̇² at one parameter."""
@@ -70,12 +71,14 @@ class Timing(eqx.Module):
         cell, place = self._locate(one_instant(u))
         c = self.coefficients[cell]
         shifted = [sum(math.comb(j, k) * c[j] * place ** (j - k) for j in range(k, 4)) for k in range(4)]
-        return jnp.stack(shifted) * (self._cells / self.length) ** jnp.arange(4, dtype=c.dtype)
+        return jnp.stack(shifted) / (self.knots[cell + 1] - self.knots[cell]) ** jnp.arange(4, dtype=c.dtype)
 
     def time(self, u: ScalarLike) -> Scalar:
-        """The time [s] at which the parameter is u."""
+        """The time [s] at which the parameter is u; outside the knots that of the nearer end."""
         cell, place = self._locate(one_instant(u))
-        return self.times[cell] + self._elapsed(cell, self._unstretched(cell, place))
+        starts, ends = self._kinds(cell)
+        z = _unstretched(place, starts, ends)
+        return self.times[cell] + _elapsed(self._form(cell), self._length(cell), starts, ends, z)
 
     def parameter(self, t: ScalarLike) -> Scalar:
         """The parameter at a time [s]; outside [0, duration] that of the nearer end."""
@@ -86,55 +89,82 @@ class Timing(eqx.Module):
     def _inverted(self, t: Scalar) -> Scalar:
         cell = jnp.clip(jnp.searchsorted(self.times, t, side="right") - 1, 0, self._cells - 1)
         since, span = t - self.times[cell], self.times[cell + 1] - self.times[cell]
+        form, length, (starts, ends) = self._form(cell), self._length(cell), self._kinds(cell)
 
         def newton(_: Any, z: Scalar) -> Scalar:
-            return jnp.clip(z - (self._elapsed(cell, z) - since) / self._pace(cell, z), 0.0, 1.0)
+            late = _elapsed(form, length, starts, ends, z) - since
+            return jnp.clip(z - late / _pace(form, length, starts, ends, z), 0.0, 1.0)
 
         z = jax.lax.fori_loop(0, NEWTON_STEPS, newton, since / span)
-        return (cell + self._stretched(cell, z)) * self.length / self._cells
+        return self.knots[cell] + length * _stretched(z, starts, ends)
 
-    def _locate(self, u: Scalar) -> tuple[Array, Scalar]:
-        x = u.astype(self.length.dtype) * self._cells / self.length
-        cell = jnp.clip(jnp.floor(x), 0, self._cells - 1)
-        return cell.astype(int), jnp.clip(x - cell, 0.0, 1.0)
+    @property
+    def _cells(self) -> int:
+        return self.coefficients.shape[-2]
 
-    def _elapsed(self, cell: Array, z: Scalar) -> Scalar:
-        """The time from the beginning of a cell to its place f(z)."""
-        at = (jnp.asarray(QUADRATURE[0], z.dtype) + 1) / 2 * z
-        return z * jnp.sum(jnp.asarray(QUADRATURE[1] / 2, z.dtype) * self._pace(cell, at))
+    def _form(self, cell: Array) -> Array:
+        return self.coefficients[cell]
 
-    # In a cell that begins or ends at rest time goes with the square root of the way: there the place is z² from the
-    # start, or 1 − (1 − z)² to the end, and time is a smooth function of z.
+    def _length(self, cell: Array) -> Array:
+        return self.knots[cell + 1] - self.knots[cell]
 
     def _kinds(self, cell: Array) -> tuple[Array, Array]:
         return (cell == 0) & self.rest[0], (cell == self._cells - 1) & self.rest[1]
 
-    def _stretched(self, cell: Array, z: Array) -> Array:
-        starts, ends = self._kinds(cell)
-        return jnp.where(starts, z**2, jnp.where(ends, z * (2 - z), z))
+    def _locate(self, u: Scalar) -> tuple[Array, Scalar]:
+        u = u.astype(self.knots.dtype)
+        cell = jnp.clip(jnp.searchsorted(self.knots, u, side="right") - 1, 0, self._cells - 1)
+        return cell, jnp.clip((u - self.knots[cell]) / (self.knots[cell + 1] - self.knots[cell]), 0.0, 1.0)
 
-    def _unstretched(self, cell: Array, place: Scalar) -> Scalar:
-        starts, ends = self._kinds(cell)
-        return jnp.where(starts, jnp.sqrt(_positive(place)), jnp.where(ends, 1 - jnp.sqrt(_positive(1 - place)), place))
 
-    def _pace(self, cell: Array, z: Array) -> Array:
-        """dt/dz [s]."""
-        starts, ends = self._kinds(cell)
-        c = self.coefficients[cell]
-        place = self._stretched(cell, z)
-        left = 1 - place
-        plain = _horner(c, place)
-        from_start = c[1] + place * (c[2] + place * c[3])
-        to_end = -(c[1] + 2 * c[2] + 3 * c[3]) + left * (c[2] + 3 * c[3] - left * c[3])
-        factor = jnp.where(starts | ends, 2.0, 1.0)
-        return (
-            self.length / self._cells * factor * jnp.where(starts, from_start, jnp.where(ends, to_end, plain)) ** -0.5
-        )
+# In a cell that begins or ends at rest time goes with the square root of the way: there the place is z² from the start,
+# or 1 − (1 − z)² to the end, and time is a smooth function of z.
+
+
+@eqx.filter_jit
+def _times(timing: Timing) -> Float[Array, "*batch cells+1"]:
+    """The times of the knots [s]."""
+    c = jnp.moveaxis(timing.coefficients, -1, 0)
+    length = timing.knots[..., 1:] - timing.knots[..., :-1]
+    k = jnp.arange(c.shape[-1])
+    starts, ends = (k == 0) & timing.rest[0], (k == k.size - 1) & timing.rest[1]
+    passed = jnp.cumsum(_elapsed(c, length, starts, ends, jnp.ones_like(length)), axis=-1)
+    return jnp.concatenate([jnp.zeros_like(passed[..., :1]), passed], axis=-1)
+
+
+def _elapsed(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array:
+    """The time from the beginning of a cell to its place f(z)."""
+    at = (jnp.asarray(QUADRATURE[0], z.dtype) + 1) / 2
+    weights = jnp.asarray(QUADRATURE[1] / 2, z.dtype)
+    c, length, starts, ends = (jnp.asarray(x)[..., None] for x in (c, length, starts, ends))
+    at, weights = (x.reshape(*[1] * z.ndim, -1) for x in (at, weights))
+    return z * jnp.sum(weights * _pace(c, length, starts, ends, at * z[..., None]), axis=-1)
+
+
+def _stretched(z: Array, starts: Array, ends: Array) -> Array:
+    return jnp.where(starts, z**2, jnp.where(ends, z * (2 - z), z))
+
+
+def _unstretched(place: Scalar, starts: Array, ends: Array) -> Scalar:
+    return jnp.where(starts, jnp.sqrt(_positive(place)), jnp.where(ends, 1 - jnp.sqrt(_positive(1 - place)), place))
+
+
+def _pace(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array:
+    """dt/dz [s] in a cell with the coefficients `c` (4, …)."""
+    place = _stretched(z, starts, ends)
+    left = 1 - place
+    from_start = c[1] + place * (c[2] + place * c[3])
+    to_end = -(c[1] + 2 * c[2] + 3 * c[3]) + left * (c[2] + 3 * c[3] - left * c[3])
+    rest = jnp.where(starts | ends, 2.0, 1.0)
+    return length * rest * jnp.where(starts, from_start, jnp.where(ends, to_end, _horner(c, place))) ** -0.5
 
 
 @storable
 class RetimedPath(AbstractHodograph):
-    """A path r(u) driven by a timing: r(u(t)), t in seconds."""
+    """A path r(u) driven by a timing: r(u(t)), t in seconds from its start.
+
+    It has no polynomials of its own: `retime` proves limits on its timing and on the path together.
+    """
 
     path: AbstractHodograph
     timing: Timing
@@ -142,17 +172,24 @@ class RetimedPath(AbstractHodograph):
     def __init__(self, path: AbstractHodograph, timing: Timing):
         self.path, self.timing = path, timing
 
+    def __repr__(self) -> str:
+        return shown(self)
+
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The time for the whole path [s]."""
         return self.timing.duration
 
+    def nodes(self) -> Float[Array, " nodes"]:
+        """The times of the timing's knots [s], between which the path is smooth."""
+        return self.timing.times
+
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
         """r and its time derivatives up to `order` at one instant, world axes, row k in [m s^-k]."""
         u = self.timing.parameter(t)
         change = _increments(self.timing.taylor(u), order)
-        shape = self.path.derivatives(u, order) / jnp.asarray([math.factorial(k) for k in range(order + 1)])[:, None]
-        return _composed(shape, change) * jnp.asarray([math.factorial(k) for k in range(order + 1)])[:, None]
+        factorials = jnp.asarray([float(math.factorial(k)) for k in range(order + 1)], u.dtype)[:, None]
+        return _composed(self.path.derivatives(u, order) / factorials, change) * factorials
 
 
 def _increments(a: Float[Array, " 4"], order: int) -> list[Scalar]:
@@ -171,7 +208,7 @@ def _composed(shape: Float[Array, "orders 3"], change: list[Scalar]) -> Float[Ar
     orders = shape.shape[0]
     result = jnp.zeros_like(shape).at[0].set(shape[-1])
     for row in shape[-2::-1]:
-        product = [sum((change[i] * result[k - i] for i in range(1, k + 1)), jnp.zeros(3)) for k in range(orders)]
+        product = [sum((change[i] * result[k - i] for i in range(1, k + 1)), jnp.zeros_like(row)) for k in range(orders)]
         result = jnp.stack(product).at[0].add(row)
     return result
 
@@ -181,5 +218,5 @@ def _horner(c: Array, x: Array) -> Array:
 
 
 def _positive(x: Array) -> Array:
-    """`x`, or a number whose square root is nothing where it vanishes, for finite derivatives."""
+    """`x`, or a tiny number where it vanishes, for finite derivatives of its root."""
     return jnp.where(x > 0, x, 1e-300)
