@@ -46,9 +46,9 @@ def largest(path, name, samples=20_001):
 
 def test_a_straight_line_is_driven_with_a_trapezoid_of_speed():
     timed = retimed(STRAIGHT, (0.0, 0.0), speed=9.0, longitudinal_acceleration=2.0)
-    assert np.isclose(timed.duration, 9 / 2 + LENGTH / 9, rtol=1e-5)
+    assert np.isclose(timed.duration, 9 / 2 + LENGTH / 9, rtol=1e-4)
     assert timed.certificate.holds
-    short = retimed(STRAIGHT, (0.0, 0.0), longitudinal_acceleration=2.0)
+    short = retimed(STRAIGHT, (0.0, 0.0), speed=90.0, longitudinal_acceleration=2.0)
     assert np.isclose(short.duration, 2 * (LENGTH / 2) ** 0.5, rtol=1e-4)
     (first, last) = timed.intervals("speed", part=0.999)[0]
     assert first == pytest.approx(4.5, abs=0.3)
@@ -78,7 +78,7 @@ def test_a_circle_from_rest_with_a_total_acceleration():
 
 @pytest.mark.parametrize(("limits", "speed"), [({"lateral_acceleration": 2.0}, 7.0), ({"yaw_rate": 0.3}, 9.0)])
 def test_a_helix_is_driven_with_a_constant_speed(limits, speed):
-    curvature = 0.8 / (20 * 0.2**2 * 20 + 9 / (20 * 0.04 * 20) * 0.8) if False else 20 * 0.04 / (16 + 9)
+    curvature = 20 * 0.04 / (16 + 9)
     bound = {
         "lateral_acceleration": lambda a: (a / curvature) ** 0.5,
         "yaw_rate": lambda w: w / (0.2 / 5.0 * 4.0 / 5.0),
@@ -108,14 +108,13 @@ def test_a_timing_that_breaks_a_limit_between_nodes_is_not_proved(comfortable):
     """The proof does not depend on the search: a slightly faster timing is broken."""
     from qtraj.design.timing.grid import uniform
     from qtraj.design.timing.proof import prove
-    from qtraj.design.timing.retime import _polynomials
+    from qtraj.design.timing.retime import source
 
     timing = comfortable.timing
     bounds = {name: jnp.asarray(COMFORT.get(name, np.inf)) for name in (*COMFORT, "yaw_acceleration", "angular_rate")}
-    polynomials, durations = _polynomials(CORNER)
     for factor, broken in ((1.0, False), (1.002, True)):
         own = timing.coefficients * factor, jnp.asarray(timing.rest)
-        found = prove(polynomials, durations, uniform(KNOTS), own, bounds).whole()
+        found = prove(source(CORNER), uniform(KNOTS), own, bounds).whole()
         assert bool(jnp.any(found == 2)) == broken
 
 
@@ -245,7 +244,7 @@ def test_stops_keep_their_lengths():
     assert timing.time(8.0) - timing.time(3.0) == pytest.approx(5.0, rel=1e-12)
     middle = float(timing.time(5.0))
     assert jnp.linalg.norm(timed.path.velocity(middle)) == 0
-    assert timed.certificate.met or timed.certificate.holds
+    assert timed.certificate.holds
     assert largest(timed.path, "jerk") <= 3.0 * (1 + 1e-9)
     assert timed.duration < 11.0 + 5.0
 

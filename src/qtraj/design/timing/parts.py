@@ -7,6 +7,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Float
 
+from qtraj.design.timing.directions import STANDS
 from qtraj.design.timing.grid import Grid, of_segments, uniform
 from qtraj.foundation.arrays import concrete
 from qtraj.path import pieces
@@ -14,9 +15,6 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
 from qtraj.path.stops import Segments
 
-
-STANDS = 1e-9
-"""A speed below this part of the largest one of its segment is zero."""
 
 CONTINUOUS = 1e-6
 """Relative jump of the velocity, and of the acceleration, at a joint that counts as none."""
@@ -41,7 +39,7 @@ def of_path(path: AbstractHodograph, knots: int, jerk: bool) -> tuple[list[Part]
     if not isinstance(path, Route):
         return [Part(np.zeros(()), path.duration, uniform(knots))], (False, False)
     segments = known_segments(path)
-    slow = _standing_ends(segments)
+    slow = standing_ends(segments)
     still = ~segments.coefficients[:, 1:].any(axis=(1, 2))
     _require_no_stop_within(segments, still)
     starts = np.append(segments.starts, segments.starts[-1] + segments.durations[-1])
@@ -71,7 +69,7 @@ def known_segments(route: Route) -> Segments:
     return Segments(starts, c, np.diff(np.append(starts, float(np.asarray(route.duration)))))
 
 
-def _standing_ends(s: Segments) -> np.ndarray:
+def standing_ends(s: Segments) -> np.ndarray:
     """Whether each segment stands at its start and at its end, (n, 2)."""
     speeds = _speeds(s)
     return speeds[:, [0, -1]] <= STANDS * speeds.max(axis=1, keepdims=True)

@@ -4,10 +4,10 @@ In a cell the path and the squared path speed a are polynomials, and each limit 
 them (see `constraints`). The path is taken in its moving basis, or a route in world axes, and restricted to the cell by
 an exact change of variable: every cell is a dyadic part of a segment. What depends on the direction of the path alone
 is judged with the direction q in place of r', which does not vanish where a segment starts or ends at a stop (see
-`proof.route_segments`).
+`directions`).
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -28,13 +28,33 @@ from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.quantity import QUANTITIES
 
 
+ROUNDED = 2
+"""Roundings of each coefficient of the directions."""
+
+HIGHEST = 6
+"""The highest power of a stop: a septic has six derivatives that may vanish."""
+
+
 class _Cells(eqx.Module):
-    """Models in cells: three derivatives of the path, and a with its derivatives, in half durations."""
+    """Models in cells, in half durations: three derivatives of the path, a with its derivatives; and the direction.
+
+    `ahead`: q with two derivatives and w, in r' = w·q; r' itself with its derivatives, and None for 1, without stops.
+    """
 
     path: list[ChebyshevModel]
+    ahead: list[ChebyshevModel]
+    factor: ChebyshevModel | None
     a: ChebyshevModel
     slope: ChebyshevModel
     bend: ChebyshevModel
+
+
+class Source(NamedTuple):
+    """The polynomials of segments, which are the last axis, their durations [s], and their directions (see there)."""
+
+    polynomials: MovingPolynomials
+    durations: Float[Array, " segments"]
+    ahead: tuple[MovingPolynomials, Int[np.ndarray, "segments 2"]] | None
 
 
 class Proofs(eqx.Module):
@@ -50,21 +70,21 @@ class Proofs(eqx.Module):
 
 @eqx.filter_jit
 def prove(
-    path: MovingPolynomials,
-    durations: Float[Array, " segments"],
+    path: Source,
     grid: Grid,
     timing: tuple[Float[Array, "cells 4"], Bool[Array, " 2"]],
     bounds: dict[str, Scalar],
 ) -> Proofs:
     """The status of each limit on each cell; proved only where a > 0 is proved too.
 
-    `path`: the polynomials of segments of the given `durations` [s], which is the last axis. `timing`: the coefficients
-    of a in each cell, and whether it vanishes at the start and at the end. Absent limits are infinite.
+    `timing`: the coefficients of a in each cell, and whether it vanishes at the start and at the end. Absent limits are
+    infinite.
     """
     coefficients, at_rest = timing
-    segments = path_derivatives(path, durations)
+    segments = path_derivatives(path.polynomials, path.durations)
     segment, middle, size = (jnp.asarray(x) for x in (grid.segment, grid.middle, grid.half))
-    own = [jax.tree.map(lambda x: x[..., segment], p) for p in segments.derivatives[:3]]
+    own = _of_cells(segments.derivatives[:3], segment)
+    directions = None if path.ahead is None else _directions(path.ahead, path.durations, segments.length, segment)
     a, rest = _timing(coefficients, at_rest)
     finer = [_scaled(p, (1 / size) ** k) for k, p in enumerate(a)]
     of_cells = PathDerivatives([], segments.length[segment], segments.unit[segment])
@@ -73,8 +93,11 @@ def prove(
     widest = jnp.full(segment.shape, 2.0, coefficients.dtype)
 
     def cells(centre: Array, half: Array) -> _Cells:
-        r = [p.on(middle[None] + centre * size[None], half * size[None]) for p in own]
-        return _Cells(r, *(p.on(centre, half)[0] for p in finer))
+        at = middle[None] + centre * size[None], half * size[None]
+        r = [p.on(*at) for p in own]
+        q = r if directions is None else [p.on(*at) for p in directions[0]]
+        factor = None if directions is None else directions[1].on(*at)[0]
+        return _Cells(r, q, factor, *(p.on(centre, half)[0] for p in finer))
 
     def judged(k: Array) -> Array:
         """The status of one limit on each cell; the last is that a is positive."""
@@ -88,6 +111,28 @@ def prove(
     none = jnp.full(segment.shape, PROVED, jnp.int32)
     codes = jax.lax.map(lambda k: jax.lax.cond(wanted[k], judged, lambda k: none, k), jnp.arange(len(NAMES) + 1))
     return Proofs(jnp.where((codes[-1:] == PROVED) | (codes[:-1] == BROKEN), codes[:-1], UNDECIDED))
+
+
+def _of_cells(polynomials: list[CellPolynomial], segment: Int[Array, " cells"]) -> list[CellPolynomial]:
+    return [jax.tree.map(lambda x: x[..., segment], p) for p in polynomials]
+
+
+def _directions(
+    ahead: tuple[MovingPolynomials, Any], durations: Array, length: Array, segment: Int[Array, " cells"]
+) -> tuple[list[CellPolynomial], CellPolynomial]:
+    """q with two derivatives in each cell, and w with r' = w·q in the units of r' and q."""
+    polynomials, powers = ahead
+    found = path_derivatives(polynomials, durations, ROUNDED)
+    table = np.zeros((HIGHEST + 1, HIGHEST + 1, 2 * HIGHEST + 1))  # (1 + s)^m (1 − s)^n
+    for m in range(HIGHEST + 1):
+        for n in range(HIGHEST + 1):
+            rising, falling = (np.polynomial.polynomial.polypow([1.0, x], k) for x, k in ((1.0, m), (-1.0, n)))
+            product = np.polynomial.polynomial.polymul(rising, falling)
+            table[m, n, : product.size] = product
+    m, n = (jnp.asarray(powers)[:, k] for k in range(2))
+    factor = jnp.asarray(table)[m, n].T * (found.length / length)[None]  # lengths are powers of two
+    w = cell_polynomial(factor[None, :, None], jnp.zeros_like(length)[None])
+    return _of_cells(found.derivatives[:3], segment), _of_cells([w], segment)[0]
 
 
 def _scaled(p: CellPolynomial, factor: Float[Array, " cells"]) -> CellPolynomial:
@@ -131,21 +176,23 @@ def _unit(name: str, whole: PathDerivatives) -> Array:
 
 def _slack(name: str, bound: Any, c: _Cells) -> ChebyshevModel:
     """limit² · denominator − numerator."""
-    i, a = Invariants([None, *c.path]), c.a
+    real, i, a = Invariants([None, *c.path]), Invariants([None, *c.ahead]), c.a
+    if name == "lateral_acceleration":
+        across = i.r[1].cross(real.r[2])
+        return multiple(i.S, *bound) - (across @ across) * (a * a)
     if name in UPPER:
-        entry = QUANTITIES[name]
-        numerator = entry.numerator(i) * a
-        numerator = numerator * a if entry.per_time == 2 else numerator
-        denominator = a.one() if entry.denominator is None else entry.denominator(i)
-        return multiple(denominator, *bound) - numerator
+        entry, own = QUANTITIES[name], real if name == "speed" else i
+        denominator = a.one() if entry.denominator is None else entry.denominator(own)
+        return multiple(denominator, *bound) - entry.numerator(own) * a
     if name == "longitudinal_acceleration":
-        along = 2 * (i.B * a) + i.S * c.slope
+        slope = i.S * c.slope
+        along = 2 * ((i.r[1] @ real.r[2]) * a) + (slope if c.factor is None else c.factor * slope)
         return multiple(4 * i.S, *bound) - along * along
     if name == "acceleration":
-        double = 2 * (i.r[2] * a[None]) + i.r[1] * c.slope[None]
+        double = 2 * (real.r[2] * a[None]) + real.r[1] * c.slope[None]
         return multiple(4 * a.one(), *bound) - double @ double
     if name == "jerk":
-        double = 2 * (i.r[3] * a[None]) + 3 * (i.r[2] * c.slope[None]) + i.r[1] * c.bend[None]
+        double = 2 * (real.r[3] * a[None]) + 3 * (real.r[2] * c.slope[None]) + real.r[1] * c.bend[None]
         return multiple(4 * a.one(), *bound) - a * (double @ double)
     SH = i.S * i.H
     growth = i.P1 * SH - i.P * (i.B * i.H + i.S * i.G)

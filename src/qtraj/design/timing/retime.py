@@ -14,10 +14,11 @@ from jaxtyping import Array, Float, Int
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, Certificate, require_float64
 from qtraj.design.timing.constraints import NAMES
+from qtraj.design.timing.directions import directions
 from qtraj.design.timing.grid import Shape
 from qtraj.design.timing.outcome import Retimed
-from qtraj.design.timing.parts import Part, known_segments, known_zero, of_path
-from qtraj.design.timing.proof import prove
+from qtraj.design.timing.parts import Part, known_segments, known_zero, of_path, standing_ends
+from qtraj.design.timing.proof import Source, prove
 from qtraj.design.timing.search import Found, Problem, fastest, last_gap, tables
 from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.foundation.arrays import concrete, real_scalar
@@ -30,7 +31,7 @@ from qtraj.path.route import Route
 
 KNOTS = 256
 
-MARGIN = 1e-6
+MARGIN = 1e-5
 """Part of the limits that is not used, for what may happen between the nodes at which they are imposed."""
 
 REACHED = 1e-5
@@ -153,24 +154,31 @@ def _timed(
     found = fastest(Problem(Shape(path, start, per_cell), inner, ends), tables(grid, rest))
     knots = stop_gradient(start + jnp.asarray(grid.knots, dtype) * per_cell)
     codes = jnp.full((len(NAMES), grid.cells), SAMPLED, jnp.int32)
-    source = _polynomials(path)
-    if source is not None:
+    polynomials = source(path)
+    if polynomials is not None:
         timing = found.powers, jnp.asarray(rest)
-        codes = prove(*stop_gradient(source), grid, timing, stop_gradient(bounds)).codes
+        codes = prove(stop_gradient(polynomials), grid, timing, stop_gradient(bounds)).codes
     return _Timed(found.powers, found.usage, codes, knots, found)
 
 
-def _polynomials(path: AbstractHodograph) -> tuple[MovingPolynomials, Array] | None:
-    """The polynomials of the segments of a path, along the last axis, and their durations."""
+def source(path: AbstractHodograph) -> Source | None:
+    """The polynomials of the segments of a path, with their directions where it stops; None if it has none."""
     if isinstance(path, Route):
         segments = known_segments(path)
-        x, y, z = (segments.coefficients[..., k].T for k in range(3))
-        return MovingPolynomials(*(jnp.asarray(c) for c in (x, y, z, 0 * x[:1]))), jnp.asarray(segments.durations)
+        found = directions(segments, standing_ends(segments))
+        ahead = None if found is None else (_in_world(found.coefficients), found.powers)
+        return Source(_in_world(segments.coefficients), jnp.asarray(segments.durations), ahead)
     own = path.polynomials()
     if own is None:
         return None
     coefficients = jax.tree.map(lambda x: x[..., None], (own.x, own.y, own.z, own.angle))
-    return MovingPolynomials(*coefficients), path.duration[None]
+    return Source(MovingPolynomials(*coefficients), path.duration[None], None)
+
+
+def _in_world(c: Float[np.ndarray, "segments terms 3"]) -> MovingPolynomials:
+    x, y, z = (c[..., k].T.copy() for k in range(3))
+    x[0], y[0] = 0.0, 0.0  # where a segment starts does not matter, and must not coarsen its unit of length
+    return MovingPolynomials(*(jnp.asarray(p) for p in (x, y, z, 0 * x[:1])))
 
 
 @eqx.filter_jit

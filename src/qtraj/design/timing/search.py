@@ -1,27 +1,30 @@
 """The fastest timing of a path in given cells: interior-point searches, with limits tightened between the nodes."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.lax import stop_gradient
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
-from qtraj.design.timing.constraints import COUNT, UPPER, Constraints, Parts, parts, tightened, used, values
+from qtraj.design.timing.constraints import COUNT, NAMES, UPPER, Constraints, Parts, parts, tightened, used, values
 from qtraj.design.timing.grid import Grid, Shape, derivatives
 from qtraj.design.timing.interior_point import Program, State, duration, solve
 from qtraj.design.timing.spline import DEGREE, Nodes, at_nodes, local, nodes, power_form, within
 from qtraj.foundation.types import Scalar
 
 GAPS = ((1.0, 1e-2), (1e-2, 1e-5), (1e-4, 1e-8))
-"""Relative duality gaps at which searches begin and end. Before each but the first, the limits are tightened."""
+"""Relative duality gaps at which searches begin and end; later ones are as the last. Limits are tightened between them."""
 
 FINEST = 128
 """Cells from which on the last gap grows with their squared number: rounding in the jerk keeps it from 1e-8."""
 
-OVER, CHECKED = 1.3, 9
+ROUNDS, ALLOWED = 8, 2e-6
+"""Searches at most, until no limit is exceeded by more than this part of it between the nodes."""
+
+OVER, CHECKED = 1.3, 17
 """Limits are tightened by this part of the excess between the nodes, as seen at so many places of each cell."""
 
 INSIDE, CLOSE = 0.9, 0.98
@@ -77,35 +80,55 @@ def fastest(problem: Problem, t: Tables) -> Found:
     exact = _program(problem, t, imposed)
     program, between = stop_gradient((exact, places))
 
-    def attempt(carry: Any, gaps: Array) -> tuple[Any, Array]:
-        coefficients, _, factors, taken, _ = carry
-        own = program._replace(constraints=tightened(program.constraints, _at_nodes(factors)))
-        part = _largest_part(own.constraints, at_nodes(own.nodes, coefficients))
-        part = jnp.where(gaps[0] >= 1, INSIDE * part, jnp.minimum(CLOSE * part, 1.0))
-        state = solve(own, coefficients * part, (gaps[0], gaps[1]))
-        usage = _between_nodes(between, t, state.coefficients)
-        excess = _grouped(jnp.max(usage, axis=1))
-        more = jnp.where((excess > 1) & (gaps[1] > gaps[2]), 1 + OVER * (excess - 1), 1.0)
-        carry = (state.coefficients, state.multipliers, factors * more, taken + state.steps, state.error)
-        return carry, usage
-
-    first = _initial(program)
-    cells, dtype = t.grid.cells, first.dtype
-    start = (
-        first,
-        jnp.zeros((COUNT, 2 * cells + 1), dtype),
-        jnp.ones((COUNT, cells), dtype),
-        jnp.zeros((), jnp.int32),
-        jnp.full((), jnp.inf, dtype),
-    )
+    cells, dtype = t.grid.cells, program.weights.dtype
     last = last_gap(cells)
-    gaps = jnp.asarray([(a, max(b, last), last) for a, b in GAPS], dtype)
-    (coefficients, multipliers, factors, steps, error), usages = jax.lax.scan(attempt, start, gaps)
+    gaps = jnp.asarray([(a, max(b, last)) for a, b in GAPS], dtype)
+
+    def attempt(r: _Round) -> _Round:
+        begin, end = gaps[jnp.minimum(r.count, len(GAPS) - 1)]
+        own = program._replace(constraints=tightened(program.constraints, _at_nodes(r.factors)))
+        part = _largest_part(own.constraints, at_nodes(own.nodes, r.coefficients))
+        part = jnp.where(r.count == 0, INSIDE * part, jnp.minimum(CLOSE * part, 1.0))
+        state = solve(own, r.coefficients * part, (begin, end))
+        usage = jnp.max(_between_nodes(between, t, state.coefficients), axis=1)
+        excess = _grouped(usage)
+        factors = r.factors * jnp.where(excess > 1, 1 + OVER * (excess - 1), 1.0)
+        return _Round(
+            state.coefficients, state.multipliers, r.factors, factors, usage, r.count + 1, r.steps + state.steps, state.error
+        )
+
+    def goes_on(r: _Round) -> Array:
+        unsatisfied = (jnp.max(r.usage) > 1 + ALLOWED) & jnp.isfinite(r.error)
+        return (r.count < len(GAPS)) | (unsatisfied & (r.count < ROUNDS))
+
+    none, ones = jnp.zeros((), jnp.int32), jnp.ones((COUNT, cells), dtype)
+    multipliers = jnp.zeros((COUNT, 2 * cells + 1), dtype)
+    usage = jnp.zeros((len(NAMES), cells), dtype)
+    infinite = jnp.full((), jnp.inf, dtype)
+    start = _Round(_initial(program), multipliers, ones, ones, usage, none, none, infinite)
+    r = jax.lax.while_loop(goes_on, attempt, start)
+    # What little excess is left goes by driving slower everywhere.
+    excess = jnp.max(_grouped(r.usage))
+    slower = jnp.where(excess > 1 + ALLOWED, 1 / excess, 1.0)
+    coefficients = r.coefficients * slower
     powers = jnp.sum(jnp.asarray(t.powers, dtype) * local(coefficients)[None], axis=1).T
-    usage = usages[-1]
-    factors = _at_nodes(factors)
-    v = at_nodes(program.nodes, coefficients)
-    return Found(stop_gradient(powers), jnp.max(usage, axis=1), _sensitivity(exact, v, multipliers, factors), steps, error)
+    usage = jnp.where(slower < 1, jnp.max(_between_nodes(between, t, coefficients), axis=1), r.usage)
+    v = at_nodes(program.nodes, r.coefficients)
+    sensitivity = _sensitivity(exact, v, r.multipliers, _at_nodes(r.used))
+    return Found(powers, usage, sensitivity, r.steps, r.error)
+
+
+class _Round(NamedTuple):
+    """The state after some searches: the last one's solution with the factors it used, those for the next, and usage."""
+
+    coefficients: Float[Array, " cells+3"]
+    multipliers: Float[Array, "5 nodes"]
+    used: Float[Array, "5 cells"]
+    factors: Float[Array, "5 cells"]
+    usage: Float[Array, "8 cells"]
+    count: Int[Array, ""]
+    steps: Int[Array, ""]
+    error: Scalar
 
 
 def _program(problem: Problem, t: Tables, imposed: Parts) -> Program:
