@@ -5,8 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.interpolate import PPoly
 
 import qtraj as qt
+from qtraj.design.timing.grid import uniform
+from qtraj.design.timing.proof import prove
+from qtraj.design.timing.retime import source
 from qtraj.path.values import value
 
 KNOTS = 128
@@ -25,7 +29,8 @@ COMFORT = {
 
 def helix(radius, angle, height, duration):
     """A spiral-helix with four coefficients of each kind, as `CORNER` has: all share their executables."""
-    return qt.SpiralHelix(*(np.pad(np.array(c, float), (0, 4 - len(c))) for c in (radius, angle, height)), duration)
+    rows = [np.pad(np.array(c, float), (0, 4 - len(c))) for c in (radius, angle, height)]
+    return qt.SpiralHelix(rows[0], rows[1], rows[2], duration)
 
 
 STRAIGHT = helix([10.0, 5.0], [0.3], [2.0, 1.0], 20.0)  # 102.0 m along one line
@@ -106,15 +111,12 @@ def test_dense_samples_agree_with_the_certificate(comfortable):
 
 def test_a_timing_that_breaks_a_limit_between_nodes_is_not_proved(comfortable):
     """The proof does not depend on the search: a slightly faster timing is broken."""
-    from qtraj.design.timing.grid import uniform
-    from qtraj.design.timing.proof import prove
-    from qtraj.design.timing.retime import source
-
-    timing = comfortable.timing
+    timing, polynomials = comfortable.timing, source(CORNER)
+    assert polynomials is not None
     bounds = {name: jnp.asarray(COMFORT.get(name, np.inf)) for name in (*COMFORT, "yaw_acceleration", "angular_rate")}
     for factor, broken in ((1.0, False), (1.002, True)):
         own = timing.coefficients * factor, jnp.asarray(timing.rest)
-        found = prove(source(CORNER), uniform(KNOTS), own, bounds).whole()
+        found = prove(polynomials, uniform(KNOTS), own, bounds).whole()
         assert bool(jnp.any(found == 2)) == broken
 
 
@@ -271,8 +273,6 @@ def test_a_path_that_stands_is_refused():
 
 def test_a_route_with_a_kink_is_refused():
     states = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0]])
-    from scipy.interpolate import PPoly
-
     kinked = qt.Route.from_piecewise(PPoly(np.stack([np.diff(states, axis=0), states[:-1]]), [0.0, 1, 2]))
     with pytest.raises(ValueError, match="the velocity of the route jumps at 1 s"):
         qt.retime(kinked, qt.Limits(speed=5.0), knots=KNOTS)

@@ -35,6 +35,9 @@ NAMES = (*UPPER, *FORMS, "jerk")
 COUNT = 2 + len(FORMS)
 """Constraints at each node: one upper bound, the forms, and the jerk."""
 
+STANDING = 1e-8
+"""A speed of the path in its own parameter below this part of its largest is zero to rounding."""
+
 LARGEST = 1e12
 """Bound on a where nothing else bounds it."""
 
@@ -65,11 +68,14 @@ class Parts(NamedTuple):
 def parts(r: Float[Array, "3 3 nodes"], unit: Scalar, bounds: dict[str, Scalar]) -> Parts:
     """From r', r'', r''' at the nodes; derivatives of a are per `unit` of the parameter; absent bounds are infinite."""
     r1, r2, r3 = (tuple(x) for x in r)
-    moving = dot(r1, r1) > 0
+    square = dot(r1, r1)
+    moving = square > STANDING**2 * jnp.max(square)
     # Where the path itself stands, its direction is that in which it starts to move.
     ahead = tuple(jnp.where(moving, p, q) for p, q in zip(r1, r2, strict=True))
     i = Invariants([None, r1, r2, r3])
-    inv_speed, inv_level, inv_ahead = (_inverse_root(x) for x in (i.S, i.H, dot(ahead, ahead)))
+    inv_speed, inv_level, inv_ahead = (
+        _inverse_root(x) for x in (jnp.where(moving, i.S, 0.0), jnp.where(moving, i.H, 0.0), dot(ahead, ahead))
+    )
     rate, growth = yaw(i, inv_speed, inv_level)
     half = 0.5 / unit
     along = dot(ahead, r2) * inv_ahead, half * jnp.sqrt(i.S)

@@ -67,9 +67,7 @@ def of_segments(starts: Float[np.ndarray, " n+1"], first: int, cells: int) -> Gr
     return Grid(knots, segment.astype(int) + first, middle, half)
 
 
-def derivatives(
-    shape: Shape, grid: Grid, cell: Int[Any, " m"], place: Float[Any, " m"]
-) -> Float[Array, "{ORDER} 3 m"]:
+def derivatives(shape: Shape, grid: Grid, cell: Int[Any, " m"], place: Float[Any, " m"]) -> Float[Array, "{ORDER} 3 m"]:
     """r', r'' and r''' at places in [0, 1] of cells, from within these; world axes."""
     path, dtype = shape.path, shape.per_cell.dtype
     if isinstance(path, Route):

@@ -1,5 +1,6 @@
 """The parts of a path that are timed one by one: all of it, or the drives of a route between its stops."""
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import jax
@@ -15,7 +16,6 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
 from qtraj.path.stops import Segments
 
-
 CONTINUOUS = 1e-6
 """Relative jump of the velocity, and of the acceleration, at a joint that counts as none."""
 
@@ -23,7 +23,7 @@ SAMPLES = 33
 
 
 class Part(NamedTuple):
-    """A part of a path in its own parameter: from `start` to `end` [s], in the cells of `grid`; None while it stands."""
+    """A part of a path in its own parameter, from `start` to `end` [s], with its cells; None for a stop."""
 
     start: Any
     end: Any
@@ -40,14 +40,14 @@ def of_path(path: AbstractHodograph, knots: int, jerk: bool) -> tuple[list[Part]
         return [Part(np.zeros(()), path.duration, uniform(knots))], (False, False)
     segments = known_segments(path)
     slow = standing_ends(segments)
-    still = ~segments.coefficients[:, 1:].any(axis=(1, 2))
+    still = np.asarray(~segments.coefficients[:, 1:].any(axis=(1, 2)))
     _require_no_stop_within(segments, still)
     starts = np.append(segments.starts, segments.starts[-1] + segments.durations[-1])
     cut = slow[1:, 0] | slow[:-1, 1]
     _require_smooth(segments, cut, jerk)
     bounds = [0, *(np.flatnonzero(cut) + 1).tolist(), still.size]
     parts = []
-    for first, last in zip(bounds[:-1], bounds[1:], strict=True):
+    for first, last in pairwise(bounds):
         cells = max(knots, 1 << (2 * (last - first) - 1).bit_length())
         grid = None if still[first] else of_segments(starts[first : last + 1], first, cells)
         parts.append(Part(starts[first], starts[last], grid))

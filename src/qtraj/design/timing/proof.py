@@ -27,7 +27,6 @@ from qtraj.path.frenet import Invariants
 from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.quantity import QUANTITIES
 
-
 ROUNDED = 2
 """Roundings of each coefficient of the directions."""
 
@@ -102,8 +101,8 @@ def prove(
     def judged(k: Array) -> Array:
         """The status of one limit on each cell; the last is that a is positive."""
         bound = tuple(x[jnp.minimum(k, len(NAMES) - 1)] for x in squares)
-        choices = [lambda c, at, name=name: _slack(name, bound, c) for name in NAMES]
-        choices.append(lambda c, at: rest.on(*at)[0])
+        slacks = [lambda c, at, name=name: _slack(name, bound, c) for name in NAMES]
+        choices = [*slacks, lambda c, at: rest.on(*at)[0]]
         code = prove_positive(lambda *at: jax.lax.switch(k, choices, cells(*at), at), widest).code
         return jnp.where(code == NEGATIVE, BROKEN, jnp.where(code == POSITIVE, PROVED, UNDECIDED)).astype(jnp.int32)
 
@@ -137,7 +136,9 @@ def _directions(
 
 def _scaled(p: CellPolynomial, factor: Float[Array, " cells"]) -> CellPolynomial:
     """The polynomials times powers of two, exactly."""
-    return CellPolynomial(p.coefficients * factor[None, None, None], p.shifts * factor[None, None, None, None], p.error * factor[None])
+    return CellPolynomial(
+        p.coefficients * factor[None, None, None], p.shifts * factor[None, None, None, None], p.error * factor[None]
+    )
 
 
 def _timing(

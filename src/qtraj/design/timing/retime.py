@@ -24,6 +24,7 @@ from qtraj.design.timing.timing import RetimedPath, Timing
 from qtraj.foundation.arrays import concrete, real_scalar
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Scalar
+from qtraj.path import pieces
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.quantity import QUANTITIES
@@ -84,7 +85,7 @@ def retime(
 
 
 class _Timed(NamedTuple):
-    """The timing of one part: powers of a, used parts of limits and statuses for each cell, knots; and what was found."""
+    """The timing of a part: powers of a, used parts of limits and statuses for each cell; knots; what was found."""
 
     powers: Float[Array, "cells 4"]
     usage: Float[Array, "limits cells"]
@@ -166,19 +167,24 @@ def source(path: AbstractHodograph) -> Source | None:
     if isinstance(path, Route):
         segments = known_segments(path)
         found = directions(segments, standing_ends(segments))
-        ahead = None if found is None else (_in_world(found.coefficients), found.powers)
-        return Source(_in_world(segments.coefficients), jnp.asarray(segments.durations), ahead)
+        count = segments.durations.size
+        more = pieces.padded_size(count) - count
+        durations = np.append(segments.durations, np.ones(more))
+        powers = None if found is None else np.pad(found.powers, [(0, more), (0, 0)])
+        ahead = None if found is None else (_in_world(found.coefficients), powers)
+        return Source(_in_world(segments.coefficients), jnp.asarray(durations), ahead)
     own = path.polynomials()
     if own is None:
         return None
-    coefficients = jax.tree.map(lambda x: x[..., None], (own.x, own.y, own.z, own.angle))
-    return Source(MovingPolynomials(*coefficients), path.duration[None], None)
+    x, y, z, angle = jax.tree.map(lambda x: x[..., None], (own.x, own.y, own.z, own.angle))
+    return Source(MovingPolynomials(x, y, z, angle), path.duration[None], None)
 
 
 def _in_world(c: Float[np.ndarray, "segments terms 3"]) -> MovingPolynomials:
-    x, y, z = (c[..., k].T.copy() for k in range(3))
+    _, padded = pieces.padded(np.zeros(len(c)), c)  # routes of similar length share an executable
+    x, y, z = (np.array(padded[..., k].T) for k in range(3))
     x[0], y[0] = 0.0, 0.0  # where a segment starts does not matter, and must not coarsen its unit of length
-    return MovingPolynomials(*(jnp.asarray(p) for p in (x, y, z, 0 * x[:1])))
+    return MovingPolynomials(jnp.asarray(x), jnp.asarray(y), jnp.asarray(z), jnp.zeros((1, x.shape[1])))
 
 
 @eqx.filter_jit

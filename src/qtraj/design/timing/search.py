@@ -1,6 +1,6 @@
 """The fastest timing of a path in given cells: interior-point searches, with limits tightened between the nodes."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,12 +11,13 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.design.timing.constraints import COUNT, NAMES, UPPER, Constraints, Parts, parts, tightened, used, values
 from qtraj.design.timing.grid import Grid, Shape, derivatives
-from qtraj.design.timing.interior_point import Program, State, duration, solve
+from qtraj.design.timing.interior_point import Program, duration, solve
 from qtraj.design.timing.spline import DEGREE, Nodes, at_nodes, local, nodes, power_form, within
 from qtraj.foundation.types import Scalar
 
 GAPS = ((1.0, 1e-2), (1e-2, 1e-5), (1e-4, 1e-8))
-"""Relative duality gaps at which searches begin and end; later ones are as the last. Limits are tightened between them."""
+"""Relative duality gaps at which searches begin and end; later ones are as the last. They follow on each other with
+tighter limits."""
 
 FINEST = 128
 """Cells from which on the last gap grows with their squared number: rounding in the jerk keeps it from 1e-8."""
@@ -73,93 +74,92 @@ def tables(grid: Grid, rest: tuple[bool, bool]) -> Tables:
     return Tables(grid, nodes(grid.knots, rest), within(grid.knots, CHECKED), power_form(grid.knots))
 
 
-@eqx.filter_jit
 def fastest(problem: Problem, t: Tables) -> Found:
     """The fastest timing; `sensitivity` has derivatives in the path and the limits."""
-    imposed, places = _imposed(problem, t)
-    exact = _program(problem, t, imposed)
-    program, between = stop_gradient((exact, places))
-
-    cells, dtype = t.grid.cells, program.weights.dtype
-    last = last_gap(cells)
-    gaps = jnp.asarray([(a, max(b, last)) for a, b in GAPS], dtype)
-
-    def attempt(r: _Round) -> _Round:
-        begin, end = gaps[jnp.minimum(r.count, len(GAPS) - 1)]
-        own = program._replace(constraints=tightened(program.constraints, _at_nodes(r.factors)))
-        part = _largest_part(own.constraints, at_nodes(own.nodes, r.coefficients))
-        part = jnp.where(r.count == 0, INSIDE * part, jnp.minimum(CLOSE * part, 1.0))
-        state = solve(own, r.coefficients * part, (begin, end))
-        usage = jnp.max(_between_nodes(between, t, state.coefficients), axis=1)
-        excess = _grouped(usage)
-        factors = r.factors * jnp.where(excess > 1, 1 + OVER * (excess - 1), 1.0)
-        return _Round(
-            state.coefficients, state.multipliers, r.factors, factors, usage, r.count + 1, r.steps + state.steps, state.error
-        )
-
-    def goes_on(r: _Round) -> Array:
-        unsatisfied = (jnp.max(r.usage) > 1 + ALLOWED) & jnp.isfinite(r.error)
-        return (r.count < len(GAPS)) | (unsatisfied & (r.count < ROUNDS))
-
-    none, ones = jnp.zeros((), jnp.int32), jnp.ones((COUNT, cells), dtype)
-    multipliers = jnp.zeros((COUNT, 2 * cells + 1), dtype)
-    usage = jnp.zeros((len(NAMES), cells), dtype)
-    infinite = jnp.full((), jnp.inf, dtype)
-    start = _Round(_initial(program), multipliers, ones, ones, usage, none, none, infinite)
-    r = jax.lax.while_loop(goes_on, attempt, start)
-    # What little excess is left goes by driving slower everywhere.
-    excess = jnp.max(_grouped(r.usage))
-    slower = jnp.where(excess > 1 + ALLOWED, 1 / excess, 1.0)
-    coefficients = r.coefficients * slower
-    powers = jnp.sum(jnp.asarray(t.powers, dtype) * local(coefficients)[None], axis=1).T
-    usage = jnp.where(slower < 1, jnp.max(_between_nodes(between, t, coefficients), axis=1), r.usage)
-    v = at_nodes(program.nodes, r.coefficients)
-    sensitivity = _sensitivity(exact, v, r.multipliers, _at_nodes(r.used))
-    return Found(powers, usage, sensitivity, r.steps, r.error)
+    program, places = _imposed(problem, t)
+    r = _searched(*stop_gradient((program, places)), t.within)
+    powers, usage, slower = _satisfied(r, stop_gradient(places), t)
+    sensitivity = _sensitivity(program, r)
+    return Found(powers, usage, sensitivity, r.steps, jnp.where(slower > 0, r.error, jnp.inf))
 
 
 class _Round(NamedTuple):
-    """The state after some searches: the last one's solution with the factors it used, those for the next, and usage."""
+    """The last search's solution with the factors it used, those for the next, usage; numbers of searches and steps."""
 
     coefficients: Float[Array, " cells+3"]
     multipliers: Float[Array, "5 nodes"]
     used: Float[Array, "5 cells"]
     factors: Float[Array, "5 cells"]
     usage: Float[Array, "8 cells"]
-    count: Int[Array, ""]
+    searches: Int[Array, ""]
     steps: Int[Array, ""]
     error: Scalar
 
 
-def _program(problem: Problem, t: Tables, imposed: Parts) -> Program:
-    dtype, cells = problem.shape.per_cell.dtype, t.grid.cells
-    own: Nodes = jax.tree.map(lambda x: jnp.asarray(x, dtype), t.nodes)
-    c = imposed.constraints()
-    upper = c.upper.at[0].max(1 / problem.ends[0]).at[cells].max(1 / problem.ends[1])
-    return Program(
-        own,
-        own.weight * problem.shape.per_cell,
-        Constraints(upper, c.forms, jnp.where(own.standing > 0, 0.0, c.jerk)),
-    )
-
-
-def _imposed(problem: Problem, t: Tables) -> tuple[Parts, Parts]:
-    """The limits at the nodes, and at places within the cells."""
+@eqx.filter_jit
+def _imposed(problem: Problem, t: Tables) -> tuple[Program, Parts]:
+    """The problem with the limits at the nodes, and the limits at places within the cells."""
     cells, grid = t.grid.cells, t.grid
     cell = np.concatenate([np.arange(cells), [cells - 1], np.arange(cells), np.tile(np.arange(cells), CHECKED)])
-    nodes, dtype = 2 * cells + 1, problem.shape.per_cell.dtype
-    knots, at, own = jnp.asarray(grid.knots), jnp.asarray(t.nodes.place), cell[:nodes]
+    count, dtype = 2 * cells + 1, problem.shape.per_cell.dtype
+    knots, at, own = jnp.asarray(grid.knots), jnp.asarray(t.nodes.place), cell[:count]
     places = jnp.asarray(np.repeat(np.linspace(0.0, 1.0, CHECKED), cells), dtype)
     place = jnp.concatenate([(at - knots[own]) / (knots[own + 1] - knots[own]), places])
     r = derivatives(problem.shape, grid, cell, place)
     found = parts(r, problem.shape.per_cell, problem.bounds)
-    return Parts(*(x[..., :nodes] for x in found)), Parts(*(x[..., nodes:] for x in found))
+    imposed, between = Parts(*(x[..., :count] for x in found)), Parts(*(x[..., count:] for x in found))
+    nodes: Nodes = jax.tree.map(lambda x: jnp.asarray(x, dtype), t.nodes)
+    c = imposed.constraints()
+    upper = c.upper.at[0].max(1 / problem.ends[0]).at[cells].max(1 / problem.ends[1])
+    weights = jnp.asarray(nodes.weight) * problem.shape.per_cell
+    return Program(nodes, weights, Constraints(upper, c.forms, jnp.where(nodes.standing > 0, 0.0, c.jerk))), between
 
 
-def _between_nodes(between: Parts, t: Tables, coefficients: Array) -> Float[Array, "8 places cells"]:
+@eqx.filter_jit
+def _searched(program: Program, between: Parts, within: Float[Any, "places 3 4 cells"]) -> _Round:
+    """Searches until the limits are satisfied between the nodes too; independent of the kind of path."""
+    cells, dtype = program.nodes.inner.shape[-1], program.weights.dtype
+    last = last_gap(cells)
+    gaps = jnp.asarray([(a, max(b, last)) for a, b in GAPS], dtype)
+
+    def attempt(r: _Round) -> _Round:
+        begin, end = gaps[jnp.minimum(r.searches, len(GAPS) - 1)]
+        own = program._replace(constraints=tightened(program.constraints, _at_nodes(r.factors)))
+        part = _largest_part(own.constraints, at_nodes(own.nodes, r.coefficients))
+        part = jnp.where(r.searches == 0, INSIDE * part, jnp.minimum(CLOSE * part, 1.0))
+        state = solve(own, r.coefficients * part, (begin, end))
+        usage = jnp.max(_between_nodes(between, within, state.coefficients), axis=1)
+        excess = _grouped(usage)
+        factors = r.factors * jnp.where(excess > 1, 1 + OVER * (excess - 1), 1.0)
+        counts = r.searches + 1, r.steps + state.steps
+        return _Round(state.coefficients, state.multipliers, r.factors, factors, usage, *counts, state.error)
+
+    def goes_on(r: _Round) -> Array:
+        unsatisfied = (jnp.max(r.usage) > 1 + ALLOWED) & jnp.isfinite(r.error)
+        return (r.searches < len(GAPS)) | (unsatisfied & (r.searches < ROUNDS))
+
+    none, ones = jnp.zeros((), jnp.int32), jnp.ones((COUNT, cells), dtype)
+    multipliers = jnp.zeros((COUNT, 2 * cells + 1), dtype)
+    usage = jnp.zeros((len(NAMES), cells), dtype)
+    infinite = jnp.full((), jnp.inf, dtype)
+    start = _Round(_initial(program), multipliers, ones, ones, usage, none, none, infinite)
+    return jax.lax.while_loop(goes_on, attempt, start)
+
+
+@eqx.filter_jit
+def _satisfied(r: _Round, between: Parts, t: Tables) -> tuple[Array, Array, Array]:
+    """Powers of a, the used part of limits, and a factor: what little excess is left goes by driving slower."""
+    excess = jnp.max(_grouped(r.usage))
+    slower = jnp.where(excess > 1 + ALLOWED, 1 / excess, 1.0)
+    coefficients = r.coefficients * slower
+    powers = jnp.sum(jnp.asarray(t.powers, coefficients.dtype) * local(coefficients)[None], axis=1).T
+    return powers, jnp.max(_between_nodes(between, t.within, coefficients), axis=1), slower
+
+
+def _between_nodes(between: Parts, within: Any, coefficients: Array) -> Float[Array, "8 places cells"]:
     """The used part of each limit at places within the cells."""
-    v = jnp.sum(jnp.asarray(t.within, coefficients.dtype) * local(coefficients)[None, None], axis=2)
-    return used(between, jnp.moveaxis(v, 1, 0).reshape(3, -1)).reshape(-1, CHECKED, t.grid.cells)
+    v = jnp.sum(jnp.asarray(within, coefficients.dtype) * local(coefficients)[None, None], axis=2)
+    return used(between, jnp.moveaxis(v, 1, 0).reshape(3, -1)).reshape(-1, CHECKED, v.shape[-1])
 
 
 def _grouped(usage: Float[Array, "8 cells"]) -> Float[Array, "5 cells"]:
@@ -191,9 +191,10 @@ def _largest_part(c: Constraints, v: Array) -> Scalar:
     )
 
 
-def _sensitivity(program: Program, v: Array, multipliers: Array, factors: Array) -> Scalar:
+@eqx.filter_jit
+def _sensitivity(program: Program, r: _Round) -> Scalar:
     """Zero, with the derivatives of the least time: those of the Lagrangian at the optimum (envelope theorem)."""
-    fixed = stop_gradient((v, multipliers, factors))
-    limits = values(tightened(program.constraints, fixed[2]), fixed[0])
-    lagrangian = duration(program, fixed[0]) + jnp.sum(fixed[1] * limits)
+    v = stop_gradient(at_nodes(program.nodes, r.coefficients))
+    limits = values(tightened(program.constraints, _at_nodes(r.used)), v)
+    lagrangian = duration(program, v) + jnp.sum(r.multipliers * limits)
     return lagrangian - stop_gradient(lagrangian)

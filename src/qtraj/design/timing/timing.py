@@ -208,7 +208,9 @@ def _composed(shape: Float[Array, "orders 3"], change: list[Scalar]) -> Float[Ar
     orders = shape.shape[0]
     result = jnp.zeros_like(shape).at[0].set(shape[-1])
     for row in shape[-2::-1]:
-        product = [sum((change[i] * result[k - i] for i in range(1, k + 1)), jnp.zeros_like(row)) for k in range(orders)]
+        product = [
+            sum((change[i] * result[k - i] for i in range(1, k + 1)), jnp.zeros_like(row)) for k in range(orders)
+        ]
         result = jnp.stack(product).at[0].add(row)
     return result
 
