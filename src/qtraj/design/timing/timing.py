@@ -84,7 +84,7 @@ class Timing(eqx.Module):
         """The parameter at a time [s]; outside [0, duration] that of the nearer end."""
         t = jnp.clip(one_instant(t), 0.0, self.duration)
         u = stop_gradient(self._inverted(t))
-        return u + jnp.sqrt(_positive(self.squared_speed(u))) * (t - self.time(u))  # derivatives of the inverse
+        return u + _root(self.squared_speed(u)) * (t - self.time(u))  # derivatives of the inverse
 
     def _inverted(self, t: Scalar) -> Scalar:
         cell = jnp.clip(jnp.searchsorted(self.times, t, side="right") - 1, 0, self._cells - 1)
@@ -146,7 +146,7 @@ def _stretched(z: Array, starts: Array, ends: Array) -> Array:
 
 
 def _unstretched(place: Scalar, starts: Array, ends: Array) -> Scalar:
-    return jnp.where(starts, jnp.sqrt(_positive(place)), jnp.where(ends, 1 - jnp.sqrt(_positive(1 - place)), place))
+    return jnp.where(starts, _root(place), jnp.where(ends, 1 - _root(1 - place), place))
 
 
 def _pace(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array:
@@ -195,7 +195,7 @@ class RetimedPath(AbstractHodograph):
 def _increments(a: Float[Array, " 4"], order: int) -> list[Scalar]:
     """Taylor coefficients in time of u − u₀, from u̇ = √a and ü = a'(u)/2."""
     zero = jnp.zeros_like(a[0])
-    change = [zero, jnp.sqrt(_positive(a[0]))]
+    change = [zero, _root(a[0])]
     for k in range(order - 1):
         square = sum((change[i] * change[k - i] for i in range(k + 1)), zero)
         slope = (a[1] if k == 0 else zero) + 2 * a[2] * change[k] + 3 * a[3] * square
@@ -219,6 +219,6 @@ def _horner(c: Array, x: Array) -> Array:
     return c[0] + x * (c[1] + x * (c[2] + x * c[3]))
 
 
-def _positive(x: Array) -> Array:
-    """`x`, or a tiny number where it vanishes, for finite derivatives of its root."""
-    return jnp.where(x > 0, x, 1e-300)
+def _root(x: Array) -> Array:
+    """√x, with derivative 0 where x vanishes."""
+    return jnp.where(x > 0, jnp.sqrt(jnp.where(x > 0, x, 1.0)), 0.0)
