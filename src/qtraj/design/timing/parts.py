@@ -33,14 +33,16 @@ class Part(NamedTuple):
 def of_path(path: AbstractHodograph, knots: int, jerk: bool) -> tuple[list[Part], tuple[bool, bool]]:
     """The parts in their order, and whether the path itself stands at its start and at its end.
 
-    **Raises:** ValueError for a route inside a trace, many routes, one that stops within a segment, or one whose
-    velocity (or acceleration, with a limit on the jerk) jumps.
+    **Raises:** ValueError for a route inside a trace, many routes, one that never moves or stops within a segment, or
+    one whose velocity (or acceleration, with a limit on the jerk) jumps.
     """
     if not isinstance(path, Route):
         return [Part(np.zeros(()), path.duration, uniform(knots))], (False, False)
     segments = known_segments(path)
     slow = standing_ends(segments)
     still = np.asarray(~segments.coefficients[:, 1:].any(axis=(1, 2)))
+    if still.all():
+        raise ValueError("this route stands from its start to its end, so there is nothing to time")
     _require_no_stop_within(segments, still)
     starts = np.append(segments.starts, segments.starts[-1] + segments.durations[-1])
     cut = slow[1:, 0] | slow[:-1, 1]

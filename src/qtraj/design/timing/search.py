@@ -128,7 +128,7 @@ def _searched(program: Program, between: Parts, within: Float[Any, "places 3 4 c
         part = _largest_part(own.constraints, at_nodes(own.nodes, r.coefficients))
         part = jnp.where(r.searches == 0, INSIDE * part, jnp.minimum(CLOSE * part, 1.0))
         state = solve(own, r.coefficients * part, (begin, end))
-        usage = jnp.max(_between_nodes(between, within, state.coefficients), axis=1)
+        usage = _between_nodes(between, within, state.coefficients)
         excess = _grouped(usage)
         factors = r.factors * jnp.where(excess > 1, 1 + OVER * (excess - 1), 1.0)
         counts = r.searches + 1, r.steps + state.steps
@@ -153,13 +153,18 @@ def _satisfied(r: _Round, between: Parts, t: Tables) -> tuple[Array, Array, Arra
     slower = jnp.where(excess > 1 + ALLOWED, 1 / excess, 1.0)
     coefficients = r.coefficients * slower
     powers = jnp.sum(jnp.asarray(t.powers, coefficients.dtype) * local(coefficients)[None], axis=1).T
-    return powers, jnp.max(_between_nodes(between, t.within, coefficients), axis=1), slower
+    return powers, _between_nodes(between, t.within, coefficients), slower
 
 
-def _between_nodes(between: Parts, within: Any, coefficients: Array) -> Float[Array, "8 places cells"]:
-    """The used part of each limit at places within the cells."""
+def _between_nodes(between: Parts, within: Any, coefficients: Array) -> Float[Array, "8 cells"]:
+    """The largest used part of each limit in each cell: of samples, and of parabolas through three of them."""
     v = jnp.sum(jnp.asarray(within, coefficients.dtype) * local(coefficients)[None, None], axis=2)
-    return used(between, jnp.moveaxis(v, 1, 0).reshape(3, -1)).reshape(-1, CHECKED, v.shape[-1])
+    usage = used(between, jnp.moveaxis(v, 1, 0).reshape(3, -1)).reshape(-1, CHECKED, v.shape[-1])
+    before, at, after = usage[:, :-2], usage[:, 1:-1], usage[:, 2:]
+    bend, change = 2 * at - before - after, after - before
+    peak = (bend > 0) & (jnp.abs(change) <= 2 * bend)  # between the three
+    rise = jnp.where(peak, change**2 / (8 * jnp.where(peak, bend, 1.0)), 0.0)
+    return jnp.maximum(jnp.max(usage, axis=1), jnp.max(at + rise, axis=1))
 
 
 def _grouped(usage: Float[Array, "8 cells"]) -> Float[Array, "5 cells"]:
