@@ -158,23 +158,22 @@ def test_a_speed_that_cannot_be_reached_is_told():
 
 
 def test_gradients_of_the_least_time():
-    names = ("speed", "lateral_acceleration", "longitudinal_acceleration")
+    """On a trapezoid of speed, T = V/A + L/V; on a helix T = L√(κ/A). The path counts too: its turning changes L, κ."""
 
-    def duration(values, turned=0.0):
-        path = qt.SpiralHelix(CORNER.radius, CORNER.angle.at[1].add(turned), CORNER.height, CORNER.duration)
-        limits = qt.Limits(**dict(zip(names, values, strict=True)))
-        return qt.retime(path, limits, start_speed=0.0, end_speed=0.0, knots=KNOTS).duration
+    def straight(values):
+        limits = qt.Limits(speed=values[0], longitudinal_acceleration=values[1])
+        return qt.retime(STRAIGHT, limits, start_speed=0.0, end_speed=0.0, knots=KNOTS).duration
 
-    values = jnp.array([11.0, 3.0, 2.5])
-    found = jax.grad(duration, argnums=(0, 1))(values, 0.0)
-    step = 0.1  # where limits are tightened is a choice of the search: it changes the time by about 1e-6 of itself
-    for k in range(3):
-        change = jnp.zeros(3).at[k].set(step)
-        slope = (duration(values + change) - duration(values - change)) / (2 * step)
-        assert found[0][k] == pytest.approx(float(slope), rel=5e-3, abs=1e-4)
-    step = 3e-3
-    slope = (duration(values, step) - duration(values, -step)) / (2 * step)
-    assert found[1] == pytest.approx(float(slope), rel=5e-3)
+    def turning(values):
+        path = qt.SpiralHelix(SPIRAL.radius, SPIRAL.angle.at[1].set(values[0]), SPIRAL.height, SPIRAL.duration)
+        return qt.retime(path, qt.Limits(lateral_acceleration=values[1]), knots=KNOTS).duration
+
+    V, A = 9.0, 2.0
+    assert jax.grad(straight)(jnp.array([V, A])) == pytest.approx([1 / A - LENGTH / V**2, -V / A**2], rel=1e-3)
+    at, step = np.array([0.2, 2.0]), 1e-3
+    changes = step * np.eye(2)
+    slopes = [(turning(at + change) - turning(at - change)) / (2 * step) for change in changes]
+    assert jax.grad(turning)(jnp.asarray(at)) == pytest.approx(np.array(slopes), rel=2e-5)
 
 
 def test_a_batch_of_paths():

@@ -1,5 +1,7 @@
 """The result of a retiming."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import jax.numpy as jnp

@@ -1,5 +1,7 @@
 """The relation of a path's own parameter u and time t, u̇² = a(u) with a piecewise cubic, and the path in time."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from typing import Any
