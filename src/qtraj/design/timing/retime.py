@@ -104,8 +104,9 @@ def _retimed(
 ) -> Retimed:
     pace = jnp.where(jnp.asarray(standing), 0.0, _paced(path))
     wanted = jnp.stack([jnp.asarray(np.inf if v is None else v, pace.dtype) for v in speeds])
-    bounded = (pace > 0) & (wanted > 0)
-    largest = jnp.where(bounded, wanted / jnp.where(pace > 0, pace, 1.0), jnp.inf) ** 2
+    bounded = (pace > 0) & (wanted > 0) & jnp.isfinite(wanted)
+    ratio = jnp.where(bounded, wanted, 1.0) / jnp.where(pace > 0, pace, 1.0)  # finite, for finite derivatives
+    largest = jnp.where(bounded, ratio**2, jnp.inf)
     rest = tuple(known_zero(v) and not s for v, s in zip(speeds, standing, strict=True))
     timed = []
     for k, part in enumerate(parts):
