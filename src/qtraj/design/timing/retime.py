@@ -167,13 +167,13 @@ def source(path: AbstractHodograph) -> Source | None:
     """The polynomials of the segments of a path, with their directions where it stops; None if it has none."""
     if isinstance(path, Route):
         segments = known_segments(path)
+        more = pieces.padded_size(segments.durations.size) - segments.durations.size
+        durations = jnp.asarray(np.append(segments.durations, np.ones(more)))
         found = directions(segments, standing_ends(segments))
-        count = segments.durations.size
-        more = pieces.padded_size(count) - count
-        durations = np.append(segments.durations, np.ones(more))
-        powers = None if found is None else np.pad(found.powers, [(0, more), (0, 0)])
-        ahead = None if found is None else (_in_world(found.coefficients), powers)
-        return Source(_in_world(segments.coefficients), jnp.asarray(durations), ahead)
+        if found is None:
+            return Source(_in_world(segments.coefficients), durations, None)
+        ahead = _in_world(found.coefficients), np.pad(found.powers, [(0, more), (0, 0)])
+        return Source(_in_world(segments.coefficients), durations, ahead)
     own = path.polynomials()
     if own is None:
         return None
