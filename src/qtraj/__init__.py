@@ -28,6 +28,9 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
     from qtraj.design.proof.certificate import Certificate as Certificate
     from qtraj.design.proof.certify import certify as certify
     from qtraj.design.proof.route_certificate import RouteCertificate as RouteCertificate
+    from qtraj.design.timing.outcome import Retimed as Retimed
+    from qtraj.design.timing.retime import retime as retime
+    from qtraj.design.timing.timing import RetimedPath as RetimedPath, Timing as Timing
     from qtraj.design.tuning.outcome import Tuned as Tuned
     from qtraj.design.tuning.tune import tune as tune
     from qtraj.design.tuning_route.tune_route import tune_route as tune_route
@@ -137,6 +140,9 @@ _HOMES = {
     "qtraj.design.proof.certificate": ("Certificate",),
     "qtraj.design.proof.certify": ("certify",),
     "qtraj.design.proof.route_certificate": ("RouteCertificate",),
+    "qtraj.design.timing.outcome": ("Retimed",),
+    "qtraj.design.timing.retime": ("retime",),
+    "qtraj.design.timing.timing": ("RetimedPath", "Timing"),
     "qtraj.design.tuning.outcome": ("Tuned",),
     "qtraj.design.tuning.tune": ("tune",),
     "qtraj.design.tuning_route.tune_route": ("tune_route",),

@@ -81,6 +81,15 @@ def single():
             np.ones((3, 3)) / 3,
             1 / 7,
         ),
+        "retimed": qt.Retimed(
+            qt.RetimedPath(path, qt.Timing([[1.0, 0.1, 0, 0], [1.1, 0, 0, 1 / 3]], [0.0, 1.0, 2.0])),
+            2.0,
+            certificate,
+            np.arange(4.0).reshape(2, 2) / 3,
+            [1 / 3, 2.0],
+            0,
+            7,
+        ),
         "state": qt.BoundaryState([10.0, 0, 1 / 7], [1.0, 4.0, 1 / 3], [0.0, -1.6, 1 / 7]),
         "tuned": qt.Tuned(path, *ends, 1 / 3, certificate, 0, 7, "try less"),
         "table": qt.Table(jnp.asarray(INSTANTS), quaternion=jnp.asarray(quaternion), speed=jnp.asarray(INSTANTS)),
@@ -380,6 +389,7 @@ def test_functions_return_results():
         qt.Route,
         qt.RouteCertificate,
         qt.FittedRoute,
+        qt.Retimed,
     }
     wanted |= {
         qt.ArmMotion,

@@ -123,6 +123,11 @@ class ResultCode(enum.IntEnum):
         "give the route other states there.",
     )
 
+    end_speed_not_reached = (
+        FAILURES + 12,
+        "a given speed at an end cannot be had within the limits. Give a lower speed there, or raise the limits.",
+    )
+
     velocity_vanishes = (
         ILL_POSED + 0,
         "the given velocities must be finite and not all zero, because they set the scale of the search.",

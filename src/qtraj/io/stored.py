@@ -15,6 +15,8 @@ HOMES = (
     "qtraj.design.limits",
     "qtraj.design.proof.certificate",
     "qtraj.design.proof.route_certificate",
+    "qtraj.design.timing.outcome",
+    "qtraj.design.timing.timing",
     "qtraj.design.tuning.outcome",
     "qtraj.design.tuning_route.tuned_route",
     "qtraj.motion.attitude_residual",
