@@ -174,7 +174,7 @@ def test_invalid_arguments(tmp_path):
             "limits thrusters. With wheels",
         ),
         (lambda: qt.simulate(Rest(), LAW, START, RATE, TIMES, body=3.0), "the body must be an object such as"),
-        (lambda: qt.simulate(Rest(), qt.RateLaw(1.0), START, RATE, TIMES, body=qt.RigidBody(1.0)), "a rate law commands"),
+        (lambda: qt.simulate(Rest(), qt.RateLaw(1.0), START, RATE, TIMES, body=qt.RigidBody(1.0)), "a rate law"),
     ):
         with pytest.raises(ValueError, match=expected):
             call()
