@@ -48,8 +48,8 @@ class Tuned(AbstractOutcome):
     """The outcome of `tune`, of one problem or a batch (batch dimensions in front of every array).
 
     `path` is the tuned path, `start` and `end` are its boundary states in world axes, and `objective` is the attained
-    value in its own units. `certificate` contains the findings on the limits. `code` is a `ResultCode`, `status` the same
-    in a word, and `result` a text that also says what to do. `iterations` counts the steps of the best search.
+    value in its own units. `certificate` contains the findings on the limits. `code` is a `ResultCode`, `status` the
+    same in a word, and `result` a text that also says what to do. `iterations` counts the steps of the best search.
 
     `advice` says what would help if the limits cannot be met. For a batch, `advisor` computes it when the `result` of
     an element is requested; `place` contains the number of the advisor and the index there. `outcome[k]` is one element
