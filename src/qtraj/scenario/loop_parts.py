@@ -127,8 +127,9 @@ class FeedbackPart(Part):
         forms = self.given(*GAINS)
         ways = "k or settling_time" if self.kind == "rate" else WAYS
         if len(forms) != 1:
-            problem = f"there are several gains ({', '.join(forms)})" if forms else "there are no gains"
-            raise ValueError(f"{problem}: give one of {ways}")
+            if forms:
+                raise ValueError(f"the gains are given in several ways ({', '.join(forms)}): use only one of {ways}")
+            raise ValueError(f"there are no gains: give one of {ways}")
         allowed = ("k", "settling_time") if self.kind == "rate" else ("k1", "settling_time", "damping", "weights")
         if forms[0] not in allowed:
             raise ValueError(f"the key '{forms[0]}' cannot be used with a law of kind '{self.kind}': give {ways}")
@@ -208,7 +209,7 @@ class DisturbancePart(Part):
     @model_validator(mode="after")
     def _one(self) -> "DisturbancePart":
         if len(self.given("acceleration", "torque")) != 1:
-            raise ValueError("give one of acceleration, or torque and inertia")
+            raise ValueError("give either acceleration, or torque and inertia")
         if len(self.given("torque", "inertia")) == 1:
             raise ValueError("torque and inertia must be given together, because ε = J⁻¹M")
         if self.period is None and "phase" in self.model_fields_set:

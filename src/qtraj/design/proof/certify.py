@@ -105,7 +105,7 @@ def certify(
     require_float64(path)
     if isinstance(path, Route):
         if corridor is not None:
-            raise ValueError("a corridor limits the distance of a SpiralHelix, but a Route was given: omit it")
+            raise ValueError("a corridor is supported only for a SpiralHelix, but a Route was given: omit corridor=")
         route_certificate = certify_route(path, limits)
         return route_certificate.check() if throw else route_certificate
     certificate = _certify(path, limits)
@@ -120,7 +120,10 @@ def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
         return Certificate((), *[jnp.zeros((*batch, 0), dtype)] * 4)
     arrays, static = eqx.partition(path, eqx.is_array)
     if any(x.shape[: len(batch)] != batch for x in jax.tree.leaves(arrays)):
-        raise ValueError(f"every array of a batch of paths must start with the shape {batch}: stack them by jax.vmap")
+        raise ValueError(
+            f"every array of a batch of paths must have the leading shape {batch}: build the batch in jax.vmap, or "
+            "stack the paths by jax.tree.map(lambda *x: jnp.stack(x), *paths)"
+        )
     traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((arrays, limits)))
     xp = jnp if traced else np
     bounds = [xp.broadcast_to(xp.asarray(limits.given()[x], dtype), batch) for x in names]
