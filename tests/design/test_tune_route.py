@@ -160,7 +160,7 @@ def test_limits_are_proved_and_hold_at_dense_samples(route, tuned):
     assert tuned.converged, str(tuned)
     assert tuned.certificate.holds
     assert np.all(tuned.within)
-    assert tuned.result.startswith("every limit is proved on every segment.")
+    assert tuned.result.startswith("every limit is proved to be satisfied on every segment.")
     values = seen(tuned.path, NAMES)
     assert all(values[name] <= bound * (1 + 1e-12) for name, bound in zip(NAMES, BOUNDS, strict=True))
     assert values["lateral_acceleration"] > 0.999 * 1.4, "the nearest route makes use of its limits"

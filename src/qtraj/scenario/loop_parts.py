@@ -87,7 +87,10 @@ Gain = Annotated[Any, PlainValidator(_gain)]
 
 
 class WeightsPart(Part):
-    """Weights of the linear-quadratic regulator, which minimises ∫(error x² + rate ẋ² + command ẍ²)dt."""
+    """Weights of the linear-quadratic regulator, which minimises ∫(w_e x² + w_r ẋ² + w_c ẍ²) dt.
+
+    The keys error, rate and command are the weights w_e, w_r and w_c.
+    """
 
     error: Positive = key("weight of the error", "a positive finite number [1/s⁴]")
     rate: NotNegative = key("weight of its rate", "a non-negative finite number [1/s²]", 0.0)
@@ -98,8 +101,8 @@ class FeedbackPart(Part):
     """The feedback law and its gains, in one of several forms.
 
     With 'body', 'inertial' and 'additive' the error x satisfies ẍ + k1ẋ + k2x = 0, with 'rate' ẋ + kx = 0. The laws
-    'quaternion', 'geometric' and 'logarithmic' are established laws, for comparison. Give the gains by k1 and k2,
-    settling_time, damping and frequency, or [law.weights]; for 'rate' by k or settling_time.
+    'quaternion', 'geometric' and 'logarithmic' are established laws, for comparison. Give the gains in one of
+    four ways: (k1, k2), settling_time, (damping, frequency), or [law.weights]. The law 'rate' needs k or settling_time.
     """
 
     kind: Literal["body", "inertial", "additive", "rate", "quaternion", "geometric", "logarithmic"] = key(
