@@ -254,8 +254,8 @@ def test_stops_keep_their_lengths():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"limits": qt.Limits(speed=5.0, curvature=1.0)}, "in the way that retime needs"),
-        ({"limits": qt.Limits(longitudinal_acceleration=1.0)}, "no fastest timing"),
+        ({"limits": qt.Limits(speed=5.0, curvature=1.0)}, "retime does not support a limit on curvature"),
+        ({"limits": qt.Limits(longitudinal_acceleration=1.0)}, "needs a limit that bounds the speed"),
         ({"limits": qt.Limits(speed=5.0), "knots": 100}, "power of two"),
         ({"limits": qt.Limits(speed=5.0), "start_speed": -1.0}, "at least 0"),
     ],
