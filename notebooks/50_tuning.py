@@ -221,9 +221,9 @@ assert compared["steps"].idxmin() == "sqp"
 compared
 
 # %% [markdown]
-# All three reach the same objective, and every limit is proved to be satisfied. "sqp" is the default because it needs only a few steps,
-# with second derivatives; Adam, which uses neither second derivatives nor a line search, needs hundreds of times as
-# many.
+# All three reach the same objective, and every limit is proved to be satisfied. "sqp" is the default because it needs
+# only a few steps, with second derivatives; Adam, which uses neither second derivatives nor a line search, needs
+# hundreds of times as many.
 #
 # ### Step by step
 #

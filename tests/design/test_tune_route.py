@@ -284,7 +284,7 @@ def test_the_tube_is_proved_or_not_at_a_peak_between_samples(peak, inside):
         ({"objective": "fastest", "limits": qt.Limits(curvature=0.1)}, "bounds the speed"),
         ({"tube": 0.0}, "must be positive"),
         ({"tube": np.ones(3)}, r"shape \(15,\)"),
-        ({"fixed": [0, 14]}, "fixed must be bool"),
+        ({"fixed": [0, 14]}, "fixed must be a bool array"),
         ({"route": qt.SpiralHelix([10.0], [0.0, 0.4], [0.0], 2.0)}, "Route.from_path"),
     ],
 )

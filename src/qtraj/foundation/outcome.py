@@ -56,13 +56,13 @@ class ResultCode(enum.IntEnum):
     )
     limits_sampled = (
         NOTES + 2,
-        "every limit is satisfied, but for some this was checked only by sampling and is not proved. For a proof, relax "
-        "these limits a little, or describe the path by polynomials.",
+        "every limit is satisfied, but for some this was checked only by sampling and is not proved. For a proof, "
+        "relax these limits a little, or describe the path by polynomials.",
     )
     undefined_at_stops = (
         NOTES + 4,
-        "every limit is proved to be satisfied except at stops, where a limited quantity is undefined and the route was "
-        "not changed.",
+        "every limit is proved to be satisfied except at stops, where a limited quantity is undefined and the route "
+        "was not changed.",
     )
 
     max_steps_reached = (
@@ -105,8 +105,8 @@ class ResultCode(enum.IntEnum):
     limits_broken = FAILURES + 8, "a limit is violated. Tune the path, or raise the limit."
     limits_undecided = (
         FAILURES + 9,
-        "it is undecided whether a limit is satisfied: the largest value equals it to within rounding error. Change the "
-        "limit a little.",
+        "it is undecided whether a limit is satisfied: the largest value equals it to within rounding error. Change "
+        "the limit a little.",
     )
     limits_undefined = (
         FAILURES + 10,

@@ -95,7 +95,7 @@ def parts(r: Float[Array, "3 3 nodes"], unit: Scalar, bounds: dict[str, Scalar])
 
 
 def _upper(name: str, i: Any, bound: Scalar, moving: Array) -> Array:
-    """1 divided by the largest a that satisfies the limit; the quantity is proportional to √a to the power `per_time`."""
+    """1 divided by the largest a that satisfies the limit; the quantity is proportional to √a^`per_time`."""
     entry = QUANTITIES[name]
     square = jnp.where(moving, entry.squared(i), 0.0) / bound**2
     if entry.per_time == 1:

@@ -26,8 +26,8 @@ class Directions(NamedTuple):
 def directions(s: Segments, standing: np.ndarray) -> Directions | None:
     """The directions of all segments, or None if no moving segment starts or ends at a stop.
 
-    `standing` (segments, 2): whether the velocity is zero at the start and at the end. Each coefficient is rounded once.
-    Segments without motion get an arbitrary straight line.
+    `standing` (segments, 2): whether the velocity is zero at the start and at the end. Each coefficient is rounded
+    once. Segments without motion get an arbitrary straight line.
     """
     still = ~s.coefficients[:, 1:].any(axis=(1, 2))
     some = np.flatnonzero(standing.any(axis=1) & ~still)

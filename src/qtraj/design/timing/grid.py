@@ -49,9 +49,9 @@ def uniform(cells: int) -> Grid:
 
 
 def of_segments(starts: Float[np.ndarray, " n+1"], first: int, cells: int) -> Grid:
-    """Cells of n segments, the first of which has the index `first`: the longest cells are halved until there are enough.
+    """Cells of n segments with indices from `first` on: the longest cell is halved until there are enough.
 
-    Each segment has at least one cell. `starts` are the parameters at which the segments start, and the end of the last.
+    Each segment has at least one cell. `starts` (n + 1,): the parameters of the starts, and of the last end.
     """
     lengths = np.diff(starts)
     queue = [(-h, i, 0.0, 1.0) for i, h in enumerate(lengths)]

@@ -19,7 +19,7 @@ BOUNDARY = 0.99
 """Largest fraction of the distance to the boundary that a step may cover."""
 
 BALANCE = 0.1
-"""The target of the duality gap is at least this fraction of the gradient of the Lagrangian: both must vanish together."""
+"""The target of the duality gap is at least this fraction of the residual gradient: both must vanish together."""
 
 MAX_STEPS = 100
 
@@ -33,7 +33,7 @@ class Program(NamedTuple):
 
 
 class State(NamedTuple):
-    """An iterate: coefficients and multipliers, the number of steps, and the relative error of the optimality conditions."""
+    """An iterate: coefficients, multipliers, the number of steps, and the relative optimality error."""
 
     coefficients: Float[Array, " cells+3"]
     multipliers: Float[Array, "5 nodes"]

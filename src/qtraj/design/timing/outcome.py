@@ -58,7 +58,7 @@ class Retimed(AbstractOutcome):
         return self.path.timing
 
     def intervals(self, name: str, part: float = 0.99) -> list[tuple[float, float]]:
-        """The time intervals (start, end) [s] of the cells in which a quantity reaches `part` of its limit, for one path.
+        """The time intervals (start, end) [s] in whose cells a quantity reaches `part` of its limit, for one path.
 
         **Raises:** ValueError for a batch, or for a limit that was not given.
         """

@@ -63,8 +63,8 @@ def known_segments(route: Route) -> Segments:
     """
     if route.duration.ndim or any(isinstance(x, Tracer) for x in jax.tree.leaves(route)):
         raise ValueError(
-            "retime needs a route with concrete values: call it outside jit, grad and vmap over the route, once for each "
-            "route. The limits may be traced."
+            "retime needs a route with concrete values: call it outside jit, grad and vmap over the route, once for "
+            "each route. The limits may be traced."
         )
     count = route.segments
     starts, c = (np.asarray(x, float)[:count] for x in (route.starts, route.coefficients))
@@ -92,8 +92,8 @@ def _require_no_stop_within(s: Segments, still: np.ndarray) -> None:
         i, k = found[0]
         at = s.starts[i] + local[i, k]
         raise ValueError(
-            f"the route reverses at about {at:.4g} s, within a segment, but retime needs a joint at every stop. Cut the "
-            "route there by window(t0, t1) and retime the parts, or fit a route with a joint at the stop."
+            f"the route reverses at about {at:.4g} s, within a segment, but retime needs a joint at every stop. Cut "
+            "the route there by window(t0, t1) and retime the parts, or fit a route with a joint at the stop."
         )
 
 

@@ -145,7 +145,7 @@ def _scaled(p: CellPolynomial, factor: Float[Array, " cells"]) -> CellPolynomial
 def _timing(
     coefficients: Float[Array, "cells 4"], at_rest: Bool[Array, " 2"]
 ) -> tuple[list[CellPolynomial], CellPolynomial]:
-    """a, a' and a'' as polynomials in s in [−1, 1] of each cell, and a without its factor that vanishes at an end at rest."""
+    """a, a' and a'' as polynomials in s in [−1, 1] of each cell, and a divided by its factor that vanishes at rest."""
     c0, c1, c2, c3 = coefficients.T  # powers of (1 + s)/2
     start, end = at_rest
     zero = jnp.zeros_like(c0)

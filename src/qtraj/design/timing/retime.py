@@ -85,7 +85,7 @@ def retime(
 
 
 class _Timed(NamedTuple):
-    """The timing of a part: for each cell the powers of a, the usage and the statuses of limits; knots; the search result."""
+    """The timing of a part: coefficients of a, usage and statuses of limits on each cell; knots; search result."""
 
     powers: Float[Array, "cells 4"]
     usage: Float[Array, "limits cells"]
@@ -237,8 +237,8 @@ def _require_limits(limits: Limits) -> tuple[str, ...]:
         )
     if not any(QUANTITIES[name].bounds_speed for name in names):
         raise ValueError(
-            f"the fastest timing needs a limit that bounds the speed, such as speed or acceleration, but {limits!r} was "
-            "given"
+            "the fastest timing needs a limit that bounds the speed, such as speed or acceleration, but "
+            f"{limits!r} was given"
         )
     return names
 

@@ -157,7 +157,7 @@ def _satisfied(r: _Round, between: Parts, t: Tables) -> tuple[Array, Array, Arra
 
 
 def _between_nodes(between: Parts, within: Any, coefficients: Array) -> Float[Array, "8 cells"]:
-    """The largest ratio of each quantity to its limit in each cell: of samples and of parabolas through three samples."""
+    """The largest ratio of each quantity to its limit in each cell, from samples and parabolas through them."""
     v = jnp.sum(jnp.asarray(within, coefficients.dtype) * local(coefficients)[None, None], axis=2)
     usage = used(between, jnp.moveaxis(v, 1, 0).reshape(3, -1)).reshape(-1, CHECKED, v.shape[-1])
     before, at, after = usage[:, :-2], usage[:, 1:-1], usage[:, 2:]

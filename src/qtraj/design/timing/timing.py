@@ -1,4 +1,4 @@
-"""The relation between the parameter u of a path and time t, u̇² = a(u) with a piecewise cubic a, and the path in time."""
+"""The relation of the parameter u of a path and time, u̇² = a(u) with a piecewise cubic a, and the path in time."""
 
 from __future__ import annotations
 

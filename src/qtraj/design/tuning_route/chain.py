@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 
 class Chain(NamedTuple):
-    """The diagonal blocks, and the blocks below them: `lower[i]` has the rows of block i + 1 and the columns of block i."""
+    """The diagonal blocks, and the blocks below them: `lower[i]` couples block i + 1 (rows) to block i (columns)."""
 
     diagonal: Float[Array, "n b b"]
     lower: Float[Array, "n-1 b b"]

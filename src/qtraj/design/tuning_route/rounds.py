@@ -31,8 +31,8 @@ ROUNDS = 10
 """Maximum number of repeated searches."""
 
 BARRIER, LEAST = 0.1, 1e-9
-"""The barrier parameter at the start and at the end of a search. At the end, the objective exceeds its minimum by at most
-about `LEAST` times the number of constraints."""
+"""The barrier parameter at the start and at the end of a search. At the end, the objective exceeds its minimum by at
+most about `LEAST` times the number of constraints."""
 
 AGAIN = (1e-7, 1e-3)
 """A repeated search starts with the largest relative violation as barrier parameter, clipped to these bounds."""
@@ -55,7 +55,7 @@ class Judged(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The variables and their certified route; `proved`: whether all proofs succeeded on the segments that may change."""
+    """The variables and their certified route; `proved`: whether all proofs succeeded where segments may change."""
 
     z: Any
     judged: Judged
@@ -144,7 +144,7 @@ def unproved(judged: Judged, names: Names, moving: np.ndarray) -> np.ndarray:
 
 
 def changed(given: Parts, problem: RouteProblem, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients and durations for the variables `z`; those of segments that stay as they are do not change at all."""
+    """Coefficients and durations for the variables `z`; segments that stay as they are keep theirs exactly."""
     states, h = states_at(given, problem, z)
     c = pieces.hermite(h, states)
     c, old = same_terms(c, given.c)

@@ -25,7 +25,7 @@ class Displacement:
     """
 
     def __init__(self, new: np.ndarray, h_new: np.ndarray, old: np.ndarray, h_old: np.ndarray):
-        """From coefficients (n, terms, 3) in time from the start of each segment, and durations (n,), of both routes."""
+        """From coefficients (n, terms, 3) in the time since the start of a segment, and durations (n,), of both."""
         powers = np.arange(max(new.shape[1], old.shape[1]))[None, :, None]
         ours, theirs = (
             c * h[:, None, None] ** powers for c, h in zip(same_terms(new, old), (h_new, h_old), strict=True)

@@ -157,8 +157,8 @@ def _names(limits: Limits, objective: str) -> tuple[str, ...]:
     wrong = [name for name in names if name in UNSUITABLE]
     if wrong:
         raise ValueError(
-            f"tune_route does not support limits on {', '.join(wrong)}, because the natural trihedral does not exist on "
-            "the straight parts of a route. Limit curvature, yaw_rate or yaw_acceleration instead."
+            f"tune_route does not support limits on {', '.join(wrong)}, because the natural trihedral does not exist "
+            "on the straight parts of a route. Limit curvature, yaw_rate or yaw_acceleration instead."
         )
     if objective not in OBJECTIVES:
         raise ValueError(f"the objective must be one of {', '.join(OBJECTIVES)}, but {objective!r} was given")
@@ -182,8 +182,8 @@ def _widths(tube: Any, joints: int) -> np.ndarray:
         width = np.asarray(value, float)
         if width.shape not in ((), (joints,)):
             raise ValueError(
-                f"a half-width of the tube must be a number or an array of shape ({joints},), one value for each joint, "
-                f"but an array of shape {width.shape} was given"
+                f"a half-width of the tube must be a number or an array of shape ({joints},), one value for each "
+                f"joint, but an array of shape {width.shape} was given"
             )
         columns.append(np.broadcast_to(width, (joints,)))
     widths = np.stack(columns, axis=1)
@@ -201,7 +201,8 @@ def _fixed(fixed: Any, joints: int) -> np.ndarray:
     given = np.asarray(fixed)
     if given.dtype != bool or given.shape not in ((joints,), (joints, 3)):
         raise ValueError(
-            f"fixed must be a bool array of shape ({joints},), one value for each joint, or ({joints}, 3), one each for "
-            f"its position, velocity and acceleration, but an array of {given.dtype} of shape {given.shape} was given"
+            f"fixed must be a bool array of shape ({joints},), one value for each joint, or ({joints}, 3), one each "
+            f"for its position, velocity and acceleration, but an array of {given.dtype} of shape {given.shape} was "
+            "given"
         )
     return np.broadcast_to(given.reshape(joints, -1), (joints, 3)).copy()
