@@ -53,7 +53,7 @@ class Vectors(eqx.Module):
 
 
 class PathDerivatives(eqx.Module):
-    """dr/ds, d²r/ds², … of a batch of paths, in units of `length` [m]; `unit` [s] is half a duration."""
+    """dr/ds, d²r/ds², … of a batch of paths, in units of `length` [m]; `unit` [s] is half the duration of each path."""
 
     derivatives: list[CellPolynomial]
     length: PerPath

@@ -114,7 +114,7 @@ def judge(
 ) -> Findings:
     """The findings on the first `count` entries of `index`, for the paths behind `evaluate`.
 
-    Without polynomial `derivatives` no limit is proved.
+    Without polynomial `derivatives` nothing is proved.
     """
     paths, dtype = scale.time.shape, scale.time.dtype
     shape = (ENTRY_COUNT + 1, *paths)
