@@ -245,7 +245,7 @@ def test_a_nearly_straight_window_raises(bend, words):
 
 
 def test_a_vehicle_that_stands_still_raises():
-    with pytest.raises(ValueError, match=r"stands still in this window: all .* within 0\.1 m.*in which it dr"):
+    with pytest.raises(ValueError, match=r"stands still in this window: all .* within 0\.1 m.*in which it moves"):
         fit(Track(np.arange(10.0), np.ones((10, 3)), np.zeros((10, 3))))
 
 

@@ -98,7 +98,7 @@ def test_the_errors_of_a_known_motion_are_below_the_noise(velocities):
     assert float(fitted.position_sigma) == pytest.approx(0.01, rel=0.15)
     assert len(fitted.outliers) == len(fitted.stops) == len(fitted.gaps) == 0
     assert fitted.successful
-    assert "segments follow the recording" in fitted.result
+    assert "segments fit the recording" in fitted.result
     assert float(fitted.path.duration) == pytest.approx(119.9)
     rate_errors = np.asarray(qt.evaluate(fitted.path, t, ("velocity",)).velocity) - velocity(t)
     assert np.sqrt(np.mean(np.sum(rate_errors**2, axis=1))) < 0.06

@@ -127,7 +127,7 @@ class ResultCode(enum.IntEnum):
     )
 
     end_speed_not_reached = (
-        FAILURES + 12,
+        FAILURES + 14,
         "a given speed at an end cannot be reached within the limits. Give a lower speed there, or raise the limits.",
     )
 

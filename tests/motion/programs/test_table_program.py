@@ -164,7 +164,7 @@ def test_precisions_can_be_mixed():
         ([0.0], [[1.0, 0, 0, 0]], "at least two quaternions"),
         ([0.0, 1.0], [[1.0, 0, 0], [1.0, 0, 0]], "at least two quaternions"),
         ([0.0, 1.0, 2.0], [[1.0, 0, 0, 0]] * 2, "one time for each attitude"),
-        ([0.0, 1.0, 1.0], [[1.0, 0, 0, 0]] * 3, "time 2 is 1 s after 1 s"),
+        ([0.0, 1.0, 1.0], [[1.0, 0, 0, 0]] * 3, r"times\[2\] = 1 s follows times\[1\] = 1 s"),
         ([0.0, math.nan], [[1.0, 0, 0, 0]] * 2, "times of a table program must be finite"),
         ([0.0, 1.0], [[1.0, 0, 0, 0], [0.0, 0, 0, 0]], "quaternion 1 is zero"),
         ([0.0, 1.0], [[1.0, 0, 0, 0], [math.inf, 0, 0, 0]], "attitudes of a table program must be finite"),

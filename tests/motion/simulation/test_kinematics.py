@@ -271,7 +271,7 @@ def test_result_codes_are_numbers_in_a_trace(in_body_axes):
     with pytest.raises(ValueError, match="inside jit"):
         text(in_body_axes)
     assert in_body_axes.code == qt.ResultCode.successful
-    with pytest.raises(ValueError, match="open-loop"):
+    with pytest.raises(ValueError, match="neither a command nor an error"):
         _ = in_body_axes.physical_command
 
 
