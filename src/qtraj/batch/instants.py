@@ -24,10 +24,11 @@ from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate, up
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials, in_moving_basis
 from qtraj.path.placement import Placement
-from qtraj.path.quantity import PathQuantity
+from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.rate_axes import BODY
 from qtraj.path.regularity import has_natural_frame, has_tangent, has_upright_frame
 from qtraj.path.trihedral import STEEP, AbstractFrame, Natural, Upright
+from qtraj.path.vehicle import RoadParameters, Vehicle
 
 Times = Float[Array, "rows instants"]
 Quaternion = tuple[Array, Array, Array, Array]
@@ -54,8 +55,15 @@ class Instants:
     Vectors are triples of arrays. Each output is computed at its first use.
     """
 
-    def __init__(self, paths: AbstractHodograph, t: Times, frame: AbstractFrame, axes: str = BODY):
-        self.frame, self.t, self.axes = frame, t, axes
+    def __init__(
+        self,
+        paths: AbstractHodograph,
+        t: Times,
+        frame: AbstractFrame,
+        axes: str = BODY,
+        vehicle: Vehicle | None = None,
+    ):
+        self.frame, self.t, self.axes, self.vehicle = frame, t, axes, vehicle
         polynomials = eqx.filter_vmap(lambda path: path.polynomials())(paths)
         if polynomials is None:
             self.basis, rows = Basis(), _world_derivatives(paths, t)
@@ -76,12 +84,40 @@ class Instants:
 
     def path_quantity(self, entry: PathQuantity) -> Array:
         """The value of a path quantity."""
-        return root(entry.squared(self.invariants, DIVISION))
+        return entry.value(self.invariants, DIVISION)
 
     @cached_property
     def invariants(self) -> Invariants:
         """The invariants of the path, with the world's vertical."""
-        return Invariants(self.rows, self.basis.local(UP) if self.basis.placed else None)
+        up = self.basis.local(UP) if self.basis.placed else None
+        return Invariants(self.rows, up, self._road, root)
+
+    @property
+    def _road(self) -> RoadParameters | None:
+        if self.vehicle is None:
+            return None
+        parameters = self.vehicle.parameters(self.duration.dtype)
+        return RoadParameters(*(jnp.asarray(x) for x in parameters))
+
+    @property
+    def force(self) -> Triple:
+        """The force that moves the vehicle along the path [N], in the requested axes: m(r'' − g⃗), plus the drag."""
+        i, (p, up) = self.invariants, (self._road, self.basis.local(UP))
+        drag = p.drag * root(i.S)
+        x, y, z = (
+            p.mass * (a + p.gravity * u + drag * v) for a, u, v in zip(self.rows[2], up, self.rows[1], strict=True)
+        )
+        if self.axes != BODY:
+            return self.basis.world((x, y, z))
+        tangent, normal, binormal = (dot(axis, (x, y, z)) for axis in self._frame.axes)
+        return tangent, normal, binormal
+
+    @property
+    def moment(self) -> Triple:
+        """The moment that turns the vehicle with the frame [N m], in the requested axes: Jε + ω×Jω."""
+        J, rate = self.vehicle.inertia.astype(self.duration.dtype), self._frame.rate
+        of = lambda v: tuple(J[k, 0] * v[0] + J[k, 1] * v[1] + J[k, 2] * v[2] for k in range(3))  # noqa: E731
+        return self._in_axes(add_vectors(of(self._frame.acceleration), cross(rate, of(rate))))
 
     @property
     def speed(self) -> Array:

@@ -10,21 +10,29 @@ from typing import Any
 
 from qtraj.foundation import record
 from qtraj.path.frame_axes import labels_of
-from qtraj.path.quantity import QUANTITIES, PathQuantity
+from qtraj.path.path_quantity import PathQuantity
+from qtraj.path.quantity import QUANTITIES
 
 SIZES = {axis: len(names) for axis, names in labels_of("").items()}
 """The number of components along each axis."""
 
 
+VEHICLE, INERTIA = "vehicle", "inertia"
+
+
 @dataclass(frozen=True)
 class Channel:
-    """An output: `axes` are the axes of its components, and `formula` computes it from `batch.instants.Instants`."""
+    """An output: `axes` are the axes of its components, and `formula` computes it from `batch.instants.Instants`.
+
+    `needs` is what it needs beside the path and the frame: "", "vehicle" or "inertia".
+    """
 
     name: str
     unit: str
     meaning: str
     axes: tuple[str, ...]
     formula: Callable[[Any], Any]
+    needs: str = ""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -37,7 +45,8 @@ class Channel:
 
 
 def _scalar(entry: PathQuantity, formula: Callable[[Any], Any] | None = None) -> Channel:
-    return Channel(entry.variable, entry.unit, entry.meaning, (), formula or (lambda at: at.path_quantity(entry)))
+    needs = VEHICLE if entry.needs_vehicle else ""
+    return Channel(entry.variable, entry.unit, entry.meaning, (), formula or (lambda at: at.path_quantity(entry)), needs)
 
 
 _ENTRIES = (
@@ -70,6 +79,22 @@ _ENTRIES = (
         "angular acceleration of the frame, body axes",
         ("body",),
         lambda at: at.acceleration,
+    ),
+    Channel(
+        "force",
+        "N",
+        "force that moves the vehicle along the path, against inertia, gravity and drag, body axes",
+        ("body",),
+        lambda at: at.force,
+        VEHICLE,
+    ),
+    Channel(
+        "moment",
+        "N m",
+        "moment that turns the vehicle with the frame, body axes",
+        ("body",),
+        lambda at: at.moment,
+        INERTIA,
     ),
     Channel(
         "defined",

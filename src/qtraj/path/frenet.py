@@ -5,10 +5,19 @@ accept: vectors (3,), triples of arrays over many instants, polynomials. The der
 basis; formulas with the vertical take it as `up`, or use the third axis.
 """
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
+import jax.numpy as jnp
+
 from qtraj.path.components import cross, dot
+
+
+def safe_root(x: Any) -> Any:
+    """√x, with derivative 0 where x is 0."""
+    zero = x <= 0
+    return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, x)))
 
 
 class Invariants:
@@ -18,10 +27,27 @@ class Invariants:
     rate, H the square of the horizontal speed, P = c·up.
     """
 
-    def __init__(self, derivatives: Any, up: Any = None):
-        """`derivatives[k]` is the k-th derivative, k ≥ 1; `up` is the vertical, by default the third axis."""
+    def __init__(
+        self, derivatives: Any, up: Any = None, vehicle: Any = None, root: Callable[[Any], Any] = safe_root
+    ):
+        """`derivatives[k]` is the k-th derivative, k ≥ 1; `up` is the vertical, by default the third axis.
+
+        `vehicle` are the `RoadParameters` for quantities that need them, and `root` is the square root of numbers.
+        """
         self.r = derivatives
         self.up = up
+        self.vehicle = vehicle
+        self.root = root
+
+    @cached_property
+    def v(self) -> Any:
+        """The speed √S."""
+        return self.root(self.S)
+
+    @cached_property
+    def h(self) -> Any:
+        """The horizontal speed √H."""
+        return self.root(self.H)
 
     @cached_property
     def c(self) -> Any:

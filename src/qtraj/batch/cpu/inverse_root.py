@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from qtraj.path.quantity import Division
+from qtraj.path.path_quantity import Division
 
 Numbers = Float[Array, "..."]
 Choice = Bool[Array, "..."] | bool

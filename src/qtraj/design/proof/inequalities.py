@@ -21,7 +21,7 @@ from qtraj.algebra.chebyshev_model import AXIS, ChebyshevModel, add_rounding, mu
 from qtraj.path.components import Triple, cross, dot
 from qtraj.path.frenet import Invariants
 from qtraj.path.moving_basis import MovingPolynomials
-from qtraj.path.quantity import PathQuantity
+from qtraj.path.path_quantity import PathQuantity
 
 ORDER = 4
 

@@ -23,7 +23,8 @@ from qtraj.design.tuning.monomials import Table
 from qtraj.design.tuning.world_axes import upright_derivatives
 from qtraj.foundation.types import Scalar
 from qtraj.path.frenet import Invariants
-from qtraj.path.quantity import QUANTITIES, PathQuantity
+from qtraj.path.path_quantity import PathQuantity
+from qtraj.path.quantity import QUANTITIES
 
 Places = Float[Array, " places"]
 
