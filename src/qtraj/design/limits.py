@@ -15,7 +15,7 @@ from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
 from qtraj.path.values import value
-from qtraj.path.vehicle import RoadParameters, Vehicle, require_vehicle
+from qtraj.path.vehicle import NO_VEHICLE, RoadParameters, Vehicle, require_vehicle
 
 
 Limit = ArrayInput | None
@@ -114,9 +114,9 @@ class Limits(eqx.Module):
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "vehicle"}
         return {name: value for name, value in values.items() if value is not None}
 
-    def road(self, dtype: Any = None) -> RoadParameters | None:
-        """The numbers of the vehicle that the formulas use; None without a vehicle."""
-        return None if self.vehicle is None else self.vehicle.parameters(dtype)
+    def road(self, dtype: Any = None) -> RoadParameters:
+        """The numbers of the vehicle that the formulas use; without a vehicle, those of any."""
+        return NO_VEHICLE if self.vehicle is None else self.vehicle.parameters(dtype)
 
     def values(self, path: AbstractHodograph, t: ScalarLike) -> dict[str, Scalar]:
         """The limited quantities of `path` at one instant `t` [s], by name, each in its limit's unit."""

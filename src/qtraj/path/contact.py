@@ -8,15 +8,18 @@ vehicle is m(r'' + g·up), plus the drag along τ: with the specific force f = r
 
 The functions return X, Y and Z over the mass, times the speeds by which τ, n and b are normalized: v, and v√H. All are
 polynomials in the derivatives and in v = √S. They take invariants with the attribute `vehicle`, in any type of numbers.
+Where a path stops, `derivatives[1]` may be any vector in the direction of the velocity, which is `pace` times as long.
 """
 
 from typing import Any
+
+from qtraj.algebra.sparse import mul
 
 
 def along(i: Any) -> Any:
     """X·v/m = r'·f + k v³: the specific power of the force along the path."""
     p = i.vehicle
-    return i.B + p.gravity * i.V + p.drag * (i.S * i.v)
+    return i.B + p.gravity * i.V + p.drag * mul(mul(i.pace, i.pace), i.S * i.v)
 
 
 def across(i: Any) -> Any:
@@ -45,4 +48,4 @@ def friction_numerator(i: Any) -> Any:
 def power_numerator(i: Any) -> Any:
     """(X + C_rr·Z)·v times √H: the power of the drive, against inertia, gravity, drag and rolling resistance."""
     p = i.vehicle
-    return p.mass * (along(i) * i.h + p.rolling * onto(i))
+    return mul(i.pace, p.mass * (along(i) * i.h + p.rolling * onto(i)))

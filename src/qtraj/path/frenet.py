@@ -28,16 +28,23 @@ class Invariants:
     """
 
     def __init__(
-        self, derivatives: Any, up: Any = None, vehicle: Any = None, root: Callable[[Any], Any] = safe_root
+        self,
+        derivatives: Any,
+        up: Any = None,
+        vehicle: Any = None,
+        root: Callable[[Any], Any] = safe_root,
+        pace: Any = 1,
     ):
         """`derivatives[k]` is the k-th derivative, k ≥ 1; `up` is the vertical, by default the third axis.
 
-        `vehicle` are the `RoadParameters` for quantities that need them, and `root` is the square root of numbers.
+        `vehicle` are the `RoadParameters` for quantities that need them, and `root` is the square root of numbers. If
+        `derivatives[1]` has only the direction of the velocity, `pace` is the velocity over it.
         """
         self.r = derivatives
         self.up = up
         self.vehicle = vehicle
         self.root = root
+        self.pace = pace
 
     @cached_property
     def v(self) -> Any:

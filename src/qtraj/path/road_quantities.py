@@ -20,7 +20,7 @@ def _normal_load(i: Any, by: Division) -> Any:
 
 def _power(i: Any, by: Division) -> Any:
     p = i.vehicle
-    return p.mass * (contact.along(i) + p.rolling * (contact.onto(i) * inverse_root(i.H, by)))
+    return i.pace * (p.mass * (contact.along(i) + p.rolling * (contact.onto(i) * inverse_root(i.H, by))))
 
 
 ROAD_QUANTITIES = (

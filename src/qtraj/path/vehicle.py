@@ -40,6 +40,10 @@ class RoadParameters(NamedTuple):
     inv_lat: Any
 
 
+NO_VEHICLE = RoadParameters(1.0, GRAVITY, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0)
+"""Numbers in place of those of a vehicle, where nothing depends on it."""
+
+
 @storable
 class Vehicle(eqx.Module):
     """A vehicle on a road: a point mass with the grip of its tyres, resistance and, for moments, an inertia.

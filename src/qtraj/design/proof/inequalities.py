@@ -7,7 +7,7 @@ length a power of two close to the size of the path, so that high degrees do not
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -16,8 +16,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
-from qtraj.algebra.cells import PerPath
+from qtraj.algebra.cells import Cells, PerPath
 from qtraj.algebra.chebyshev_model import AXIS, ChebyshevModel, add_rounding, multiple
+from qtraj.design.proof.road import road_slack
 from qtraj.path.components import Triple, cross, dot
 from qtraj.path.frenet import Invariants
 from qtraj.path.moving_basis import MovingPolynomials
@@ -53,11 +54,15 @@ class Vectors(eqx.Module):
 
 
 class PathDerivatives(eqx.Module):
-    """The derivatives r', r'', … in s of a batch of paths, in units of `length` [m]; `unit` [s] is half a duration."""
+    """The derivatives r', r'', … in s of a batch of paths, in units of `length` [m]; `unit` [s] is half a duration.
+
+    If r' stands for its direction only, `pace` is the velocity over it; None is 1.
+    """
 
     derivatives: list[CellPolynomial]
     length: PerPath
     unit: PerPath
+    pace: CellPolynomial | None = None
 
 
 def path_derivatives(path: MovingPolynomials, duration: PerPath, roundings: int = 0) -> PathDerivatives:
@@ -88,11 +93,30 @@ def path_derivatives(path: MovingPolynomials, duration: PerPath, roundings: int 
     return PathDerivatives(derivatives, length, unit)
 
 
-def slack(entry: PathQuantity, i: Invariants, bound: tuple[Array, Array]) -> ChebyshevModel:
-    """limit² · denominator − numerator in cells: the limit is satisfied where this is not negative."""
+class Bound(NamedTuple):
+    """A limit and its square in the units of `PathDerivatives`, each with a bound on its rounding."""
+
+    first: tuple[Array, Array]
+    square: tuple[Array, Array]
+
+
+def slack(entry: PathQuantity, i: Invariants, bound: Bound, half: Cells) -> ChebyshevModel:
+    """limit² · denominator − numerator in cells: the limit is satisfied where this is not negative.
+
+    For a signed quantity the limit itself stands in place of its square.
+    """
+    if entry.needs_vehicle:
+        return road_slack(entry, i, bound.first if entry.signed else bound.square, half)
     numerator = entry.numerator(i)
     denominator = numerator.one() if entry.denominator is None else entry.denominator(i)
-    return multiple(denominator, *bound) - numerator
+    return multiple(denominator, *bound.square) - numerator
+
+
+def bounds(limit: PerPath, scale: PerPath) -> Bound:
+    """A limit in the units of `PathDerivatives`."""
+    bound = limit * scale
+    rounding = jnp.where(_is_normal(bound) & _is_normal(scale), 8 * float(jnp.finfo(bound.dtype).eps) * bound, jnp.inf)
+    return Bound((bound[None], rounding[None]), squared_bound(limit, scale))
 
 
 def squared_bound(limit: PerPath, scale: PerPath) -> tuple[Array, Array]:

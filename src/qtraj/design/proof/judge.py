@@ -13,16 +13,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from qtraj.algebra.cells import PerPath
+from qtraj.algebra.cells import Cells, PerPath
 from qtraj.algebra.chebyshev_model import ChebyshevModel
 from qtraj.algebra.positivity import NEGATIVE, POSITIVE, UNDECIDED as NOT_PROVED, Answer, prove_positive
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED
-from qtraj.design.proof.inequalities import ORDER, PathDerivatives, slack, squared_bound
+from qtraj.design.proof import road
+from qtraj.design.proof.inequalities import ORDER, Bound, PathDerivatives, bounds, slack
 from qtraj.design.proof.search import find_maximum
 from qtraj.path.frenet import Invariants
+from qtraj.path.path_quantity import LOAD, PathQuantity
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.regularity import Regularity, regularity
 from qtraj.path.values import root
+from qtraj.path.vehicle import RoadParameters
 
 MIN_RELATIVE_DIVISOR = 1e-9
 """A relative divisor below this that is not proved positive cannot be distinguished from zero."""
@@ -31,19 +34,22 @@ CHUNKS = (8, 35)
 """The maximum is searched in this many chunks of 30 intervals: with a proof, and without one."""
 
 DIVISORS = ("S", "N", "H")
-DIVISOR_SIZES = ("speed", "cross_norm", "level")
-"""The divisors of quantities: the invariants, and the corresponding measures of regularity."""
+DIVISOR_SIZES = ("speed", "cross_norm", "level", LOAD)
+"""The divisors of quantities: the invariants, and the corresponding measures of regularity. The last is the load."""
 
 LIMITS = tuple(QUANTITIES.values())
 LIMIT_COUNT = len(LIMITS)
-ENTRY_COUNT = LIMIT_COUNT + len(DIVISORS)
+ENTRY_COUNT = LIMIT_COUNT + len(DIVISOR_SIZES)
 """Number of entries: the limits in the registry's order, then the divisors."""
+
+UPRIGHT_DIVISOR = DIVISOR_SIZES.index("level")
+"""The first divisor that depends on the vertical."""
 
 NO_DIVISOR = ENTRY_COUNT
 """The index that stands for the divisor of a quantity without one."""
 
 TIME_POWERS = 1 + max(entry.per_time for entry in LIMITS)
-ORDERS = [*(entry.order for entry in LIMITS), 1, 2, 1]
+ORDERS = [*(entry.order for entry in LIMITS), 1, 2, 1, 2]
 PLACES = [ORDERS[:k].count(order) for k, order in enumerate(ORDERS)]
 """The index of each entry among those with the same order, which share their derivatives."""
 
@@ -66,7 +72,7 @@ def _entries() -> np.ndarray:
         divisor = LIMIT_COUNT + DIVISOR_SIZES.index(x.divisor) if x.divisor else NO_DIVISOR
         entries.append(Entry(unit, x.upright, divisor, 1 + 3 * (x.order == 4), ORDERS[k], PLACES[k]))
     entries += [
-        Entry(TIME_POWERS, k == ENTRY_COUNT - 1, NO_DIVISOR, 1, ORDERS[k], PLACES[k])
+        Entry(TIME_POWERS, k >= LIMIT_COUNT + UPRIGHT_DIVISOR, NO_DIVISOR, 1, ORDERS[k], PLACES[k])
         for k in range(LIMIT_COUNT, ENTRY_COUNT)
     ]
     return np.array(entries, np.int32)
@@ -110,15 +116,16 @@ def judge(
     derivatives: PathDerivatives | None,
     index: Int[Array, " entries"],
     count: Int[Array, ""],
+    vehicle: RoadParameters,
 ) -> Findings:
     """The findings on the first `count` entries of `index`, for paths that `evaluate` evaluates.
 
-    Without polynomial `derivatives` nothing is proved.
+    Without polynomial `derivatives` nothing is proved. The numbers of the `vehicle` are one for each path, in SI units.
     """
     paths, dtype = scale.time.shape, scale.time.dtype
     shape = (ENTRY_COUNT + 1, *paths)
     start = Findings(jnp.full(shape, PROVED, jnp.int32), jnp.zeros(shape, dtype), jnp.zeros(shape, dtype))
-    units = _units(scale)
+    units, vehicle = _units(scale), road.in_units(vehicle, scale.length, scale.time)
 
     def step(k: Array, findings: Findings) -> Findings:
         entry_index = _take(index, k)
@@ -126,13 +133,13 @@ def judge(
         divisor: Findings = jax.tree.map(lambda x: _take(x, entry.divisor), findings)
         bound, unit = _take(limits, jnp.minimum(entry_index, LIMIT_COUNT - 1)), _take(units, entry.unit)
         provable = (upright | (entry.upright == 0)) & (derivatives is not None)
-        answer = _proof(derivatives, entry, squared_bound(bound, unit), paths, dtype)
+        answer = _proof(derivatives, entry, bounds(bound, unit), vehicle, paths, dtype)
         chunks = jnp.where(jnp.all(provable), *CHUNKS)
         chunks = jnp.where((entry_index >= LIMIT_COUNT) & jnp.all(provable & (answer.code == POSITIVE)), 0, chunks)
         hints = jnp.stack([answer.at, jnp.clip(divisor.times / scale.time - 1, -1.0, 1.0), answer.at])
-        square, at = find_maximum(lambda s: _squares(evaluate, entry_index, s), hints, chunks)
+        square, at = find_maximum(lambda s: _squares(evaluate, vehicle, entry_index, s), hints, chunks)
         proved = answer.code == POSITIVE
-        value = root(square) / unit
+        value = jnp.sign(square) * root(jnp.abs(square)) / unit  # signed quantities keep their sign in the square
         sampled = jnp.where(value <= bound, SAMPLED, jnp.where(value > bound, BROKEN, UNDECIDED))
         proved_or_open = jnp.where(proved, PROVED, jnp.where(answer.code == NEGATIVE, BROKEN, UNDECIDED))
         code = jnp.where(provable, proved_or_open, sampled)
@@ -150,8 +157,9 @@ def judge(
 
 
 def _units(scale: Scale) -> Float[Array, "units paths"]:
-    """All products of powers of the units that occur: lengths from −1 to 1, times from 0."""
-    lengths = (scale.length, jnp.ones_like(scale.length), 1 / scale.length)
+    """All products of powers of the units that occur: lengths from −1 to 2, times from 0."""
+    inverse = 1 / scale.length
+    lengths = (scale.length, jnp.ones_like(scale.length), inverse, inverse * inverse)
     times = [jnp.ones_like(scale.time)]
     for _ in range(TIME_POWERS - 1):
         times.append(times[-1] * scale.time)
@@ -163,19 +171,28 @@ def _take(x: Array, k: Array) -> Array:
 
 
 def _proof(
-    derivatives: PathDerivatives | None, entry: Entry, bound: tuple[Array, Array], paths: tuple[int, ...], dtype: Any
+    derivatives: PathDerivatives | None,
+    entry: Entry,
+    bound: Bound,
+    vehicle: RoadParameters,
+    paths: tuple[int, ...],
+    dtype: Any,
 ) -> Answer:
     if derivatives is None:
         nothing = jnp.zeros(paths, dtype)
         return Answer(jnp.full(paths, NOT_PROVED, jnp.int32), nothing, nothing, nothing)
-    slacks = [*(partial(slack, x) for x in LIMITS), *(partial(_divisor, name) for name in DIVISORS)]
+    slacks = [*(partial(slack, x) for x in LIMITS), *(partial(_divisor, name) for name in DIVISORS), _load]
 
     def of_order(order: int) -> Callable[[Array, Array], ChebyshevModel]:
         builds = [build for build, needed in zip(slacks, ORDERS, strict=True) if needed == order]
 
         def build(centre: Array, half: Array) -> ChebyshevModel:
             vectors = [r.on(centre, half) for r in derivatives.derivatives[:order]]
-            chosen = [lambda r, build=build: build(Invariants([None, *r]), bound) for build in builds]
+            pace = 1 if derivatives.pace is None else derivatives.pace.on(centre, half)[0]
+            chosen = [
+                lambda r, build=build: build(Invariants([None, *r], vehicle=vehicle, pace=pace), bound, half)
+                for build in builds
+            ]
             return jax.lax.switch(entry.place, chosen, vectors)
 
         return build
@@ -186,19 +203,37 @@ def _proof(
     return prove_positive(build, max_width)
 
 
-def _divisor(name: str, i: Invariants, bound: tuple[Array, Array]) -> ChebyshevModel:
+def _divisor(name: str, i: Invariants, bound: Bound, half: Cells) -> ChebyshevModel:
     return getattr(i, name)
 
 
+def _load(i: Invariants, bound: Bound, half: Cells) -> ChebyshevModel:
+    return road.load(i, half)
+
+
 def _squares(
-    evaluate: Evaluate, entry_index: Array, s: Float[Array, "instants paths"]
+    evaluate: Evaluate, vehicle: RoadParameters, entry_index: Array, s: Float[Array, "instants paths"]
 ) -> Float[Array, "instants paths"]:
-    """The square of a quantity; for a divisor, the negative of its relative size."""
+    """The square of a quantity, with the sign of a signed one; for a divisor, the negative of its relative size."""
+    at_instants = RoadParameters(*(x[None] for x in vehicle))
+
+    def of_limit(x: PathQuantity, s: Array) -> Array:
+        i = evaluate(s, x.order, x.upright)
+        i.vehicle = at_instants
+        if x.signed is None:
+            return jnp.broadcast_to(x.squared(i), s.shape)
+        value = x.value(i)
+        return value * jnp.abs(value)
+
+    def load(s: Array) -> Array:
+        i = evaluate(s, 2, True)
+        i.vehicle = at_instants
+        return -road.relative_load(i)
 
     @jax.jit
     def sizes(s: Array) -> Regularity:
         return regularity(evaluate(s, 3, True), jnp.asarray(2.0, s.dtype))
 
-    limits = [lambda s, x=x: jnp.broadcast_to(x.squared(evaluate(s, x.order, x.upright)), s.shape) for x in LIMITS]
-    divisors = [lambda s, name=name: -getattr(sizes(s), name) for name in DIVISOR_SIZES]
-    return jax.lax.switch(entry_index, limits + divisors, s)
+    limits = [partial(of_limit, x) for x in LIMITS]
+    divisors = [lambda s, name=name: -getattr(sizes(s), name) for name in DIVISOR_SIZES[:-1]]
+    return jax.lax.switch(entry_index, [*limits, *divisors, load], s)

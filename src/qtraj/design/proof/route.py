@@ -15,6 +15,7 @@ from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import quantity
 from qtraj.path.route import Route
 from qtraj.path.stops import Segments
+from qtraj.path.vehicle import RoadParameters
 
 INSTANTS = 65
 """Instants of a broken segment between which the ends of intervals are sought."""
@@ -42,7 +43,8 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
         return RouteCertificate(
             Certificate((), none, none, none, none), Certificate((), each, each, each, each), starts
         )
-    found = findings(segments, given)
+    road = limits.road()
+    found = findings(segments, given, road)
     times = found.times + starts[:, None]
     codes, column = worst(found.codes), np.arange(len(names))
     rank = np.where(found.codes == codes[None], found.values, -np.inf)
@@ -52,26 +54,26 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
     spans, numbers = [], []
     for k, name in enumerate(names):
         some = np.flatnonzero(found.codes[:, k] == BROKEN)
-        own = _intervals(segments, name, bounds[k], some, found.times[some, k])
+        own = _intervals(segments, name, bounds[k], road, some, found.times[some, k])
         spans += own
         numbers += [k] * len(own)
     return RouteCertificate(whole, parts, starts, spans, numbers)
 
 
 def _intervals(
-    segments: Segments, name: str, bound: float, some: np.ndarray, seen: np.ndarray
+    segments: Segments, name: str, bound: float, road: RoadParameters, some: np.ndarray, seen: np.ndarray
 ) -> list[tuple[float, float]]:
     """The intervals in which `some` segments exceed a bound; it is seen to be exceeded at a local time of each."""
     if not some.size:
         return []
     c, h = segments.coefficients[some], segments.durations[some]
     s = np.sort(np.concatenate([h[:, None] * np.linspace(0.0, 1.0, INSTANTS), seen[:, None]], axis=1), axis=1)
-    above = _exceeds(c, s, name, bound) | (s == seen[:, None])
+    above = _exceeds(c, s, name, bound, road) | (s == seen[:, None])
     row, left = np.nonzero(above[:, 1:] != above[:, :-1])
     low, high, first = s[row, left], s[row, left + 1], above[row, left]
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        same = _exceeds(c[row], middle[:, None], name, bound)[:, 0] == first
+        same = _exceeds(c[row], middle[:, None], name, bound, road)[:, 0] == first
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     found: list[tuple[float, float]] = []
     for i, start in enumerate(segments.starts[some]):
@@ -85,12 +87,9 @@ def _intervals(
     return found
 
 
-def _exceeds(c: np.ndarray, s: np.ndarray, name: str, bound: float) -> np.ndarray:
+def _exceeds(c: np.ndarray, s: np.ndarray, name: str, bound: float, road: RoadParameters) -> np.ndarray:
     """Whether a quantity is above its bound at local times (segments, instants)."""
     entry = quantity(name)
     spread = np.broadcast_to(c[:, None], (*s.shape, *c.shape[1:]))
     rows: list[Any] = [(r[..., 0], r[..., 1], r[..., 2]) for r in pieces.values(spread, s, max(entry.order, 1))]
-    i = Invariants(rows)
-    numerator = entry.numerator(i)
-    denominator = 1.0 if entry.denominator is None else entry.denominator(i)
-    return np.asarray(numerator > bound**2 * denominator)
+    return np.asarray(entry.exceeds(Invariants(rows, vehicle=road, root=np.sqrt), bound))

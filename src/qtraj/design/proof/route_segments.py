@@ -16,19 +16,29 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
 from qtraj.design.proof.certificate import PROVED, UNDEFINED
-from qtraj.design.proof.inequalities import PathDerivatives, Vectors, path_derivatives
+from qtraj.design.proof.inequalities import PathDerivatives, Vectors, centred, path_derivatives
 from qtraj.design.proof.judge import LIMIT_COUNT, LIMITS, Findings, Scale, indices, judge
 from qtraj.foundation import cores
 from qtraj.path.frenet import Invariants
 from qtraj.path.moving_basis import MovingPolynomials
+from qtraj.path.quantity import QUANTITIES
 from qtraj.path.stops import Segments
+from qtraj.path.vehicle import RoadParameters
 
 DIRECTIONS = ("slope", "angular_rate", "angular_acceleration", "yaw_rate", "yaw_acceleration")
 """What depends on the direction of the velocity alone."""
 
-ACROSS = ("lateral_acceleration", "longitudinal_acceleration")
-"""What is the acceleration against that direction."""
+ACROSS = (
+    "lateral_acceleration",
+    "longitudinal_acceleration",
+    *(name for name, entry in QUANTITIES.items() if entry.needs_vehicle),
+)
+"""What is the acceleration against that direction, and the speed."""
+
+MAX_ORDER = 8
+"""The highest order to which a velocity vanishes whose forces are known; it is never reached in practice."""
 
 ROUNDED = 3
 """Roundings of each coefficient of Q, the integral of q."""
@@ -48,8 +58,8 @@ class Found(NamedTuple):
     values: Float[np.ndarray, "segments limits"]
 
 
-def findings(segments: Segments, limits: dict[str, float]) -> Found:
-    """The findings on every segment against `limits`, by name."""
+def findings(segments: Segments, limits: dict[str, float], road: RoadParameters) -> Found:
+    """The findings on every segment against `limits`, by name, for a vehicle with the numbers `road`."""
     names = tuple(limits)
     table = np.array([limits.get(entry.name, 1.0) for entry in LIMITS])
     given = [entry for entry in LIMITS if entry.name in names]
@@ -62,19 +72,23 @@ def findings(segments: Segments, limits: dict[str, float]) -> Found:
     directions[still, 1] = 1.0 / h[still, None]  # any straight, whose proofs are short
     for _, stop, about in groups:
         directions[stop] = _integrals(about)
-    found = Found(*(np.array(x[:, columns]) for x in _judged(directions, directions, h, table, names, False)))
+    moving = np.zeros(len(h), int)
+    found = Found(
+        *(np.array(x[:, columns]) for x in _judged(directions, directions, h, table, road, names, False, moving))
+    )
     found.codes[still], found.times[still], found.values[still] = PROVED, 0.0, 0.0
     free = tuple(entry.name for entry in given if entry.divisor is None)
     somewhere = (*DIRECTIONS, *ACROSS)
     nowhere = _places(order, [entry.name for entry in given if entry.divisor and entry.name not in somewhere])
     for end, stop, about in groups:
-        own = directions[stop]
+        # About the end the time runs backwards: the direction of the velocity is the opposite one.
+        own = -directions[stop] if end else directions[stop]
         for chosen, path, along, keeps in (
             (free, c[stop], c[stop], False),
             (tuple(name for name in order if name in ACROSS), about, own, True),
         ):
             if chosen:
-                again = _judged(path, along, h[stop], table, chosen, keeps)
+                again = _judged(path, along, h[stop], table, road, chosen, keeps, _order(about))
                 places = _places(order, chosen)
                 rows, from_columns = np.ix_(stop, places), columns[places]
                 found.codes[rows], found.values[rows] = again.codes[:, from_columns], again.values[:, from_columns]
@@ -147,6 +161,12 @@ def _integrals(c: np.ndarray) -> np.ndarray:
     return found
 
 
+def _order(c: np.ndarray) -> np.ndarray:
+    """The order to which the velocity vanishes at the start of each segment."""
+    some = c[:, 1:].any(axis=-1)
+    return np.minimum(np.argmax(some, axis=1), MAX_ORDER)
+
+
 def _exactly_reversed(c: np.ndarray, h: float) -> np.ndarray:
     """The coefficients in the time from the end, each rounded once."""
     span, found = Fraction(float(h)), np.zeros_like(c)
@@ -160,17 +180,26 @@ def _exactly_reversed(c: np.ndarray, h: float) -> np.ndarray:
 
 
 def _judged(
-    c: np.ndarray, directions: np.ndarray, h: np.ndarray, table: np.ndarray, names: tuple[str, ...], keeps: bool
+    c: np.ndarray,
+    directions: np.ndarray,
+    h: np.ndarray,
+    table: np.ndarray,
+    road: RoadParameters,
+    names: tuple[str, ...],
+    keeps: bool,
+    orders: np.ndarray,
 ) -> Findings:
     """Findings (rows, LIMIT_COUNT) on segments whose velocity has the direction of the derivative of `directions`.
 
-    With `keeps` the acceleration is that of `c`, and not the second derivative of `directions`.
+    With `keeps` the acceleration is that of `c`, and not the second derivative of `directions`, and the velocity is
+    u^order times that of `directions`.
     """
     index, count = indices(names)
     keep = np.full(len(h), keeps)
-    rows = tuple(np.ascontiguousarray(x) for x in (c, directions, h, keep))
+    rows = tuple(np.ascontiguousarray(x) for x in (c, directions, h, keep, orders * keeps))
     blocks = cores.split(np.arange(len(h)), BLOCK_SIZE)
-    calls = [(cores.take(rows, block, BLOCK_SIZE), table, index, count) for block in blocks]
+    numbers = RoadParameters(*(np.asarray(x, float) for x in road))
+    calls = [(cores.take(rows, block, BLOCK_SIZE), table, numbers, index, count) for block in blocks]
     found: Any = None
     for block, answers in zip(blocks, cores.map_blocks(_compiled, calls), strict=True):
         found = cores.allocate(len(h), answers) if found is None else found
@@ -179,21 +208,31 @@ def _judged(
 
 
 @jax.jit
-def _compiled(rows: Any, table: Array, index: Array, count: Array) -> Findings:
-    c, directions, h, keeps = rows
+def _compiled(rows: Any, table: Array, road: RoadParameters, index: Array, count: Array) -> Findings:
+    c, directions, h, keeps, orders = rows
     path, known = _parts(c, h), _parts(directions, h)
     later = zip(path.derivatives[1:], known.derivatives[1:], strict=True)
     kept = [jax.tree.map(lambda a, b: jnp.where(keeps, a, b), p, q) for p, q in later]
     length = jnp.where(keeps, path.length, known.length)
-    known = PathDerivatives([known.derivatives[0], *kept], length, known.unit)
+    pace = _pace(orders, known.unit, known.length / length)
+    known = PathDerivatives([known.derivatives[0], *kept], length, known.unit, pace)
 
     def along(s: Array, order: int, upright: bool) -> Invariants:
-        return Invariants([None, *(Vectors(*r.at(s)) for r in known.derivatives[:order])])
+        return Invariants([None, *(Vectors(*r.at(s)) for r in known.derivatives[:order])], pace=pace.at(s)[0])
 
     limits = jnp.broadcast_to(table[:, None], (LIMIT_COUNT, h.shape[0]))
     upright = jnp.ones(h.shape, bool)
-    found = judge(along, Scale(known.length, known.unit), limits, upright, known, index, count)
+    vehicle = RoadParameters(*(jnp.broadcast_to(x, h.shape) for x in road))
+    found = judge(along, Scale(known.length, known.unit), limits, upright, known, index, count, vehicle)
     return jax.tree.map(lambda x: x[:LIMIT_COUNT].T, found)
+
+
+def _pace(orders: Int[Array, " rows"], unit: Array, ratio: Array) -> CellPolynomial:
+    """u^order times the ratio of two lengths, with u = unit·(s + 1) the time from the stop [s]."""
+    powers = jnp.arange(MAX_ORDER + 1, dtype=orders.dtype)[:, None]
+    coefficients = jnp.where(powers == orders[None], ratio * unit ** orders.astype(unit.dtype), 0.0)
+    c = centred(coefficients[:, None])[None]
+    return cell_polynomial(c, 64 * float(jnp.finfo(c.dtype).eps) * jnp.sum(jnp.abs(c[0]), axis=0))
 
 
 def _parts(c: Float[Array, "rows terms 3"], h: Float[Array, " rows"]) -> PathDerivatives:
