@@ -45,7 +45,8 @@ class RootSum:
         return RootSum([add([a, b]) for a, b in both], self.squares)
 
     def __sub__(self, other: "RootSum") -> "RootSum":
-        return self + (-1) * other
+        pairs = zip(self.coefficients, other.coefficients, strict=True)
+        return RootSum([_difference(a, b) for a, b in pairs], self.squares)
 
     def __mul__(self, other: "RootSum") -> "RootSum":
         found: list[Any] = [0, 0, 0, 0]
@@ -57,25 +58,51 @@ class RootSum:
                 found[i ^ j] = add([found[i ^ j], product])
         return RootSum(found, self.squares)
 
-    def __rmul__(self, factor: int) -> "RootSum":
-        return RootSum([0 if is_zero(a) else factor * a for a in self.coefficients], self.squares)
-
     def scaled(self, factor: Any, error: Any) -> "RootSum":
         """The product with a number of either sign that has the absolute uncertainty `error`."""
         one = self.squares[0].one()
-        models = [a if is_zero(a) else scaled(one if isinstance(a, int) else a, factor, error) for a in self.coefficients]
+        models = [
+            a if is_zero(a) else scaled(one if isinstance(a, int) else a, factor, error) for a in self.coefficients
+        ]
         return RootSum(models, self.squares)
 
     def model(self, half: Cells) -> ChebyshevModel:
         """The value as a model in cells of the half width `half`, which must be those of its coefficients."""
         S, H = self.squares
-        first, *others = self.coefficients
-        total = [] if is_zero(first) else [first]
-        for coefficient, square in zip(others, (S, H, None), strict=True):
-            if not is_zero(coefficient):
-                b = S.one() if isinstance(coefficient, int) else coefficient
-                total.append(_times_root(b, S * H if square is None else square, half))
-        return add(total)
+        first, *others = self.models()
+        with_roots = jax.vmap(_times_root, in_axes=(0, 0, None))(_stacked(others), _stacked([S, H, S * H]), half)
+        for k in range(3):
+            first = first + jax.tree.map(lambda x, k=k: x[k], with_roots)
+        return first
+
+    def models(self) -> list[ChebyshevModel]:
+        """The coefficients, all as models."""
+        one = self.squares[0].one()
+        return [_constant(one, a) if isinstance(a, int) else a for a in self.coefficients]
+
+
+def _difference(a: Any, b: Any) -> Any:
+    if is_zero(b):
+        return a
+    return _minus(b) if is_zero(a) else _less(a, b)
+
+
+@jax.jit
+def _minus(p: ChebyshevModel) -> ChebyshevModel:
+    return -1 * p
+
+
+@jax.jit
+def _less(p: ChebyshevModel, q: ChebyshevModel) -> ChebyshevModel:
+    return p - q
+
+
+def _constant(one: ChebyshevModel, value: int) -> ChebyshevModel:
+    return one if value else jax.tree.map(jnp.zeros_like, one)
+
+
+def _stacked(models: Sequence[ChebyshevModel]) -> ChebyshevModel:
+    return jax.tree.map(lambda *x: jnp.stack(x), *models)
 
 
 @jax.jit

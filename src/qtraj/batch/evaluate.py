@@ -66,8 +66,8 @@ def evaluate(
     forward and reverse mode.
 
     **Raises:** ValueError for an input that is not a path, unknown outputs, components, axes or reductions, times that
-    are neither (n,) nor (b, n), outputs that need a vehicle without one, a table to reuse with other shapes or outputs, or a rotation-minimizing frame with
-    `reduce` or `reuse`.
+    are neither (n,) nor (b, n), outputs that need a vehicle without one, a table to reuse with other shapes or outputs,
+    or a rotation-minimizing frame with `reduce` or `reuse`.
     """
     require_axes(axes)
     task = Task(

@@ -23,8 +23,8 @@ from qtraj.path.components import Triple, add_vectors, cross, dot, rotated_z, sc
 from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate, upright_rates
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials, in_moving_basis
-from qtraj.path.placement import Placement
 from qtraj.path.path_quantity import PathQuantity
+from qtraj.path.placement import Placement
 from qtraj.path.rate_axes import BODY
 from qtraj.path.regularity import has_natural_frame, has_tangent, has_upright_frame
 from qtraj.path.trihedral import STEEP, AbstractFrame, Natural, Upright

@@ -17,7 +17,6 @@ from qtraj.path.quantity import quantity
 from qtraj.path.values import value
 from qtraj.path.vehicle import NO_VEHICLE, RoadParameters, Vehicle, require_vehicle
 
-
 Limit = ArrayInput | None
 """The value of a limit; None means no limit."""
 
@@ -113,6 +112,11 @@ class Limits(eqx.Module):
         """The limits that are set, by name."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "vehicle"}
         return {name: value for name, value in values.items() if value is not None}
+
+    @property
+    def needs_vehicle(self) -> bool:
+        """Whether one of the limits that are set depends on a vehicle."""
+        return any(quantity(name).needs_vehicle for name in self.given())
 
     def road(self, dtype: Any = None) -> RoadParameters:
         """The numbers of the vehicle that the formulas use; without a vehicle, those of any."""

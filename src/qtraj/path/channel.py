@@ -46,7 +46,9 @@ class Channel:
 
 def _scalar(entry: PathQuantity, formula: Callable[[Any], Any] | None = None) -> Channel:
     needs = VEHICLE if entry.needs_vehicle else ""
-    return Channel(entry.variable, entry.unit, entry.meaning, (), formula or (lambda at: at.path_quantity(entry)), needs)
+    return Channel(
+        entry.variable, entry.unit, entry.meaning, (), formula or (lambda at: at.path_quantity(entry)), needs
+    )
 
 
 _ENTRIES = (

@@ -12,6 +12,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from qtraj.path.components import cross, dot
+from qtraj.path.contact import Contact
 
 
 def safe_root(x: Any) -> Any:
@@ -20,7 +21,7 @@ def safe_root(x: Any) -> Any:
     return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, x)))
 
 
-class Invariants:
+class Invariants(Contact):
     """Scalar products of r', r'', r''' and r'''' (paper S), each computed at its first use.
 
     With c = r'×r'' and c' = r'×r''': speed² = S, curvature² = N/S³, torsion = T/N. With the vertical: V is the climb

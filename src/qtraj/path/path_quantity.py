@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 
 from qtraj.foundation import units
-from qtraj.path import contact
 
 Formula = Callable[[Any], Any]
 """A formula in `Invariants`, for any type of numbers."""
@@ -87,7 +86,6 @@ class PathQuantity:
         numerator = self.numerator(i)
         return numerator if self.denominator is None else ratio(numerator, self.denominator(i), by)
 
-
     def value(self, i: Any, by: Division = PLAIN) -> Any:
         """The quantity in floating-point numbers, at one instant or many; infinite at a pole."""
         return i.root(self.squared(i, by)) if self.signed is None else self.signed(i, by)
@@ -95,7 +93,7 @@ class PathQuantity:
     def exceeds(self, i: Any, bound: Any) -> Any:
         """Whether the quantity is larger than a bound, without division."""
         if self.divisor == LOAD:
-            return (self.numerator(i) > bound**2 * self.denominator(i)) | (contact.onto(i) < 0)  # type: ignore[misc]
+            return (self.numerator(i) > bound**2 * self.denominator(i)) | (i.onto < 0)  # type: ignore[misc]
         denominator = 1.0 if self.denominator is None else self.denominator(i)
         return self.numerator(i) > (bound if self.signed else bound**2) * denominator
 

@@ -11,6 +11,7 @@ from qtraj.path.frenet import natural_acceleration, yaw
 from qtraj.path.path_quantity import Division, PathQuantity, cubed, inverse_root, ratio, squared
 from qtraj.path.road_quantities import ROAD_QUANTITIES
 
+
 def _rate_square(i: Any, by: Division) -> Any:
     return i.S * ratio(squared(i.T), squared(i.N), by) + ratio(i.N, squared(i.S), by)
 

@@ -10,17 +10,19 @@ from qtraj.path.path_quantity import LOAD, Division, PathQuantity, inverse_root,
 
 def _friction_square(i: Any, by: Division) -> Any:
     """Infinite where the vehicle does not press on the road."""
-    load = contact.onto(i)
-    return jnp.where(load < 0, jnp.inf, ratio(contact.friction_numerator(i), squared(jnp.where(load < 0, 1.0, load)), by))
+    load = i.onto
+    return jnp.where(
+        load < 0, jnp.inf, ratio(contact.friction_numerator(i), squared(jnp.where(load < 0, 1.0, load)), by)
+    )
 
 
 def _normal_load(i: Any, by: Division) -> Any:
-    return i.vehicle.mass * (contact.onto(i) * (inverse_root(i.S, by) * inverse_root(i.H, by)))
+    return i.vehicle.mass * (i.onto * (inverse_root(i.S, by) * inverse_root(i.H, by)))
 
 
 def _power(i: Any, by: Division) -> Any:
     p = i.vehicle
-    return i.pace * (p.mass * (contact.along(i) + p.rolling * (contact.onto(i) * inverse_root(i.H, by))))
+    return i.pace * (p.mass * (i.along + p.rolling * (i.onto * inverse_root(i.H, by))))
 
 
 ROAD_QUANTITIES = (
@@ -30,7 +32,7 @@ ROAD_QUANTITIES = (
         "N",
         2,
         "magnitude of the force of drive or brakes along the path, against inertia, gravity and drag",
-        numerator=lambda i: i.vehicle.mass * (i.vehicle.mass * squared(contact.along(i))),
+        numerator=lambda i: i.vehicle.mass * (i.vehicle.mass * squared(i.along)),
         denominator=lambda i: i.S,
         divisor="speed",
         upright=True,
@@ -42,7 +44,7 @@ ROAD_QUANTITIES = (
         "N",
         2,
         "magnitude of the force across the path in the plane of the road",
-        numerator=lambda i: i.vehicle.mass * (i.vehicle.mass * squared(contact.across(i))),
+        numerator=lambda i: i.vehicle.mass * (i.vehicle.mass * squared(i.across)),
         denominator=lambda i: i.S * i.H,
         divisor="level",
         upright=True,
@@ -55,7 +57,7 @@ ROAD_QUANTITIES = (
         "N",
         2,
         "force of the road on the vehicle, normal to the road; negative where it would have to pull",
-        numerator=lambda i: i.vehicle.mass * contact.onto(i),
+        numerator=lambda i: i.vehicle.mass * i.onto,
         denominator=lambda i: i.v * i.h,
         divisor="level",
         upright=True,
@@ -69,7 +71,7 @@ ROAD_QUANTITIES = (
         2,
         "use of the grip by the friction ellipse: 1 where the tyres begin to slide",
         numerator=contact.friction_numerator,
-        denominator=lambda i: squared(contact.onto(i)),
+        denominator=lambda i: squared(i.onto),
         square=_friction_square,
         divisor=LOAD,
         upright=True,

@@ -5,7 +5,7 @@ from jaxtyping import Array
 
 from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.components import Triple, rotated_z
-from qtraj.path.frenet import Invariants, safe_root as root
+from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import in_moving_basis
 from qtraj.path.placement import Placement

@@ -99,9 +99,7 @@ class Vehicle(eqx.Module):
         self.gravity = _not_negative(gravity, "gravity", "m/s²")
 
     def __repr__(self) -> str:
-        return shown(
-            self, mass="kg", inertia="kg m²", drag_area="m²", bank="rad", air_density="kg/m³", gravity="m/s²"
-        )
+        return shown(self, mass="kg", inertia="kg m²", drag_area="m²", bank="rad", air_density="kg/m³", gravity="m/s²")
 
     def parameters(self, dtype: Any = None) -> RoadParameters:
         """The numbers that the formulas use, (*batch) each: NumPy arrays where the fields are known."""

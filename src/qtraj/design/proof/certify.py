@@ -126,16 +126,17 @@ def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
     xp = jnp if traced else np
     bounds = [xp.broadcast_to(xp.asarray(limits.given()[x], dtype), batch) for x in names]
     table = [bounds[names.index(x.name)] if x.name in names else xp.ones(batch, dtype) for x in LIMITS]
-    road = xp.stack([xp.broadcast_to(xp.asarray(x, dtype), batch) for x in limits.road(dtype)], axis=-1)
-    # The numbers of the vehicle follow those of the limits.
-    source, limits_array = _source(path, len(batch)), xp.concatenate([xp.stack(table, axis=-1), road], axis=-1)
+    # The numbers of the vehicle follow those of the limits. Without it, the formulas that need it are not compiled.
+    numbers = limits.road(dtype) if limits.needs_vehicle else ()
+    road = [xp.broadcast_to(xp.asarray(x, dtype), batch) for x in numbers]
+    source, limits_array = _source(path, len(batch)), xp.stack([*table, *road], axis=-1)
     if traced:
         source, limits_array = jax.lax.stop_gradient((source, limits_array))
     findings = _judge_batch(source, limits_array, *indices(names), batch, _traced if traced else _on_cores)
     places = np.array([k for k, x in enumerate(LIMITS) if x.name in names])
     codes, times, values = (x[..., places] for x in findings)
     if traced:
-        values = differentiable(names, static, (arrays, road), times, values)
+        values = differentiable(names, static, (arrays, limits_array[..., LIMIT_COUNT:]), times, values)
     return Certificate(names, codes, times, values, xp.stack(bounds, axis=-1))
 
 
@@ -235,7 +236,7 @@ def _judge_block(source: Any, limits: Array, index: Array, count: Array) -> Find
     evaluate, scale, is_vertical, polynomials = (
         _from_polynomials(source) if isinstance(source, PolynomialPaths) else _from_curves(source)
     )
-    vehicle = RoadParameters(*limits.T[LIMIT_COUNT:])
+    vehicle = RoadParameters(*limits.T[LIMIT_COUNT:]) if limits.shape[1] > LIMIT_COUNT else None
     findings = judge(evaluate, scale, limits.T[:LIMIT_COUNT], is_vertical, polynomials, index, count, vehicle)
     return jax.tree.map(lambda x: x[:LIMIT_COUNT].T, findings)
 

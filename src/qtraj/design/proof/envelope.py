@@ -26,7 +26,7 @@ def _derivative(names: tuple[str, ...], static: Any, primals: Any, tangents: Any
     (source, times, values), (changes, _, _) = primals, tangents
 
     def at_times(source: Any, times: Array) -> Array:
-        path, road = eqx.combine(source[0], static), RoadParameters(*(source[1][k] for k in range(source[1].shape[0])))
+        path, road = eqx.combine(source[0], static), RoadParameters(*source[1]) if source[1].size else None
         return jnp.stack([value(path, times[k], name, road) for k, name in enumerate(names)])
 
     def at_all_times(source: Any) -> Array:

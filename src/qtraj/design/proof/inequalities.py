@@ -7,7 +7,7 @@ length a power of two close to the size of the path, so that high degrees do not
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,9 +16,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
-from qtraj.algebra.cells import Cells, PerPath
+from qtraj.algebra.cells import PerPath
 from qtraj.algebra.chebyshev_model import AXIS, ChebyshevModel, add_rounding, multiple
-from qtraj.design.proof.road import road_slack
+from qtraj.design.proof.road import Bound
 from qtraj.path.components import Triple, cross, dot
 from qtraj.path.frenet import Invariants
 from qtraj.path.moving_basis import MovingPolynomials
@@ -93,20 +93,8 @@ def path_derivatives(path: MovingPolynomials, duration: PerPath, roundings: int 
     return PathDerivatives(derivatives, length, unit)
 
 
-class Bound(NamedTuple):
-    """A limit and its square in the units of `PathDerivatives`, each with a bound on its rounding."""
-
-    first: tuple[Array, Array]
-    square: tuple[Array, Array]
-
-
-def slack(entry: PathQuantity, i: Invariants, bound: Bound, half: Cells) -> ChebyshevModel:
-    """limit² · denominator − numerator in cells: the limit is satisfied where this is not negative.
-
-    For a signed quantity the limit itself stands in place of its square.
-    """
-    if entry.needs_vehicle:
-        return road_slack(entry, i, bound.first if entry.signed else bound.square, half)
+def slack(entry: PathQuantity, i: Invariants, bound: Bound) -> ChebyshevModel:
+    """limit² · denominator − numerator in cells: the limit is satisfied where this is not negative."""
     numerator = entry.numerator(i)
     denominator = numerator.one() if entry.denominator is None else entry.denominator(i)
     return multiple(denominator, *bound.square) - numerator

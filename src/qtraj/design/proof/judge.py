@@ -13,18 +13,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from qtraj.algebra.cells import Cells, PerPath
+from qtraj.algebra.cells import PerPath
 from qtraj.algebra.chebyshev_model import ChebyshevModel
 from qtraj.algebra.positivity import NEGATIVE, POSITIVE, UNDECIDED as NOT_PROVED, Answer, prove_positive
-from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED
 from qtraj.design.proof import road
-from qtraj.design.proof.inequalities import ORDER, Bound, PathDerivatives, bounds, slack
+from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED
+from qtraj.design.proof.inequalities import ORDER, PathDerivatives, bounds, slack
+from qtraj.design.proof.road import Bound
 from qtraj.design.proof.search import find_maximum
-from qtraj.path.frenet import Invariants
+from qtraj.path.frenet import Invariants, safe_root as root
 from qtraj.path.path_quantity import LOAD, PathQuantity
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.regularity import Regularity, regularity
-from qtraj.path.values import root
+from qtraj.path.road_quantities import ROAD_QUANTITIES
 from qtraj.path.vehicle import RoadParameters
 
 MIN_RELATIVE_DIVISOR = 1e-9
@@ -49,9 +50,15 @@ NO_DIVISOR = ENTRY_COUNT
 """The index that stands for the divisor of a quantity without one."""
 
 TIME_POWERS = 1 + max(entry.per_time for entry in LIMITS)
-ORDERS = [*(entry.order for entry in LIMITS), 1, 2, 1, 2]
+ROAD = ORDER + 1
+"""Stands for the order of quantities that need a vehicle, which share more than their derivatives."""
+
+ORDERS = [*(ROAD if entry.needs_vehicle else entry.order for entry in LIMITS), 1, 2, 1, ROAD]
 PLACES = [ORDERS[:k].count(order) for k, order in enumerate(ORDERS)]
 """The index of each entry among those with the same order, which share their derivatives."""
+
+BRANCHES = [sum(order != ROAD for order in ORDERS[: k if ORDERS[k] != ROAD else None]) for k in range(ENTRY_COUNT)]
+"""The index of each entry among those whose values have a branch of their own; one more branch is for the road."""
 
 
 class Entry(NamedTuple):
@@ -63,6 +70,7 @@ class Entry(NamedTuple):
     pieces: Any
     order: Any
     place: Any
+    branch: Any
 
 
 def _entries() -> np.ndarray:
@@ -70,9 +78,9 @@ def _entries() -> np.ndarray:
     for k, x in enumerate(LIMITS):
         unit = (x.length + 1) * TIME_POWERS + x.per_time
         divisor = LIMIT_COUNT + DIVISOR_SIZES.index(x.divisor) if x.divisor else NO_DIVISOR
-        entries.append(Entry(unit, x.upright, divisor, 1 + 3 * (x.order == 4), ORDERS[k], PLACES[k]))
+        entries.append(Entry(unit, x.upright, divisor, 1 + 3 * (x.order == 4), ORDERS[k], PLACES[k], BRANCHES[k]))
     entries += [
-        Entry(TIME_POWERS, k >= LIMIT_COUNT + UPRIGHT_DIVISOR, NO_DIVISOR, 1, ORDERS[k], PLACES[k])
+        Entry(TIME_POWERS, k >= LIMIT_COUNT + UPRIGHT_DIVISOR, NO_DIVISOR, 1, ORDERS[k], PLACES[k], BRANCHES[k])
         for k in range(LIMIT_COUNT, ENTRY_COUNT)
     ]
     return np.array(entries, np.int32)
@@ -116,16 +124,18 @@ def judge(
     derivatives: PathDerivatives | None,
     index: Int[Array, " entries"],
     count: Int[Array, ""],
-    vehicle: RoadParameters,
+    vehicle: RoadParameters | None,
 ) -> Findings:
     """The findings on the first `count` entries of `index`, for paths that `evaluate` evaluates.
 
-    Without polynomial `derivatives` nothing is proved. The numbers of the `vehicle` are one for each path, in SI units.
+    Without polynomial `derivatives` nothing is proved. The numbers of the `vehicle` are one for each path, in SI units;
+    without them, no entry may need them, and their branches are not compiled.
     """
     paths, dtype = scale.time.shape, scale.time.dtype
     shape = (ENTRY_COUNT + 1, *paths)
     start = Findings(jnp.full(shape, PROVED, jnp.int32), jnp.zeros(shape, dtype), jnp.zeros(shape, dtype))
-    units, vehicle = _units(scale), road.in_units(vehicle, scale.length, scale.time)
+    units = _units(scale)
+    vehicle = None if vehicle is None else road.in_units(vehicle, scale.length, scale.time)
 
     def step(k: Array, findings: Findings) -> Findings:
         entry_index = _take(index, k)
@@ -137,7 +147,7 @@ def judge(
         chunks = jnp.where(jnp.all(provable), *CHUNKS)
         chunks = jnp.where((entry_index >= LIMIT_COUNT) & jnp.all(provable & (answer.code == POSITIVE)), 0, chunks)
         hints = jnp.stack([answer.at, jnp.clip(divisor.times / scale.time - 1, -1.0, 1.0), answer.at])
-        square, at = find_maximum(lambda s: _squares(evaluate, vehicle, entry_index, s), hints, chunks)
+        square, at = find_maximum(lambda s: _squares(evaluate, vehicle, entry, s), hints, chunks)
         proved = answer.code == POSITIVE
         value = jnp.sign(square) * root(jnp.abs(square)) / unit  # signed quantities keep their sign in the square
         sampled = jnp.where(value <= bound, SAMPLED, jnp.where(value > bound, BROKEN, UNDECIDED))
@@ -174,66 +184,65 @@ def _proof(
     derivatives: PathDerivatives | None,
     entry: Entry,
     bound: Bound,
-    vehicle: RoadParameters,
+    vehicle: RoadParameters | None,
     paths: tuple[int, ...],
     dtype: Any,
 ) -> Answer:
     if derivatives is None:
         nothing = jnp.zeros(paths, dtype)
         return Answer(jnp.full(paths, NOT_PROVED, jnp.int32), nothing, nothing, nothing)
-    slacks = [*(partial(slack, x) for x in LIMITS), *(partial(_divisor, name) for name in DIVISORS), _load]
+    slacks = [*(partial(slack, x) for x in LIMITS), *(partial(_divisor, name) for name in DIVISORS)]
 
     def of_order(order: int) -> Callable[[Array, Array], ChebyshevModel]:
-        builds = [build for build, needed in zip(slacks, ORDERS, strict=True) if needed == order]
+        builds = [build for build, needed in zip(slacks, ORDERS, strict=False) if needed == order]
 
         def build(centre: Array, half: Array) -> ChebyshevModel:
             vectors = [r.on(centre, half) for r in derivatives.derivatives[:order]]
-            pace = 1 if derivatives.pace is None else derivatives.pace.on(centre, half)[0]
-            chosen = [
-                lambda r, build=build: build(Invariants([None, *r], vehicle=vehicle, pace=pace), bound, half)
-                for build in builds
-            ]
+            chosen = [lambda r, build=build: build(Invariants([None, *r]), bound) for build in builds]
             return jax.lax.switch(entry.place, chosen, vectors)
 
         return build
 
-    branches = [of_order(order) for order in range(1, ORDER + 1)]
+    def on_road(centre: Array, half: Array) -> ChebyshevModel:
+        vectors = [r.on(centre, half) for r in derivatives.derivatives[:2]]
+        pace = 1 if derivatives.pace is None else derivatives.pace.on(centre, half)[0]
+        return road.road_slack(entry.place, Invariants([None, *vectors], vehicle=vehicle, pace=pace), bound, half)
+
+    branches = [*(of_order(order) for order in range(1, ORDER + 1)), *([] if vehicle is None else [on_road])]
     build = lambda centre, half: jax.lax.switch(entry.order - 1, branches, centre, half)  # noqa: E731
     max_width = jnp.full(paths, 2.0, dtype) / entry.pieces.astype(dtype)
     return prove_positive(build, max_width)
 
 
-def _divisor(name: str, i: Invariants, bound: Bound, half: Cells) -> ChebyshevModel:
+def _divisor(name: str, i: Invariants, bound: Bound) -> ChebyshevModel:
     return getattr(i, name)
 
 
-def _load(i: Invariants, bound: Bound, half: Cells) -> ChebyshevModel:
-    return road.load(i, half)
-
-
 def _squares(
-    evaluate: Evaluate, vehicle: RoadParameters, entry_index: Array, s: Float[Array, "instants paths"]
+    evaluate: Evaluate, vehicle: RoadParameters | None, entry: Entry, s: Float[Array, "instants paths"]
 ) -> Float[Array, "instants paths"]:
     """The square of a quantity, with the sign of a signed one; for a divisor, the negative of its relative size."""
-    at_instants = RoadParameters(*(x[None] for x in vehicle))
-
-    def of_limit(x: PathQuantity, s: Array) -> Array:
-        i = evaluate(s, x.order, x.upright)
-        i.vehicle = at_instants
-        if x.signed is None:
-            return jnp.broadcast_to(x.squared(i), s.shape)
-        value = x.value(i)
-        return value * jnp.abs(value)
-
-    def load(s: Array) -> Array:
-        i = evaluate(s, 2, True)
-        i.vehicle = at_instants
-        return -road.relative_load(i)
 
     @jax.jit
     def sizes(s: Array) -> Regularity:
         return regularity(evaluate(s, 3, True), jnp.asarray(2.0, s.dtype))
 
-    limits = [partial(of_limit, x) for x in LIMITS]
+    def on_road(s: Array) -> Array:
+        i = evaluate(s, 2, True)
+        i.vehicle = RoadParameters(*(x[None] for x in vehicle))
+        i.compute()
+        return jax.lax.switch(entry.place, [partial(of, x, i) for x in ROAD_QUANTITIES] + [partial(_no_load, i)])
+
+    def of(x: PathQuantity, i: Invariants) -> Array:
+        if x.signed is None:
+            return jnp.broadcast_to(x.squared(i), s.shape)
+        value = x.value(i)
+        return value * jnp.abs(value)
+
+    limits = [lambda s, x=x: of(x, evaluate(s, x.order, x.upright)) for x in LIMITS if not x.needs_vehicle]
     divisors = [lambda s, name=name: -getattr(sizes(s), name) for name in DIVISOR_SIZES[:-1]]
-    return jax.lax.switch(entry_index, [*limits, *divisors, load], s)
+    return jax.lax.switch(entry.branch, [*limits, *divisors, *([] if vehicle is None else [on_road])], s)
+
+
+def _no_load(i: Invariants) -> Array:
+    return -road.relative_load(i)

@@ -43,7 +43,7 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
         return RouteCertificate(
             Certificate((), none, none, none, none), Certificate((), each, each, each, each), starts
         )
-    road = limits.road()
+    road = limits.road() if limits.needs_vehicle else None
     found = findings(segments, given, road)
     times = found.times + starts[:, None]
     codes, column = worst(found.codes), np.arange(len(names))
@@ -61,7 +61,7 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
 
 
 def _intervals(
-    segments: Segments, name: str, bound: float, road: RoadParameters, some: np.ndarray, seen: np.ndarray
+    segments: Segments, name: str, bound: float, road: RoadParameters | None, some: np.ndarray, seen: np.ndarray
 ) -> list[tuple[float, float]]:
     """The intervals in which `some` segments exceed a bound; it is seen to be exceeded at a local time of each."""
     if not some.size:
@@ -87,7 +87,7 @@ def _intervals(
     return found
 
 
-def _exceeds(c: np.ndarray, s: np.ndarray, name: str, bound: float, road: RoadParameters) -> np.ndarray:
+def _exceeds(c: np.ndarray, s: np.ndarray, name: str, bound: float, road: RoadParameters | None) -> np.ndarray:
     """Whether a quantity is above its bound at local times (segments, instants)."""
     entry = quantity(name)
     spread = np.broadcast_to(c[:, None], (*s.shape, *c.shape[1:]))

@@ -58,8 +58,8 @@ class Found(NamedTuple):
     values: Float[np.ndarray, "segments limits"]
 
 
-def findings(segments: Segments, limits: dict[str, float], road: RoadParameters) -> Found:
-    """The findings on every segment against `limits`, by name, for a vehicle with the numbers `road`."""
+def findings(segments: Segments, limits: dict[str, float], road: RoadParameters | None) -> Found:
+    """The findings on every segment against `limits`, by name; `road` are the numbers of the vehicle if they need one."""
     names = tuple(limits)
     table = np.array([limits.get(entry.name, 1.0) for entry in LIMITS])
     given = [entry for entry in LIMITS if entry.name in names]
@@ -184,7 +184,7 @@ def _judged(
     directions: np.ndarray,
     h: np.ndarray,
     table: np.ndarray,
-    road: RoadParameters,
+    road: RoadParameters | None,
     names: tuple[str, ...],
     keeps: bool,
     orders: np.ndarray,
@@ -198,7 +198,7 @@ def _judged(
     keep = np.full(len(h), keeps)
     rows = tuple(np.ascontiguousarray(x) for x in (c, directions, h, keep, orders * keeps))
     blocks = cores.split(np.arange(len(h)), BLOCK_SIZE)
-    numbers = RoadParameters(*(np.asarray(x, float) for x in road))
+    numbers = None if road is None else RoadParameters(*(np.asarray(x, float) for x in road))
     calls = [(cores.take(rows, block, BLOCK_SIZE), table, numbers, index, count) for block in blocks]
     found: Any = None
     for block, answers in zip(blocks, cores.map_blocks(_compiled, calls), strict=True):
@@ -208,21 +208,22 @@ def _judged(
 
 
 @jax.jit
-def _compiled(rows: Any, table: Array, road: RoadParameters, index: Array, count: Array) -> Findings:
+def _compiled(rows: Any, table: Array, road: RoadParameters | None, index: Array, count: Array) -> Findings:
     c, directions, h, keeps, orders = rows
     path, known = _parts(c, h), _parts(directions, h)
     later = zip(path.derivatives[1:], known.derivatives[1:], strict=True)
     kept = [jax.tree.map(lambda a, b: jnp.where(keeps, a, b), p, q) for p, q in later]
     length = jnp.where(keeps, path.length, known.length)
-    pace = _pace(orders, known.unit, known.length / length)
+    pace = None if road is None else _pace(orders, known.unit, known.length / length)
     known = PathDerivatives([known.derivatives[0], *kept], length, known.unit, pace)
 
     def along(s: Array, order: int, upright: bool) -> Invariants:
-        return Invariants([None, *(Vectors(*r.at(s)) for r in known.derivatives[:order])], pace=pace.at(s)[0])
+        derivatives = [None, *(Vectors(*r.at(s)) for r in known.derivatives[:order])]
+        return Invariants(derivatives, pace=1 if pace is None else pace.at(s)[0])
 
     limits = jnp.broadcast_to(table[:, None], (LIMIT_COUNT, h.shape[0]))
     upright = jnp.ones(h.shape, bool)
-    vehicle = RoadParameters(*(jnp.broadcast_to(x, h.shape) for x in road))
+    vehicle = None if road is None else RoadParameters(*(jnp.broadcast_to(x, h.shape) for x in road))
     found = judge(along, Scale(known.length, known.unit), limits, upright, known, index, count, vehicle)
     return jax.tree.map(lambda x: x[:LIMIT_COUNT].T, found)
 
