@@ -59,7 +59,7 @@ class Found(NamedTuple):
 
 
 def findings(segments: Segments, limits: dict[str, float], road: RoadParameters | None) -> Found:
-    """The findings on every segment against `limits`, by name; `road` are the numbers of the vehicle if they need one."""
+    """The findings on every segment against `limits`, by name; `road` are the numbers of a vehicle if they need one."""
     names = tuple(limits)
     table = np.array([limits.get(entry.name, 1.0) for entry in LIMITS])
     given = [entry for entry in LIMITS if entry.name in names]

@@ -23,7 +23,7 @@ from qtraj.path.boundary import BoundaryState, Cylindrical
 from qtraj.path.boundary_problem import axis_between
 from qtraj.path.quantity import QUANTITIES, quantity
 
-BOUNDING = tuple(name for name, entry in QUANTITIES.items() if entry.per_time > 0 and entry.bounds_speed)
+BOUNDING = tuple(name for name, entry in QUANTITIES.items() if entry.bounds_speed)
 """Limits that bound the speed: the fastest path needs one of them."""
 
 MAX_AXIS_DISTANCE, MAX_AXIS_DISTANCE_LOOPS = 100.0, 1e3

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from qtraj.design.tuning import corridor, monomials
+from qtraj.design.tuning import corridor, monomials, road
 from qtraj.design.tuning.curves import Curves, along_u
 from qtraj.design.tuning.monomials import Table
 from qtraj.design.tuning.world_axes import upright_derivatives
@@ -25,17 +25,19 @@ from qtraj.foundation.types import Scalar
 from qtraj.path.frenet import Invariants
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import QUANTITIES
+from qtraj.path.vehicle import RoadParameters
 
 Places = Float[Array, " places"]
 
 
 class Setting(NamedTuple):
-    """A path in unit time, ln T, the rotation from its placement's axes to the world's, and the initial path."""
+    """A path in unit time, ln T, the rotation from its placement's axes to the world's, the initial path, a vehicle."""
 
     curves: Curves
     log_duration: Scalar
     axes: Float[Array, "3 3"]
     reference: Float[Array, "terms 3"]
+    road: RoadParameters | None
 
 
 class Group(NamedTuple):
@@ -78,7 +80,9 @@ def _group_index(entry: PathQuantity) -> int:
     return int(entry.order > 2 or entry.upright)
 
 
-_ENTRIES = [[entry for entry in QUANTITIES.values() if _group_index(entry) == k] for k in range(2)]
+_ENTRIES = [
+    [entry for entry in QUANTITIES.values() if _group_index(entry) == k and not entry.needs_vehicle] for k in range(2)
+]
 _COMMON = {"S": ("r1", "r1"), "B": ("r1", "r2"), "N": ("c", "c")}
 _HIGHER = {
     "T": ("c", "r3"),
@@ -108,7 +112,10 @@ HINT_OF = np.asarray(
 CORRIDOR_INDEX = FIRST_HINT + len(HINTS)
 """The index of the corridor, which is a group of its own."""
 
-_GROUP_INDICES = [_group_index(entry) for entry in QUANTITIES.values()]
+ROAD_GROUP = len(GROUPS) + 1
+"""The group of the quantities that need a vehicle, which only problems with one have."""
+
+_GROUP_INDICES = [ROAD_GROUP if entry.needs_vehicle else _group_index(entry) for entry in QUANTITIES.values()]
 _HINT_MEMBERS = range(len(_ENTRIES[0]), len(_ENTRIES[0]) + len(HINTS))
 GROUP = np.asarray([*_GROUP_INDICES, *[0] * len(HINTS), len(GROUPS)], np.int32)
 MEMBER = np.asarray([*(_GROUP_INDICES[:k].count(g) for k, g in enumerate(_GROUP_INDICES)), *_HINT_MEMBERS, 0], np.int32)
@@ -131,9 +138,12 @@ def values(setting: Setting, index: Int[Array, ""], limit: Scalar, u: Places) ->
 
         return branch
 
-    return 0.5 * (
-        scale * switch_group(index, make_branch, lambda: corridor.value(curves.place, setting.reference, u)) - 1
-    )
+    def on_road() -> Places:
+        r = along_u(curves.up_to(road.ORDER), u, 0)[0]
+        return road.value(setting, upright_derivatives(setting.axes, curves.angle, r, u), jnp.asarray(MEMBER)[index])
+
+    others = [lambda: corridor.value(curves.place, setting.reference, u), *([] if setting.road is None else [on_road])]
+    return 0.5 * (scale * switch_group(index, make_branch, others) - 1)
 
 
 def limit_scale(setting: Setting, index: Int[Array, ""], limit: Scalar) -> tuple[Array, Array]:
@@ -143,7 +153,10 @@ def limit_scale(setting: Setting, index: Int[Array, ""], limit: Scalar) -> tuple
 
 
 def switch_group(
-    index: Int[Array, ""], make_branch: Callable[[Group], Callable[[], Any]], corridor_branch: Callable[[], Any]
+    index: Int[Array, ""], make_branch: Callable[[Group], Callable[[], Any]], others: Sequence[Callable[[], Any]]
 ) -> Any:
-    """Evaluate the branch of the group to which the quantity with this index belongs."""
-    return jax.lax.switch(jnp.asarray(GROUP)[index], [*(make_branch(group) for group in GROUPS), corridor_branch])
+    """Evaluate the branch of the group to which the quantity with this index belongs.
+
+    `others` are the branches of the corridor and, for a problem with a vehicle, of the road.
+    """
+    return jax.lax.switch(jnp.asarray(GROUP)[index], [*(make_branch(group) for group in GROUPS), *others])

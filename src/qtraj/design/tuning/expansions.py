@@ -7,9 +7,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from qtraj.algebra.sparse import add
-from qtraj.design.tuning import corridor, monomials
+from qtraj.design.tuning import corridor, monomials, road
 from qtraj.design.tuning.constraints import HORIZONTAL, MEMBER, Group, Places, Setting, limit_scale, switch_group
-from qtraj.design.tuning.curves import CurveDerivatives, along_u, angle_at, from_pairs
+from qtraj.design.tuning.curves import CurveDerivatives, along_u, angle_at, second_along
 from qtraj.design.tuning.world_axes import cross_axis, to_world, world_derivatives
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import Triple, add_vectors, cross, dot
@@ -48,8 +48,10 @@ def slopes(
         return branch
 
     places = curves.place, derivatives.first.place, setting.reference
-    G, in_slopes = switch_group(index, make_branch, lambda: corridor.slopes(*places, u))
-    slope = derivatives.slopes.T @ in_slopes + (per_log * derivatives.log_duration)[:, None] * G[None]
+    member = jnp.asarray(MEMBER)[index]
+    others = _others(setting, lambda: corridor.slopes(*places, u), lambda: road.slopes(setting, derivatives, member, u))
+    G, in_slopes = switch_group(index, lambda group: _with_log(setting, make_branch(group)), others)
+    slope = _directions(setting, derivatives).T @ in_slopes + (per_log * derivatives.log_duration)[:, None] * G[None]
     return 0.5 * (scale * G - 1), 0.5 * scale * slope
 
 
@@ -59,18 +61,22 @@ def expansions(
     """g at the places `u`, with first and second derivatives in the variables and in u."""
     scale, per_log = limit_scale(setting, index, limit)
     places = setting.curves.place, derivatives.first.place, setting.reference
-    arrays = switch_group(
-        index,
-        lambda group: lambda: _second_order(group, setting, derivatives, index, u),
+    member = jnp.asarray(MEMBER)[index]
+    others = _others(
+        setting,
         lambda: corridor.second_order(*places, u),
+        lambda: road.second_order(setting, derivatives, member, u),
     )
-    G = Expansion(*arrays)
-    # The slopes are T times velocities, so they are linear in T as well as in the velocities.
-    J, e = derivatives.slopes, derivatives.log_duration[:, None]
+    make_branch = lambda group: _with_log(setting, lambda: _second_order(group, setting, derivatives, index, u))  # noqa: E731
+    G = Expansion(*switch_group(index, make_branch, others))
+    J, e = _directions(setting, derivatives), derivatives.log_duration[:, None]
     slope, mixed = J.T @ G.slope, J.T @ G.mixed
     curvature = jnp.einsum("in,ijp,jm->nmp", J, G.curvature, J)
-    log_terms = e[:, None] * slope[None]
-    both = e[:, None] * e[None] * jnp.sum(e * slope, axis=0)[None, None]
+    # The slopes are T times velocities, so they are linear in T as well as in the velocities.
+    k = derivatives.slopes.shape[0]
+    in_slopes = slope if setting.road is None else derivatives.slopes.T @ G.slope[:k]
+    log_terms = e[:, None] * in_slopes[None]
+    both = e[:, None] * e[None] * jnp.sum(e * in_slopes, axis=0)[None, None]
     curvature = curvature + log_terms + jnp.swapaxes(log_terms, 0, 1) - both
     # κ = exp(−2p ln T)/limit².
     first = per_log * e
@@ -84,6 +90,32 @@ def expansions(
         0.5 * scale * G.rate,
         0.5 * scale * G.second_rate,
     )
+
+
+def _directions(setting: Setting, derivatives: CurveDerivatives) -> Float[Array, "m n"]:
+    """The derivatives of the slopes in the variables and, with a vehicle, those of ln T."""
+    if setting.road is None:
+        return derivatives.slopes
+    return jnp.concatenate([derivatives.slopes, derivatives.log_duration[None]])
+
+
+def _others(setting: Setting, corridor_branch: Any, road_branch: Any) -> list[Any]:
+    """The branches beside those of the groups, with a zero derivative of the corridor in ln T."""
+    return [_with_log(setting, corridor_branch), *([] if setting.road is None else [road_branch])]
+
+
+def _with_log(setting: Setting, branch: Callable[[], Any]) -> Callable[[], Any]:
+    """The branch with the direction of ln T, in which its quantity does not change, in a problem with a vehicle."""
+
+    def padded() -> Any:
+        G, slope, *rest = branch()
+        slope = jnp.pad(slope, ((0, 1), (0, 0)))
+        if not rest:
+            return G, slope
+        curvature, mixed, *in_u = rest
+        return G, slope, jnp.pad(curvature, ((0, 1), (0, 1), (0, 0))), jnp.pad(mixed, ((0, 1), (0, 0))), *in_u
+
+    return branch if setting.road is None else padded
 
 
 def _second_order(
@@ -134,13 +166,7 @@ def _second_order(
     local, rotation_terms = map_back(jnp.stack([jnp.stack(b) for b in gradient]))
     hessian_w = hessian_w + rotation_terms
     if derivatives.second is not None:
-        second = derivatives.second.up_to(group.order)
-        powers = [jnp.ones_like(u)]
-        for _ in range(second.shape[-2] - 1):
-            powers.append(powers[-1] * u)
-        projected = local[:, None] * jnp.stack(powers)[None, :, None]
-        from_second = from_pairs(second.reshape(second.shape[0], -1) @ projected.reshape(-1, u.shape[0]))
-        hessian_w = hessian_w + jnp.pad(from_second, ((0, 1), (0, 1), (0, 0)))
+        hessian_w = hessian_w + jnp.pad(second_along(derivatives, local, group.order, u), ((0, 1), (0, 1), (0, 0)))
     n = moved.shape[0]
     first_order = add([dot(_broadcast(b), v) for b, v in zip(gradient, directions, strict=True)])
     local = _vectors(local)

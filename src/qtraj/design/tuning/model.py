@@ -12,11 +12,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.tuning.constraints import Setting, values
-from qtraj.design.tuning.curves import CurveDerivatives, curve, curve_derivatives, reference_cubics
+from qtraj.design.tuning.curves import CurveDerivatives, Curves, curve, curve_derivatives, reference_cubics
 from qtraj.design.tuning.expansions import expansions, slopes
 from qtraj.design.tuning.peaks import ABSENT, NODES, PEAKS, Peaks
 from qtraj.design.tuning.problem import Problem, Variables
-from qtraj.design.tuning.task import SLOTS, LimitSlots, Task
+from qtraj.design.tuning.task import LimitSlots, Task
 from qtraj.foundation.derivatives import with_derivatives
 from qtraj.foundation.types import Scalar
 
@@ -52,7 +52,12 @@ class Model(NamedTuple):
 def make_setting(problem: Problem, z: Variables) -> Setting:
     """The path for the variables `z`, in unit time."""
     slopes, log_duration = problem.slopes(z)
-    return Setting(curve(problem, slopes), log_duration, problem.axes, reference_cubics(problem))
+    return setting(problem, curve(problem, slopes), log_duration)
+
+
+def setting(problem: Problem, curves: Curves, log_duration: Scalar) -> Setting:
+    """The surroundings of a path in unit time, with what it has in common with all paths of the problem."""
+    return Setting(curves, log_duration, problem.axes, reference_cubics(problem), problem.road)
 
 
 def build(task: Task, slots: LimitSlots, z: Variables, peaks: Peaks) -> Model:
@@ -60,7 +65,7 @@ def build(task: Task, slots: LimitSlots, z: Variables, peaks: Peaks) -> Model:
     _, slope, curvature = with_derivatives(task.problem.cost, z)
     slopes, log_duration = task.problem.slopes(z)
     at, derivatives = curve_derivatives(task.problem, z, slopes)
-    here = Setting(at, log_duration, task.problem.axes, reference_cubics(task.problem))
+    here = setting(task.problem, at, log_duration)
     nodes = jnp.linspace(0.0, 1.0, NODES, dtype=z.dtype)[NODE_STRIDE:-1:NODE_STRIDE]
     n = z.shape[0]
 
@@ -70,12 +75,13 @@ def build(task: Task, slots: LimitSlots, z: Variables, peaks: Peaks) -> Model:
         one = _constraints(here, derivatives, index, limit, peak, nodes)
         return jax.tree.map(lambda x, one: x.at[slot].set(one), carry, one)
 
+    count = task.limits.shape[0]
     empty = Constraints(
-        jnp.full((SLOTS, PER_LIMIT), ABSENT, z.dtype),
-        jnp.zeros((SLOTS, PER_LIMIT, n), z.dtype),
-        jnp.zeros((SLOTS, PER_LIMIT), z.dtype),
-        jnp.zeros((SLOTS, PEAKS, n, n), z.dtype),
-        jnp.zeros((SLOTS, PEAKS, n), z.dtype),
+        jnp.full((count, PER_LIMIT), ABSENT, z.dtype),
+        jnp.zeros((count, PER_LIMIT, n), z.dtype),
+        jnp.zeros((count, PER_LIMIT), z.dtype),
+        jnp.zeros((count, PEAKS, n, n), z.dtype),
+        jnp.zeros((count, PEAKS, n), z.dtype),
     )
     return Model(slope, curvature, jax.lax.fori_loop(0, jnp.asarray(slots.count), of_slot, empty))
 

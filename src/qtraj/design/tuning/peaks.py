@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.design.tuning.constraints import FIRST_HINT, HINT_OF, HINTS, Setting, values
-from qtraj.design.tuning.task import SLOTS, LimitSlots
+from qtraj.design.tuning.task import LimitSlots
 from qtraj.foundation.argmin import min_and_argmin
 from qtraj.foundation.types import Flag, Scalar
 
@@ -54,9 +54,9 @@ class Peaks(NamedTuple):
     value: Float[Array, "slots k"]
 
 
-def no_peaks(dtype: Any) -> Peaks:
+def no_peaks(slots: int, dtype: Any) -> Peaks:
     """Peaks of which none is present, in NumPy arrays."""
-    no: Any = np.zeros((SLOTS, PEAKS), bool)
+    no: Any = np.zeros((slots, PEAKS), bool)
     heights: Any = np.full(no.shape, ABSENT, dtype)
     start: Any = np.zeros(no.shape, dtype)
     return Peaks(start, no, no, heights)
@@ -82,7 +82,7 @@ def find_peaks(setting: Setting, slots: LimitSlots, limits: Float[Array, " slots
     # Few quantities need the straightest point.
     positions = jnp.arange(quantity_index.shape[0], dtype=jnp.int32)
     first = -1 - jnp.max(jnp.where(positions < slots.count, hints[quantity_index], 0))
-    start = jax.tree.map(jnp.asarray, no_peaks(limits.dtype)), jnp.full(len(HINTS), 0.5, limits.dtype)
+    start = jax.tree.map(jnp.asarray, no_peaks(limits.shape[0], limits.dtype)), jnp.full(len(HINTS), 0.5, limits.dtype)
     peaks, _ = jax.lax.fori_loop(first, jnp.asarray(slots.count), of_slot, start)
     return peaks
 
