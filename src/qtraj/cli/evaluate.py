@@ -18,13 +18,20 @@ from qtraj.foundation.progress_bar import watching
 if TYPE_CHECKING:
     from qtraj.design.fitting.fitted import Fitted
     from qtraj.path.spiral_helix import SpiralHelix
+    from qtraj.path.vehicle import Vehicle
     from qtraj.scenario.reader import ScenarioFile
 
 OUTPUTS = ("position", "velocity", "acceleration", "speed", "curvature", "torsion", "quaternion", "rate", "defined")
+FORCES = ("longitudinal_force", "lateral_force", "normal_load", "friction", "power")
+"""Further outputs of a scenario with a vehicle."""
+
+FORCES_TITLE = "t [s], forces F between tyres and road [N], use of the grip, power P of the drive [W]"
+
 SAMPLES = 25
 MOST = 1_000_000
 """More instants than this are surely a mistake."""
 
+ROAD = {"time": ["t"], **dict(zip(FORCES, (["|F_τ|"], ["|F_n|"], ["F_b"], ["friction"], ["P"]), strict=True))}
 MOTION = {"time": ["t"], "position": ["x", "y", "z"], "speed": ["speed"], "curvature": ["κ"], "torsion": ["χ"]}
 
 
@@ -46,8 +53,9 @@ def evaluate(
     """Tabulate a path: time, position, speed, curvature, torsion, attitude and rate.
 
     Of a scenario it is the path before tuning. Attitude and rate are those of the upright frame, unless --frame names
-    another; the quaternion is scalar first, body to world. What --also names is added to the files and to JSON. Exit
-    code 1 where the path does not follow its recording.
+    another; the quaternion is scalar first, body to world. With a table [vehicle] the forces, the use of the grip and
+    the power follow. What --also names is added to the files and to JSON. Exit code 1 where the path does not follow
+    its recording.
     """
     with terminal.guarded():
         outcome = run(scenario, samples, step, out, also, frame or FrameName.upright)
@@ -77,10 +85,11 @@ def run(
 
         if out is not None:
             check_folder(out)
-        given, path, fitted = _path(file)
+        given, path, fitted, vehicle = _path(file)
+        also = [*also, *(() if vehicle is None else FORCES)]
         times = instants(float(path.duration), samples, step)
         watch.say("evaluating")
-        table = evaluate(path, times, (*OUTPUTS, *also), frame.frame(), continuous=True)
+        table = evaluate(path, times, (*OUTPUTS, *also), frame.frame(), continuous=True, vehicle=vehicle)
         bends = np.asarray(evaluate(path, times, ("defined",)).defined)
         content = header("evaluate", given) | {
             "fit": None if fitted is None else facts(fitted),
@@ -104,17 +113,17 @@ def run(
     return Outcome(content, lambda console: _show(console, content), loose)
 
 
-def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | None"]:
-    """The path of a file, with the scenario that it stands in, and the fit it comes from."""
+def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | None", "Vehicle | None"]:
+    """The path of a file, with the scenario that it stands in, the fit it comes from, and the vehicle."""
     from qtraj.io.saved import is_saved, saved_path
     from qtraj.scenario.path import lay
     from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
 
     if is_saved(file):
-        return ScenarioFile[Any](file, None, content_hash(file.read_bytes())), saved_path(file), None
+        return ScenarioFile[Any](file, None, content_hash(file.read_bytes())), saved_path(file), None, None
     given = read_scenario(file, "path")
     task = lay(given)
-    return given, task.path, task.fitted
+    return given, task.path, task.fitted, task.limits.vehicle
 
 
 def instants(duration: float, samples: int | None, step: float | None) -> np.ndarray:
@@ -156,6 +165,11 @@ def _show(console: Console, content: dict[str, Any]) -> None:
     for title, block in (
         ("t [s], position [m], speed [m/s], curvature κ and torsion χ [1/m]", MOTION),
         (f"t [s], quaternion λ and rate ω [rad/s] of the {frame} frame", attitude),
+        *(
+            [("t [s], forces on the road F [N], use of the grip, power P [W]", ROAD)]
+            if set(FORCES) <= set(columns)
+            else []
+        ),
     ):
         layout.heading(console, title)
         console.print(layout.numbers_table(columns, block, exists))

@@ -23,12 +23,13 @@ from qtraj.foundation.arrays import as_float
 from qtraj.foundation.provenance import provenance_attributes
 from qtraj.foundation.record import variable_attributes
 from qtraj.motion.programs.rotation_minimizing import Frame
-from qtraj.path.channel import CHANNELS
+from qtraj.path.channel import CHANNELS, outputs_with
 from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import QUANTITIES, quantity
 from qtraj.path.track import Track, elapsed_times, to_float64
 from qtraj.path.trihedral import Natural, Upright
+from qtraj.path.vehicle import Vehicle
 
 SAMPLES = 513
 """Default number of samples of each path."""
@@ -152,11 +153,11 @@ def write_netcdf(dataset: xarray.Dataset, file: str | os.PathLike[str]) -> None:
     dataset.to_netcdf(file, engine="h5netcdf", encoding=exact)
 
 
-def _table(path: AbstractHodograph, progress: np.ndarray, frame: Frame) -> Table:
-    """All outputs of one path."""
+def _table(path: AbstractHodograph, progress: np.ndarray, frame: Frame, vehicle: Vehicle | None) -> Table:
+    """All outputs of one path; the forces only with a vehicle."""
     duration = np.asarray(path.duration)
     times = as_float(duration * progress.astype(duration.dtype))
-    return evaluate(path, times, outputs=tuple(CHANNELS), frame=frame, continuous=True)
+    return evaluate(path, times, outputs_with(vehicle), frame, continuous=True, vehicle=vehicle)
 
 
 def _columns(path: AbstractHodograph, table: Table) -> dict[str, tuple[tuple[str, ...], np.ndarray, Any]]:
@@ -165,10 +166,11 @@ def _columns(path: AbstractHodograph, table: Table) -> dict[str, tuple[tuple[str
         "time": (("sample",), np.asarray(table.time), variable_attributes("s", "time from the start of the path")),
         "duration": ((), np.asarray(path.duration), variable_attributes("s", "duration of the path")),
     }
-    for name, entry in CHANNELS.items():
+    for name, values in table.values.items():
+        entry = CHANNELS[name]
         columns[name] = (
             ("sample", *entry.axes),
-            np.asarray(table.values[name]),
+            np.asarray(values),
             variable_attributes(entry.unit, entry.meaning),
         )
     return columns

@@ -110,3 +110,13 @@ _ENTRIES = (
 CHANNELS: dict[str, Channel] = {entry.name: entry for entry in _ENTRIES}
 """The outputs by name, in the order in which they are displayed."""
 CHANNELS |= {x.variable: _scalar(x) for x in QUANTITIES.values() if x.variable not in CHANNELS}
+
+
+def outputs_with(vehicle: Any) -> tuple[str, ...]:
+    """The names of the outputs that can be evaluated with this vehicle, or without one for None."""
+    has = {
+        "",
+        *(() if vehicle is None else (VEHICLE,)),
+        *(() if getattr(vehicle, INERTIA, None) is None else (INERTIA,)),
+    }
+    return tuple(name for name, entry in CHANNELS.items() if entry.needs in has)

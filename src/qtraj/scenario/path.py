@@ -1,9 +1,9 @@
 """Scenarios of `qtraj tune` and `qtraj evaluate`: their keys, and the path and the tuning that they describe."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import create_model, model_validator
+from pydantic import Field, create_model, model_validator
 
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
@@ -16,7 +16,21 @@ from qtraj.path.placement import Placement
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track
-from qtraj.scenario.part import SECONDS, THREE, NamedPart, Part, Positive, Quaternion, Text, Vector, Wholes, key
+from qtraj.path.vehicle import AIR_DENSITY, GRAVITY, Vehicle
+from qtraj.scenario.part import (
+    SECONDS,
+    THREE,
+    NamedPart,
+    NotNegative,
+    Number,
+    Part,
+    Positive,
+    Quaternion,
+    Text,
+    Vector,
+    Wholes,
+    key,
+)
 from qtraj.scenario.path_parts import FitPart, TrackPart, TunePart
 from qtraj.scenario.reader import ScenarioFile
 
@@ -59,6 +73,36 @@ LimitsPart = create_model("LimitsPart", __base__=LimitedPart, __doc__=LimitedPar
 """One key for each entry of the registry of path quantities."""
 
 
+class VehiclePart(Part):
+    """The vehicle, for limits on friction, power and forces: a point mass with tyres, on a road with a bank."""
+
+    mass: Positive = key("mass", "a positive finite number [kg]")
+    inertia: Annotated[list[Positive], Field(min_length=3, max_length=3)] | None = key(
+        "principal moments of inertia about the vehicle's axes, for moments alone",
+        "three positive numbers [kg m²]",
+        None,
+    )
+    drag_area: NotNegative = key("drag coefficient times frontal area", "a finite number, 0 or more [m²]", 0.0)
+    rolling_resistance: NotNegative = key(
+        "rolling resistance over the load on the road", "a finite number, 0 or more [-]", 0.0
+    )
+    friction: Positive | Annotated[list[Positive], Field(min_length=2, max_length=2)] = key(
+        "coefficients of friction along and across the vehicle, or one for both; with 1, the limit `friction` is the "
+        "coefficient that the road must have",
+        "one or two positive finite numbers [-]",
+        1.0,
+    )
+    bank: Number = key(
+        "roll of the road about the direction of motion, positive to the left", "a finite number [rad]", 0.0
+    )
+    air_density: NotNegative = key("density of the air", "a finite number, 0 or more [kg/m³]", AIR_DENSITY)
+    gravity: NotNegative = key("gravity, downwards", "a finite number, 0 or more [m/s²]", GRAVITY)
+
+    def vehicle(self) -> Vehicle:
+        """The vehicle."""
+        return Vehicle(**self.model_dump())
+
+
 class PathScenario(NamedPart):
     """A scenario: one path (a track, two boundary states, or a saved path), limits, and what tuning is to do."""
 
@@ -74,6 +118,9 @@ class PathScenario(NamedPart):
     turns: Wholes | None = key("of a path from two states: whole turns besides", "a whole number, 0 or more", None)
     limits: LimitsPart = key(  # pyright: ignore[reportInvalidTypeForm]
         "what tuning must keep", "a table [limits]", LimitsPart()
+    )
+    vehicle: VehiclePart | None = key(
+        "the vehicle, for limits on friction, power and forces", "a table [vehicle]", None
     )
     purpose: dict[str, Text] = key(
         "why there is a limit, for the tables", "a table [purpose] of texts, one for each limit", {}
@@ -108,6 +155,13 @@ class PathScenario(NamedPart):
         for name in self.given("duration", "turns"):
             if getattr(self.tune, name) is not None:
                 raise ValueError(f"{name} and tune.{name} are the same thing: give one of them")
+        return self
+
+    @model_validator(mode="after")
+    def _with_vehicle(self) -> "PathScenario":
+        needing = [name for name in self.limits.limits() if QUANTITIES[name].needs_vehicle]
+        if needing and self.vehicle is None:
+            raise ValueError(f"limits.{needing[0]} needs a vehicle: give a table [vehicle] with its mass")
         return self
 
     @model_validator(mode="after")
@@ -157,7 +211,7 @@ def lay(
         "objective": objective or scenario.tune.objective,
         "motion": motion or scenario.motion,
         "starts": scenario.tune.starts if starts is None else starts,
-        "limits": Limits(**scenario.limits.limits()),
+        "limits": _limits_of(given),
         "part": scenario.tune,
     }
     with naming(f"{given.file}: "):
@@ -168,6 +222,13 @@ def lay(
         if scenario.path is not None:
             return _along(saved_path(given.beside(scenario.path)), **chosen)
         return _between(scenario, **chosen)
+
+
+def _limits_of(given: ScenarioFile[PathScenario]) -> Limits:
+    scenario = given.scenario
+    with naming(f"{given.file}: "):
+        vehicle = None if scenario.vehicle is None else scenario.vehicle.vehicle()
+        return Limits(**scenario.limits.limits(), vehicle=vehicle)
 
 
 def _along(path: SpiralHelix, part: TunePart, **chosen: Any) -> PathTask:
