@@ -75,7 +75,8 @@ def path_dataset(
         raise ValueError(f"expected at least one path and at least 2 samples, but got {len(paths)} and {samples}")
     progress = np.linspace(0.0, 1.0, samples)
     frame = (Natural() if track is None else Upright()) if frame is None else frame
-    tables = [_table(path, progress, frame) for path in paths.values()]
+    vehicle = None if limits is None else limits.vehicle
+    tables = [_table(path, progress, frame, vehicle) for path in paths.values()]
     columns = [_columns(path, table) for path, table in zip(paths.values(), tables, strict=True)]
     name_of_frame = tables[0].frame
     variables: dict[str, Any] = {}
