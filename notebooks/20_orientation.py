@@ -159,7 +159,7 @@ bend = qt.Curve(lambda t: jnp.stack([8 * t, 8 * jnp.sin(t), 0 * t]), 2 * np.pi)
 here = qt.trihedral(bend, np.pi)
 print("at the inflection: curvature", float(here.curvature), " natural trihedral defined:", bool(here.defined))
 assert not bool(here.defined)
-assert np.isfinite(np.concatenate([here.dcm().ravel(), here.rate, here.acceleration])).all()  # fillers, no NaN
+assert np.isfinite(np.concatenate([here.dcm().ravel(), here.rate, here.acceleration])).all()  # fallback values, no NaN
 
 times = jnp.linspace(0.0, bend.duration, 401)
 natural = qt.evaluate(bend, times, outputs=("quaternion", "defined"), continuous=True)

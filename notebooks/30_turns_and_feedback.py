@@ -135,10 +135,10 @@ for name, row in expected.items():
 
 # %%
 early = times <= 14.0
-lane = {name: jax.tree.map(lambda x: x[1, early] if x.ndim > 1 else x[1], loop) for name, loop in loops.items()}
+element = {name: jax.tree.map(lambda x: x[1, early] if x.ndim > 1 else x[1], loop) for name, loop in loops.items()}
 closed = {"acceleration law": qt.error_response(FEEDBACKS["acceleration law"], starts[1], jnp.zeros(4), times[early])}
-assert float(jnp.abs(lane["acceleration law"].error - closed["acceleration law"]).max()) < 1e-9
-loops_figure(lane, closed, np.radians(1.0), "Four feedbacks, released at rest 150° away")
+assert float(jnp.abs(element["acceleration law"].error - closed["acceleration law"]).max()) < 1e-9
+loops_figure(element, closed, np.radians(1.0), "Four feedbacks, released at rest 150° away")
 
 # %% [markdown]
 # ## The error is independent of the program

@@ -1,4 +1,4 @@
-"""Texts that the scenarios of the tests of `qtraj simulate` are made of."""
+"""Parts of scenarios of `qtraj simulate`, shared by tests."""
 
 SLEW = """
 angles = "deg"

@@ -16,6 +16,7 @@ NESTED = untrusted.MAX_DEPTH + 1
 HEADER = {"format": FORMAT, "rows": ["time"], "dimensions": {"time": 1}, "attributes": {}, "variables": {}}
 DATASET = "# " + json.dumps(HEADER)
 LONG = 1_000_000
+DIGITS = "9" * 10_000
 FILES = {
     "deep.json": "[" * DEEP + "]" * DEEP,
     "deep.toml": "a = " + "[" * DEEP + "]" * DEEP,
@@ -34,6 +35,9 @@ FILES = {
     "long.toml": "x = '" + "a" * LONG + "'",
     "empty.json": "",
     "null.toml": "\0",
+    "digits.toml": "format = " + DIGITS,
+    "digits.json": '{"format": "qtraj/1", "type": "Limits", "curvature": ' + DIGITS + "}",
+    "digits.csv": "# " + json.dumps(HEADER | {"numbers": 3})[:-1] + ', "more": ' + DIGITS + "}\nt\n1\n",
 }
 
 
@@ -48,6 +52,7 @@ def test_a_hostile_file_is_refused_in_one_line(qtraj, tmp_path, name, command):
     assert result.stderr.count("\n") == 1
     assert str(file) in result.stderr
     assert len(result.stderr) < 1000 + len(str(file))
+    assert "set_int_max_str_digits" not in result.stderr
 
 
 def test_a_recording_with_a_cell_too_large_is_refused(qtraj, tmp_path):

@@ -147,9 +147,9 @@ def test_what_is_no_result_is_refused(qtraj, results, path, tmp_path):
     qt.EulerTurn([1.0, 0, 0, 0], [0, 1.0, 0, 0], qt.Quintic(duration=1.0)).save(tmp_path / "turn.toml")
     qt.save_dataset(xarray.Dataset({"x": ("time", [1.0])}, {"time": [0.0]}), tmp_path / "x.nc")
     expected = {
-        "nothing": "there is no such result",
-        "two": "holds several results: name one of",
-        "empty": "holds neither paths.nc nor table.nc",
+        "nothing": "this result does not exist",
+        "two": "contains several results: name one of",
+        "empty": "contains neither paths.nc nor table.nc",
         "a.nc": "not a netCDF-4 file",
         "a.toml": "no qtraj document",
         "a.png": "must end in",

@@ -142,7 +142,7 @@ def test_a_departure_from_the_closed_form_is_no_agreement(simulated, default):
     assert found.deviation == pytest.approx(1e-6, rel=1e-2)
     text = printed(default[1] | {"verdict": plain(found.record())}, found)
     assert "departs from it by 1e-06 of the largest error quaternion" in text
-    assert "the tolerances explain no more than 1.01e-08" in text
+    assert "exceeds 1.01e-08, which the tolerances explain" in text
 
 
 def test_a_passage_near_zero_between_two_instants_is_told(simulated, monkeypatch):
@@ -184,7 +184,7 @@ def test_a_path_is_followed(qtraj, tmp_path):
     assert (result.exit_code, result.stderr) == (0, "")
     text = " ".join(result.stdout.split())
     assert "natural frame of ramp_from_states.toml" in text
-    assert "error at the start 13°, with the near sign of λ" in text
+    assert "initial error 13°, near sign of λ" in text
     assert "closed form met within" in text
     wide = [
         line

@@ -102,8 +102,8 @@ def test_the_example_passes_its_attitudes_and_tells_the_sign(qtraj, tmp_path):
     assert (result.exit_code, result.stderr) == (0, "")
     text = result.stdout
     assert "Slew 2 of 2" in text
-    assert "the given quaternion with the other sign" in " ".join(text.split())
-    assert "max_rate, max_acceleration and max_jerk bind" in text
+    assert "the given quaternion with the opposite sign" in " ".join(text.split())
+    assert "max_rate, max_acceleration and max_jerk are active" in text
     wide = [line for line in text.splitlines() if len(line) > 80 and not line.startswith(("Scenario:", str(tmp_path)))]
     assert wide == []
     program = qt.load(tmp_path / "out" / "program.toml")
@@ -137,7 +137,7 @@ def test_a_polynomial_in_too_short_a_time_is_written_and_judged(qtraj, tmp_path)
 
 
 def test_no_turn_at_all(qtraj, tmp_path):
-    """λ and −λ are one attitude: there is nothing to turn, it takes no time, and there is no axis."""
+    """λ and −λ are one attitude: there is no slew, it takes no time, and there is no axis."""
     (tmp_path / "s.toml").write_text(REST.replace("rotation_vector = [0, 0, 90]", "quaternion = [-2, 0, 0, 0]") + LAW)
     result = qtraj("slew", tmp_path / "s.toml", "--out", tmp_path / "out", "--json")
     content = json.loads(result.stdout)
@@ -146,7 +146,7 @@ def test_no_turn_at_all(qtraj, tmp_path):
     assert (found["duration"], found["angle"], found["end_sign"]) == ([0.0], [0.0], -1)
     assert content["columns"]["quaternion"] == [[1.0, 0.0, 0.0, 0.0]]
     assert found["axis_body"] == [[None, None, None]]
-    assert "nothing to turn" in found["result"]
+    assert "there is no slew" in found["result"]
     assert xarray.load_dataset(tmp_path / "out" / "table.nc").indexes["time"].is_unique
 
 
@@ -175,7 +175,7 @@ def test_a_chain_that_first_stays(qtraj, tmp_path):
     assert "axis, body - axis, inertial -" in text
     by = f"{np.degrees(expected.magnitude()):.6g}°"
     assert "The rotation vector of [end] is 400° long, more than a half turn." in text
-    assert f"the slew to it is by {by}." in text
+    assert f"takes the shorter way to the same attitude, by {by}." in text
     assert min(fine_times(qt.load(tmp_path / "out" / "program.toml"))) == 0
 
 

@@ -238,8 +238,8 @@ def test_the_terminal_shows_it_all_within_80_columns(qtraj, default_run, tmp_pat
         f"{np.degrees(numbers['direction_rms']):.2f}° RMS",
         f"{numbers['radius_min']:.2f} to {numbers['radius_max']:.2f} m",
         "V_φ at B",
-        f"leaves the path before by {default_run.content['change']['deviation']:.3g} m at most",
-        "Its heading turns 7.1° to the left at A and",
+        f"deviates from the path before by at most {default_run.content['change']['deviation']:.3g} m",
+        "The heading changes by 7.1° to the left at A and",
         "mean rate",
         "standing passengers",
         "shown/paths.nc",
@@ -277,7 +277,7 @@ def test_what_cannot_be_met_is_written_and_explained(qtraj, tmp_path):
     assert content["tuned"]["status"][content["tuned"]["limit"].index("speed")] == "broken"
     assert content["fit"] is None
     assert content["warning"].startswith("The path after takes ")
-    assert content["warning"].endswith("[tune.bounds] keeps a path near.")
+    assert content["warning"].endswith("[tune.bounds] keeps a path near the given one.")
     text = qtraj("tune", tmp_path / "tight.toml", "--out", out).stdout
     assert content["warning"] in " ".join(text.split())
     assert qtraj("report", out).exit_code == 0

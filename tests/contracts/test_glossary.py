@@ -78,17 +78,9 @@ def words(name, text):
     return found
 
 
-def prose(name, text):
-    """The text of a file; of a notebook only its Markdown cells, because changed code must be executed again."""
-    if name.startswith("notebooks") and name.endswith(".py"):
-        cells = re.split(r"(?m)^(?=# %%)", text)
-        return "\n".join(cell for cell in cells if cell.startswith("# %% [markdown]"))
-    return text
-
-
 @pytest.mark.parametrize("name", FILES)
 def test_standard_terms_are_used(name):
-    assert words(name, prose(name, FILES[name].read_text(encoding="utf-8"))) == []
+    assert words(name, FILES[name].read_text(encoding="utf-8")) == []
 
 
 @pytest.mark.parametrize("line", ["many lanes", "lane_count = 3", "qt.TurnChain", "x = lanes[0]", "the far sheet"])

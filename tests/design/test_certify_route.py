@@ -33,14 +33,14 @@ def winding(count=40, seed=0):
 
 
 def stopping():
-    """Up to a stop, a wait, and on; the velocity and the acceleration vanish at the stop."""
+    """A drive to a stop, a wait, and a drive on; velocity and acceleration vanish at the stop."""
     position = [[-12.0, 0, 0], [0, 0, 0], [0, 0, 0], [12, 1, 0.5]]
     velocity = [[6.0, 0.3, 0], [0, 0, 0], [0, 0, 0], [6, 0.5, 0.2]]
     return qt.Route([0.0, 3, 8, 11], position, velocity, np.zeros((4, 3)))
 
 
 @pytest.fixture(scope="module")
-def found():
+def certified():
     route = winding()
     return route, qt.certify(route, LIMITS)
 
@@ -51,8 +51,8 @@ def largest(route, names, count=100_001):
     return {name: np.asarray(table.values[OUTPUTS.get(name, name)]) for name in names}, t
 
 
-def test_a_route_is_proved_and_its_worst_places_are_those_of_dense_samples(found):
-    route, certificate = found
+def test_largest_values_agree_with_dense_samples(certified):
+    route, certificate = certified
     assert certificate.holds
     assert certificate.result == "every limit is proved on the whole path."
     values, _ = largest(route, certificate.names)
@@ -61,7 +61,7 @@ def test_a_route_is_proved_and_its_worst_places_are_those_of_dense_samples(found
         assert value == pytest.approx(seen.max(), rel=2e-3)  # a jump at a joint
         assert value >= seen.max() * (1 - 1e-12)
         assert limit == float(getattr(LIMITS, name))
-        if name not in ("jerk", "longitudinal_acceleration"):  # of which both sides of a joint count
+        if name not in ("jerk", "longitudinal_acceleration"):  # these use both sides of a joint
             assert float(LIMITS.values(route, time)[name]) == pytest.approx(value, rel=1e-9)
         assert certificate.margin(name) == pytest.approx(limit - value)
         assert np.min(certificate.margins(name)) == certificate.margin(name)
@@ -69,8 +69,8 @@ def test_a_route_is_proved_and_its_worst_places_are_those_of_dense_samples(found
     assert certificate.segments.codes.shape == (route.segments, 7)
 
 
-def test_a_limit_just_below_the_largest_value_is_broken_where_it_is_exceeded(found):
-    route, certificate = found
+def test_intervals_of_a_broken_limit_agree_with_dense_samples(certified):
+    route, certificate = certified
     lower = {name: value * 0.9 for name, (_, value, _) in certificate.worst.items()}
     broken = qt.certify(route, qt.Limits(**lower))
     assert set(broken.status.values()) == {"broken"}
@@ -81,7 +81,7 @@ def test_a_limit_just_below_the_largest_value_is_broken_where_it_is_exceeded(fou
         for a, b in broken.intervals(name):
             inside |= (t >= a) & (t <= b)
         above = seen > lower[name]
-        assert np.mean(inside != above) < 2e-5  # but for the samples at the ends
+        assert np.mean(inside != above) < 2e-5  # except for samples at the ends
         assert any(a <= broken.worst[name][0] <= b for a, b in broken.intervals(name))
     with pytest.raises(RuntimeError, match="curvature is broken"):
         qt.certify(route, qt.Limits(**lower), throw=True)
@@ -89,7 +89,7 @@ def test_a_limit_just_below_the_largest_value_is_broken_where_it_is_exceeded(fou
     assert "intervals with a broken limit" in repr(broken)
 
 
-def test_both_sides_of_a_joint_count():
+def test_both_sides_of_a_joint_are_used():
     """The acceleration jumps at the joint: the earlier side is the larger one."""
     x = np.array([0.0, 1.0, 2.0])
     route = qt.Route.from_piecewise(make_interp_spline(x, np.stack([5 * x, [0.0, 0, 1], 0 * x], axis=1), k=1))
@@ -102,8 +102,8 @@ def test_both_sides_of_a_joint_count():
     assert qt.certify(route, qt.Limits(speed=5.2)).holds
 
 
-def test_a_needle_between_samples_is_refuted():
-    """A wiggle of 0.2 ms in a drive of 400 s, at a place that no sampling meets."""
+def test_a_short_violation_between_samples_is_detected():
+    """An oscillation of 0.2 ms in a drive of 400 s, between all samples."""
     route = winding(60)
     states = np.array(route.joints(2))
     times = np.array(route.times)
@@ -123,10 +123,10 @@ def test_a_needle_between_samples_is_refuted():
     assert any(a <= at <= b for a, b in certificate.intervals("acceleration"))
     t = np.arange(0.0, float(planted.duration), 0.01) + 0.005
     seen = np.asarray(qt.evaluate(planted, t, ("acceleration_magnitude",)).acceleration_magnitude)
-    assert np.max(seen) < 2.9  # sampling every 10 ms sees nothing of it
+    assert np.max(seen) < 2.9  # samples every 10 ms miss it
 
 
-def test_stops_and_standing_are_ordinary():
+def test_stops_and_waits():
     route = stopping()
     limits = qt.Limits(
         curvature=0.05, speed=8.0, acceleration=5.0, lateral_acceleration=1.0, longitudinal_acceleration=6.0, jerk=12.0,
@@ -148,7 +148,7 @@ def test_stops_and_standing_are_ordinary():
     assert set(lower.status.values()) == {"broken"}
 
 
-def test_straights_are_ordinary():
+def test_straight_parts():
     t = np.array([0.0, 1.0, 3.0])
     straight = qt.Route(t, np.outer(t, [5.0, 1.0, 0.2]), np.tile([5.0, 1.0, 0.2], (3, 1)), np.zeros((3, 3)))
     certificate = qt.certify(straight, qt.Limits(curvature=1e-6, lateral_acceleration=0.01, yaw_rate=0.01, torsion=0.1))
@@ -156,7 +156,7 @@ def test_straights_are_ordinary():
     assert [certificate.status[x] for x in ("curvature", "lateral_acceleration", "yaw_rate")] == ["proved"] * 3
 
 
-def test_ten_thousand_pieces_of_a_spline_are_proved_in_one_call():
+def test_a_spline_with_ten_thousand_segments():
     x = np.linspace(0.0, 5000.0, 10_001)
     y = np.stack([8 * x, 30 * np.sin(0.05 * x), 2 * np.cos(0.02 * x)], axis=1)
     route = qt.Route.from_piecewise(CubicSpline(x, y))
@@ -166,14 +166,14 @@ def test_ten_thousand_pieces_of_a_spline_are_proved_in_one_call():
 
 
 def exactly(c, s, order):
-    """A derivative of a segment in mpmath's digits."""
+    """A derivative of a segment in mpmath's precision."""
     terms = [(mpmath.ff(j, order) * s ** (j - order), row) for j, row in enumerate(c) if j >= order]
     return [sum(weight * mpmath.mpf(float(row[axis])) for weight, row in terms) for axis in range(3)]
 
 
-def test_no_proof_is_contradicted_by_fifty_digits(found):
-    """The largest value that was proved to be below its limit, at many places with fifty digits."""
-    route, certificate = found
+def test_proofs_agree_with_fifty_digits(certified):
+    """Proved limits are satisfied at many instants, in arithmetic with fifty digits."""
+    route, certificate = certified
     rng = np.random.default_rng(7)
     limit = certificate.worst["curvature"][1] * (1 + 1e-9)
     assert qt.certify(route, qt.Limits(curvature=limit)).holds
@@ -190,10 +190,10 @@ def test_no_proof_is_contradicted_by_fifty_digits(found):
             assert curvature <= mpmath.mpf(limit)
 
 
-def test_findings_are_stored_and_nothing_is_judged_without_limits(found, tmp_path):
+def test_certificates_can_be_stored_and_are_empty_without_limits(certified, tmp_path):
     from qtraj.foundation import document
 
-    route, certificate = found
+    route, certificate = certified
     document.save(certificate, tmp_path / "findings.json")
     again = qt.load(tmp_path / "findings.json")
     assert again.status == certificate.status
@@ -201,9 +201,9 @@ def test_findings_are_stored_and_nothing_is_judged_without_limits(found, tmp_pat
     assert qt.certify(route, qt.Limits()).holds
 
 
-def test_what_cannot_be_judged_is_refused(found):
-    route, _ = found
-    with pytest.raises(ValueError, match="one route whose numbers are known"):
+def test_invalid_arguments(certified):
+    route, _ = certified
+    with pytest.raises(ValueError, match="certify accepts one route with concrete values"):
         jax.jit(lambda r: qt.certify(r, LIMITS).whole.codes)(route)
     with pytest.raises(ValueError, match="a corridor limits the distance of a SpiralHelix"):
         qt.certify(route, LIMITS, corridor=1.0, reference=qt.SpiralHelix([1.0], [0.0, 1.0], [0.0], 1.0))

@@ -46,7 +46,12 @@ def test_values_match_the_definition(motion, placement):
 @pytest.mark.parametrize(
     ("motion", "placement", "objective", "names"),
     [
-        ("hermite", AXIS, "nearest", ["curvature", "angular_acceleration", "yaw_acceleration", "corridor", "friction", "power"]),
+        (
+            "hermite",
+            AXIS,
+            "nearest",
+            ["curvature", "angular_acceleration", "yaw_acceleration", "corridor", "friction", "power"],
+        ),
         *(
             pytest.param(motion, placement, objective, list(INDEX), marks=pytest.mark.slow)
             for motion, placement, objective in [

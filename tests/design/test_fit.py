@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from qtraj.algebra.rotation import to_dcm
 from qtraj.design.fitting.fit import fit
 from qtraj.foundation import document
 from qtraj.foundation.outcome import ResultCode
@@ -17,6 +18,7 @@ from qtraj.io.track_file import read_track
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track
+from qtraj.path.trihedral import Natural, trihedral
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -221,6 +223,19 @@ def straight(bend=0.0, wobble=0.0):
     x = 10.0 * times
     y = 0.5 * bend / 40.0 * x**2 + wobble * np.sin(3.0 * times)
     return Track(times, np.stack([EAST + x, NORTH + y, 0 * x], axis=1))
+
+
+def test_the_program_of_a_recording_is_upright(fitted):
+    """Without a frame given: x along the velocity, y level."""
+    fitted, t = fitted["hermite"], 2.0
+    path = fitted.path
+    forward, left, up = np.asarray(to_dcm(fitted.program()(t).quaternion))
+    velocity = np.asarray(path.velocity(t))
+    assert forward == pytest.approx(velocity / np.linalg.norm(velocity), abs=1e-12)
+    assert left[2] == pytest.approx(0.0, abs=1e-12)
+    assert up[2] > 0.9
+    natural = np.asarray(to_dcm(fitted.program(Natural())(t).quaternion))
+    assert natural[1] == pytest.approx(np.asarray(trihedral(path, t).normal), abs=1e-12)
 
 
 @pytest.mark.parametrize(("bend", "words"), [(0.0, r"0\.00°"), (np.radians(6.0), r"6\.0\d°"), (-0.1, r"-5\.\d\d°")])

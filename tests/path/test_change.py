@@ -1,4 +1,4 @@
-"""How one path differs from another: from its definition, in words, and where it warns."""
+"""Comparison of two paths: values, texts and warnings."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,18 +20,18 @@ def change(**fields):
     ("length", "duration", "deviation", "words"),
     [
         (29.0, 14.0, 9.0, None),
-        (31.0, 14.0, 9.0, "The path after is 3.1 times as long (31 m, before 10 m)."),
-        (29.0, 16.0, 9.0, "The path after takes 3.2 times the time (16 s, before 5 s)."),
-        (29.0, 14.0, 11.0, "leaves the path before by 11 m, more than that one's size of 10 m."),
+        (31.0, 14.0, 9.0, "The path after is longer by a factor of 3.1 (31 m, before 10 m)."),
+        (29.0, 16.0, 9.0, "The path after takes 3.2 times as long (16 s, before 5 s)."),
+        (29.0, 14.0, 11.0, "deviates from the path before by 11 m, more than its size of 10 m."),
         (
             31.0,
             16.0,
             11.0,
-            "(31 m, before 10 m), takes 3.2 times the time (16 s, before 5 s) and leaves the path before",
+            "(31 m, before 10 m), takes 3.2 times as long (16 s, before 5 s) and deviates from the path before",
         ),
     ],
 )
-def test_a_path_far_from_the_one_before_is_told(length, duration, deviation, words):
+def test_there_is_a_warning_if_the_paths_differ_much(length, duration, deviation, words):
     warning = change(lengths=[10.0, length], durations=[5.0, duration], deviation=deviation, size=10.0).warning
     assert (warning is None) == (words is None)
     assert words is None or words in warning
@@ -40,10 +40,10 @@ def test_a_path_far_from_the_one_before_is_told(length, duration, deviation, wor
 def test_changes_of_heading_and_height_in_words():
     text = change(headings=[np.pi / 2, 0.0], lowest=-1.0, highest=0.0).text
     assert text == (
-        "Its heading turns 90.0° to the left at A and by 0.0° at B; its lowest point moves by -1.00 m, its highest by "
-        "+0.00 m."
+        "The heading changes by 90.0° to the left at A and by 0.0° at B; the height of the lowest point changes by "
+        "-1.00 m, of the highest point by +0.00 m."
     )
-    assert "by an angle that does not exist at B" in change(headings=[0.1, np.nan]).text
+    assert "by an undefined angle at B" in change(headings=[0.1, np.nan]).text
 
 
 def test_the_numbers_follow_from_the_paths():

@@ -95,7 +95,7 @@ def test_one_executable_serves_any_number_of_segments():
     np.testing.assert_allclose(both[1], some[1].position(3.0), rtol=0, atol=1e-9)
 
 
-def test_at_a_joint_the_later_side_counts_and_outside_the_polynomials_go_on():
+def test_joints_use_the_later_segment_and_outside_the_route_is_extrapolated():
     c = np.zeros((2, 2, 3))
     c[0, :, 0], c[1, :, 0] = [1.0, -1.0], [2.0, 1.0]  # 2 + t, and then 1 − (t − 1)
     route = qt.Route.from_piecewise(PPoly(c, [0.0, 1.0, 2.0]))
@@ -123,14 +123,14 @@ def test_window_segment_reverse_and_sum_are_the_same_curve(case):
     back = route.reversed()
     signs = (-1.0) ** np.arange(5)[:, None]
     expected = derivatives(route, float(route.duration) - t) * signs
-    inner = np.min(np.abs(t[:, None] - np.asarray(back.times)[None]), axis=1) > 1e-9  # at joints the other side counts
+    inner = np.min(np.abs(t[:, None] - np.asarray(back.times)[None]), axis=1) > 1e-9  # at joints the other side is used
     np.testing.assert_allclose(derivatives(back, t)[inner], expected[inner], rtol=0, atol=1e-8)
     whole = route.window(0.0, t1) + route.window(t1, float(route.duration))
     assert whole.segments == route.segments + 1
     np.testing.assert_allclose(derivatives(whole, grid(route))[1:-1], derivatives(route, grid(route))[1:-1], atol=3e-8)
 
 
-def test_a_window_that_is_exchanged_joins_the_rest(case):
+def test_a_replaced_window_can_be_joined_to_the_rest(case):
     route, _, _ = case
     a, b = (float(x) for x in np.asarray(route.times)[[2, 4]])
     whole = route.window(0, a) + route.window(a, b) + route.window(b, float(route.duration))
@@ -199,7 +199,7 @@ Y = np.stack([X, np.sin(X), 0.1 * X**2], axis=1)
     [CubicSpline(X + 5, Y), PchipInterpolator(X, Y), *(make_interp_spline(X, Y, k=k) for k in (1, 2, 3, 5, 7))],
     ids=lambda s: f"{type(s).__name__}{getattr(s, 'k', '')}",
 )
-def test_splines_of_scipy_become_routes_and_come_back(spline):
+def test_splines_of_scipy_convert_to_routes_and_back(spline):
     route = qt.Route.from_piecewise(spline)
     first = 5.0 if type(spline) is CubicSpline else 0.0
     t = grid(route)[1:-1]
@@ -211,7 +211,7 @@ def test_splines_of_scipy_become_routes_and_come_back(spline):
     assert qt.Route.from_piecewise(back).segments == route.segments
 
 
-def test_other_splines_and_what_is_refused():
+def test_other_splines_and_invalid_splines():
     bernstein = BPoly.from_derivatives(X, Y[:, None].repeat(2, axis=1))
     route = qt.Route.from_piecewise(bernstein)
     np.testing.assert_allclose(derivatives(route, X[1:-1], 0)[:, 0], Y[1:-1], rtol=0, atol=1e-12)
@@ -241,11 +241,11 @@ def test_a_spiral_helix_converts_within_the_tolerance(tolerance):
     away = np.asarray(qt.evaluate(route, t, ("position",)).position - qt.evaluate(HELIX, t, ("position",)).position)
     largest = float(np.max(np.linalg.norm(away, axis=1)))
     assert largest <= tolerance
-    assert largest > tolerance / 2000  # the bound is not wasteful: one halving is a factor of 256
+    assert largest > tolerance / 2000  # the bound is tight: halving the segments reduces it by a factor of 256
     assert float(jnp.max(jnp.abs(route.jumps(3)))) < 1e-7
 
 
-def test_conversions_that_cannot_be_proved_are_refused():
+def test_conversions_without_a_proof_are_refused():
     with pytest.raises(ValueError, match="pass a larger tolerance"):
         qt.Route.from_path(HELIX, 1e-12)
     with pytest.raises(ValueError, match="a path with polynomials"):
@@ -253,7 +253,7 @@ def test_conversions_that_cannot_be_proved_are_refused():
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
-def test_a_document_keeps_every_bit(case, suffix, tmp_path):
+def test_a_document_is_exact(case, suffix, tmp_path):
     route, _, _ = case
     route.save(tmp_path / f"route{suffix}")
     again = qt.load(tmp_path / f"route{suffix}")
@@ -263,7 +263,7 @@ def test_a_document_keeps_every_bit(case, suffix, tmp_path):
     assert np.array_equal(qt.load(tmp_path / f"program{suffix}")(0.5).quaternion, program(0.5).quaternion)
 
 
-def test_a_document_that_is_no_route_is_refused(case, tmp_path):
+def test_an_invalid_document_is_refused(case, tmp_path):
     file = tmp_path / "route.toml"
     case[0].save(file)
     text = file.read_text()
@@ -287,15 +287,15 @@ def test_derivatives_in_the_joint_states_and_times():
     check_grads(at, given, 1, atol=1e-5, rtol=1e-5)
 
 
-def test_evaluate_peak_and_dynamics_know_routes(case):
+def test_evaluate_peak_and_dynamics_accept_routes(case):
     route, _, _ = case
     t = grid(route, 1001)
     table = qt.evaluate(route, t, ("position", "curvature", "yaw_rate", "quaternion", "defined"), frame=qt.Upright())
     np.testing.assert_allclose(table.position, derivatives(route, t, 0)[:, 0], rtol=0, atol=1e-9)
     assert np.asarray(table.defined).all()
-    when, most = qt.peak(route, "curvature")
-    assert float(most) == pytest.approx(float(np.max(table.curvature)), rel=1e-3)
-    assert float(qt.Limits(curvature=1.0).values(route, when)["curvature"]) == pytest.approx(float(most), rel=1e-9)
+    time, value = qt.peak(route, "curvature")
+    assert float(value) == pytest.approx(float(np.max(table.curvature)), rel=1e-3)
+    assert float(qt.Limits(curvature=1.0).values(route, time)["curvature"]) == pytest.approx(float(value), rel=1e-9)
     forces = qt.dynamics.forces(route, 1.0, 2.0, [0.0, 0.0, -9.81])
     assert np.isfinite(np.asarray(jax.tree.leaves(forces)[0])).all()
 
@@ -304,11 +304,11 @@ def test_the_peak_of_a_long_route_is_found_between_a_thousand_instants():
     times, orders = states(600, 3, origin=np.zeros(3))
     orders[2][301] += [0.0, 9.0, 0.0]
     route = qt.Route(times, *orders)
-    when, most = qt.peak(route, "acceleration")
-    assert float(when) == pytest.approx(times[301] - times[0], abs=0.2)
-    near = float(when) + np.linspace(-0.5, 0.5, 4001)
+    time, value = qt.peak(route, "acceleration")
+    assert float(time) == pytest.approx(times[301] - times[0], abs=0.2)
+    near = float(time) + np.linspace(-0.5, 0.5, 4001)
     dense = qt.evaluate(route, near, ("acceleration_magnitude",)).acceleration_magnitude
-    assert float(most) == pytest.approx(float(np.max(dense)), rel=1e-6)
+    assert float(value) == pytest.approx(float(np.max(dense)), rel=1e-6)
 
 
 def test_evaluation_agrees_with_fifty_digits(case):
@@ -325,8 +325,8 @@ def test_evaluation_agrees_with_fifty_digits(case):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (([0.0], np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3))), "at least 2"),
-        (([0.0, 0.0], np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3))), "joint 1 has 0 s after"),
+        (([0.0], np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3))), "at least two"),
+        (([0.0, 0.0], np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3))), "joint 1 is at 0 s, after"),
         (([0.0, 1.0], np.zeros((2, 3)), np.zeros((2, 2)), np.zeros((2, 3))), "the velocity of a route must have shape"),
         (([0.0, 1.0], np.zeros((2, 3)), np.zeros((2, 3)), np.full((2, 3), np.nan)), "the acceleration of a route"),
     ],
@@ -336,11 +336,11 @@ def test_bad_states_are_refused(arguments, words):
         qt.Route(*arguments)
 
 
-def test_what_needs_known_numbers_says_so(case):
+def test_methods_that_need_concrete_values(case):
     route, _, _ = case
-    with pytest.raises(ValueError, match="not known inside jit"):
+    with pytest.raises(ValueError, match="needs concrete values"):
         jax.jit(lambda r: r.window(0.0, 1.0).duration)(route)
-    with pytest.raises(IndexError, match="none at 99"):
+    with pytest.raises(IndexError, match="so 99 is not the index"):
         route.segment(99)
     with pytest.raises(ValueError, match="a window must lie within"):
         route.window(1.0, 0.5)

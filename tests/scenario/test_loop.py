@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tests.cli.loop_scenarios import LAW, SLEW
 
 import qtraj as qt
 from qtraj.motion.control.errors import error_quaternion
@@ -11,17 +12,6 @@ from qtraj.motion.programs.rotation_minimizing import name_of
 from qtraj.scenario.loop import prepare
 from qtraj.scenario.loop_parts import FeedbackPart
 from qtraj.scenario.reader import read_scenario
-
-SLEW = """
-angles = "deg"
-[program.slew.start]
-quaternion = [1, 0, 0, 0]
-[program.slew.end]
-rotation_vector = [0, 0, 30]
-[program.slew.law]
-max_acceleration = 20
-"""
-LAW = "[law]\nsettling_time = 3\n"
 
 
 @pytest.fixture

@@ -137,9 +137,9 @@ def test_a_long_value_is_cut(read):
 def test_every_kind_has_a_model_a_builder_and_an_embedded_scenario(kind):
     entry = KINDS[kind]
     assert issubclass(entry.model, Part)
-    given = read_scenario(None, kind)
-    assert (given.file, given.warnings) == (entry.embedded, ())
-    assert entry.build(given) is not None
+    loaded = read_scenario(None, kind)
+    assert (loaded.file, loaded.warnings) == (entry.embedded, ())
+    assert entry.build(loaded) is not None
 
 
 RENAMED = """

@@ -93,9 +93,13 @@ def test_axes_in_space_are_equal_and_contain_everything(paths):
     data = json.loads(paths.scripts[0])
     low, high = np.array(data["space"]["range"]).T
     for body in data["bodies"]:
-        positions = np.array(body["position"])
-        assert (positions - data["space"]["length"] > low).all()
-        assert (positions + data["space"]["length"] < high).all()
+        tips = np.array(body["position"])[:, None] + data["space"]["length"] * np.array(body["axes"], float).reshape(
+            -1, 3, 3
+        )
+        tips = tips[np.isfinite(tips)].reshape(-1, 3)
+        assert len(tips) > 100
+        assert (tips > low).all()
+        assert (tips < high).all()
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,9 @@
-"""Paper S's quaternion matrices: monomial (1, 0, −1) combinations of the components.
+"""The quaternion matrices of paper S, whose entries are ± the components of a quaternion.
 
-Each 4×4 matrix is Σ_k q_k E_k, where every E_k has exactly one entry ±1 in each row and column. With L(p) x = p∘x and
-R(p) x = x∘p, and ᾱ the conjugate:
+Each 4×4 matrix is Σ_k q_k E_k, where every E_k has exactly one entry ±1 in each row and column, and else zeros. With
+L(p) x = p∘x, R(p) x = x∘p, and the conjugate ᾱ:
 
-| paper S | here     | is             | of                             |
+| paper S | function | definition     | argument                       |
 |---------|----------|----------------|--------------------------------|
 | A       | `a`      | L(α)           | a quaternion (4,)              |
 | Aᵗ      | `at`     | L(ᾱ)           | a quaternion (4,)              |
@@ -13,10 +13,10 @@ R(p) x = x∘p, and ᾱ the conjugate:
 | Ṙ₀′     | `r0_prime` | Aᵗ of (0, r) | a vector (3,)                  |
 
 ᵗA is A with its first row and first column exchanged. Identities: Aᵗ·ᵗAᵗ = |α|² diag(1, direction cosines), and
-½(Ṙ₀ − Ṙ₀′)(0, x) = (0, r × x), whose square and cube are the double and the triple product.
+½(Ṙ₀ − Ṙ₀′)(0, x) = (0, r × x); the square and the cube of this matrix give r × (r × x) and r × (r × (r × x)).
 
-Kinematics in the same matrices (Alpatov et al., 2021, doi 10.14738/tmlai.94.10523): 2λ̇ is
-ᵗAᵗ(ω_x) λ or A(ω_ξ) λ, and backwards (0, ω_x) = 2Aᵗλ̇, (0, ω_ξ) = 2 ᵗA λ̇ for a unit λ.
+Kinematics in the same matrices (Alpatov et al., 2021, doi 10.14738/tmlai.94.10523): 2λ̇ = ᵗAᵗ(ω_x) λ = A(ω_ξ) λ.
+Conversely, for a unit λ, (0, ω_x) = 2Aᵗλ̇ and (0, ω_ξ) = 2 ᵗA λ̇.
 """
 
 import jax.numpy as jnp
@@ -32,7 +32,7 @@ _UNIT_LEFT = [  # column m of E_k is the product e_k∘e_m of the units 1, i, j,
     [[0, 0, 0, -1], [0, 0, -1, 0], [0, 1, 0, 0], [1, 0, 0, 0]],
 ]
 A_BASIS = np.array(_UNIT_LEFT, dtype=np.int8)
-"""The four basis matrices of A; axis 0 counts the components of the quaternion."""
+"""The four basis matrices of A; the first axis is the component of the quaternion."""
 AT_BASIS = A_BASIS.transpose(0, 2, 1)
 TAT_BASIS = A_BASIS.transpose(2, 1, 0)  # column m of E_k is e_m∘e_k
 TA_BASIS = TAT_BASIS.transpose(0, 2, 1)
@@ -74,7 +74,7 @@ def cross(v: Vec3) -> Mat4:
 
 
 def cross_repeated(v: Vec3, x: Vec3, times: int = 1) -> Vec3:
-    """v × (v × … (v × x)), `times` products, as the power of ½(Ṙ₀ − Ṙ₀′) applied to (0, x)."""
+    """v × (v × … (v × x)) with `times` products, as a power of ½(Ṙ₀ − Ṙ₀′) applied to (0, x)."""
     matrix, column = cross(v), jnp.concatenate([jnp.zeros_like(x, shape=1), x])
     for _ in range(times):
         column = jnp.matmul(matrix, column, precision="highest")
@@ -82,17 +82,20 @@ def cross_repeated(v: Vec3, x: Vec3, times: int = 1) -> Vec3:
 
 
 def double_product(a: Vec3, b: Vec3, c: Vec3) -> Vec3:
-    """a × (b × c) = b (a·c) − c (a·b): paper S's first vector identity, a determinant of the columns b, a·b; c, a·c."""
+    """a × (b × c) = b (a·c) − c (a·b): the first vector identity of paper S.
+
+    Paper S writes it as a determinant with the columns (b, a·b) and (c, a·c).
+    """
     return b * _dot(a, c) - c * _dot(a, b)
 
 
 def triple_product(a: Vec3, b: Vec3, c: Vec3, d: Vec3) -> Vec3:
-    """a × [b × (c × d)] = (a × c)(b·d) − (a × d)(b·c): paper S's second vector identity."""
+    """a × [b × (c × d)] = (a × c)(b·d) − (a × d)(b·c): the second vector identity of paper S."""
     return jnp.cross(a, c) * _dot(b, d) - jnp.cross(a, d) * _dot(b, c)
 
 
 def rotation(q: Quat) -> Mat4:
-    """Aᵗ·ᵗAᵗ: |λ|² times a matrix with 1 and the direction cosines α, which takes (0, v_ξ) to (0, v_X)."""
+    """Aᵗ·ᵗAᵗ = |λ|² diag(1, α) with the direction cosines α; for a unit λ it maps (0, v_ξ) to (0, v_X)."""
     return jnp.matmul(at(q), tat(q), precision="highest")
 
 
@@ -103,7 +106,7 @@ def rotation_slope(q: Quat, q_dot: Quat) -> Mat4:
 
 
 def kinematic(omega: Vec3, axes: str = "body") -> Mat4:
-    """The matrix of 2λ̇ = Ωλ for a rate (3,) [rad/s]: ᵗAᵗ of ω_x in body axes, A of ω_ξ in inertial axes.
+    """The matrix Ω of 2λ̇ = Ωλ for a rate (3,) [rad/s]: ᵗAᵗ(ω_x) for body axes, A(ω_ξ) for inertial axes.
 
     **Raises:** ValueError for other axes.
     """
@@ -112,7 +115,7 @@ def kinematic(omega: Vec3, axes: str = "body") -> Mat4:
 
 
 def rate(q: Quat, q_dot: Quat, axes: str = "body") -> Vec3:
-    """The angular rate (3,) [rad/s] of λ that changes at λ̇ [1/s]: 2Aᵗλ̇/|λ|² in body axes, 2 ᵗA λ̇/|λ|² in inertial ones.
+    """The angular rate (3,) [rad/s] from λ and λ̇ [1/s]: 2Aᵗλ̇/|λ|² in body axes, 2 ᵗA λ̇/|λ|² in inertial axes.
 
     **Raises:** ValueError for other axes.
     """
@@ -131,6 +134,6 @@ def _dot(a: Vec3, b: Vec3) -> Array:
 
 
 def _combine(components: Float[Array, " n"], basis: np.ndarray) -> Mat4:
-    """Σ_k components_k basis_k; each entry has one term, so it is exact."""
+    """Σ_k components_k basis_k, without rounding errors, since each entry has only one term."""
     components = jnp.asarray(components)
     return jnp.einsum("k,kij->ij", components, jnp.asarray(basis, components.dtype), precision="highest")

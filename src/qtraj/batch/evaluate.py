@@ -19,7 +19,7 @@ from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing, require_initial
 from qtraj.path.channel import CHANNELS, INERTIA
-from qtraj.path.driving import usual_frame
+from qtraj.path.driving import default_frame
 from qtraj.path.frame_axes import MINIMIZING
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.rate_axes import BODY, require_axes
@@ -91,7 +91,7 @@ def evaluate(
         raise ValueError("times must have at least one instant")
     if isinstance(frame, RotationMinimizing):
         return _minimizing(task, paths, frame, instants, reuse, devices, vehicle)
-    frame = usual_frame(paths) if frame is None else frame
+    frame = default_frame(paths) if frame is None else frame
     work = (paths, frame, vehicle if any(CHANNELS[name].needs for name in task.names) else None)
     traced = any(isinstance(x, Tracer) for x in (*jax.tree.leaves(work), instants))
     values = run(

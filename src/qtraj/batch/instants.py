@@ -18,6 +18,7 @@ from jax.lax import split, stop_gradient
 from jaxtyping import Array, Float
 
 from qtraj.algebra import hamilton, polynomial, quaternion, rotation
+from qtraj.batch.body_forces import path_force, turning_moment
 from qtraj.batch.cpu import DIVISION, cos_sin, derivatives_in_one_loop, inverse_root, root
 from qtraj.path.components import Triple, add_vectors, cross, dot, rotated_z, scaled, select
 from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate, upright_rates
@@ -101,23 +102,18 @@ class Instants:
 
     @property
     def force(self) -> Triple:
-        """The force that moves the vehicle along the path [N], in the requested axes: m(r'' − g⃗), plus the drag."""
-        i, (p, up) = self.invariants, (self._road, self.basis.local(UP))
-        drag = p.drag * root(i.S)
-        x, y, z = (
-            p.mass * (a + p.gravity * u + drag * v) for a, u, v in zip(self.rows[2], up, self.rows[1], strict=True)
-        )
+        """The force that moves the vehicle along the path [N], in the requested axes."""
+        force = path_force(self._road, self.rows, self.basis.local(UP), root(self.invariants.S))
         if self.axes != BODY:
-            return self.basis.world((x, y, z))
-        tangent, normal, binormal = (dot(axis, (x, y, z)) for axis in self._frame.axes)
+            return self.basis.world(force)
+        tangent, normal, binormal = (dot(axis, force) for axis in self._frame.axes)
         return tangent, normal, binormal
 
     @property
     def moment(self) -> Triple:
-        """The moment that turns the vehicle with the frame [N m], in the requested axes: Jε + ω×Jω."""
-        J, rate = self.vehicle.inertia.astype(self.duration.dtype), self._frame.rate
-        of = lambda v: tuple(J[k, 0] * v[0] + J[k, 1] * v[1] + J[k, 2] * v[2] for k in range(3))  # noqa: E731
-        return self._in_axes(add_vectors(of(self._frame.acceleration), cross(rate, of(rate))))
+        """The moment that turns the vehicle with the frame [N m], in the requested axes."""
+        frame = self._frame
+        return self._in_axes(turning_moment(self.vehicle, frame.rate, frame.acceleration))
 
     @property
     def speed(self) -> Array:

@@ -1,4 +1,4 @@
-"""The commands, gathered, and the old names of those that were renamed."""
+"""The application with all commands, and the old names of renamed commands."""
 
 import functools
 from collections.abc import Callable
@@ -8,6 +8,7 @@ import typer
 from qtraj._version import __version__
 from qtraj.cli.evaluate import evaluate
 from qtraj.cli.report import report
+from qtraj.cli.route import route
 from qtraj.cli.simulate import simulate
 from qtraj.cli.slew import slew
 from qtraj.cli.terminal import UNTIL, warn
@@ -21,17 +22,17 @@ app = typer.Typer(
 
 
 def _prose(docstring: str | None) -> str:
-    """A docstring whose paragraphs are filled anew for the terminal that shows them."""
+    """A docstring with unwrapped paragraphs, so that the terminal wraps them."""
     return "\n\n".join(" ".join(paragraph.split()) for paragraph in (docstring or "").split("\n\n"))
 
 
 def _examples(*lines: str) -> str:
-    """What stands below the help of a command: one example to a line."""
+    """The examples below the help of a command, one per line."""
     return "\n\n".join(("Examples:", *lines))
 
 
 def _add(command: Callable[..., None], *examples: str, old: str | None = None) -> None:
-    """A command with its examples, and under its `old` name, which warns and works until 1.0."""
+    """Add a command with its examples, and an alias for its `old` name, which warns and works until 1.0."""
     help, epilog = _prose(command.__doc__), _examples(*examples)
     app.command(help=help, epilog=epilog)(command)
     if old is None:
@@ -55,6 +56,12 @@ _add(
     evaluate,
     "qtraj evaluate turn.toml --samples 11",
     "qtraj evaluate results/path.toml --step 0.1 --out table",
+)
+_add(
+    route,
+    "qtraj route  (the embedded scenario)",
+    "qtraj route drive.csv --out drive",
+    "qtraj route bus.toml --out results",
 )
 _add(
     slew,
@@ -86,7 +93,7 @@ def _version(wanted: bool) -> bool:
 @app.callback(
     epilog=_examples(
         "qtraj tune  (runs the embedded scenario, writes qtraj-out)",
-        "qtraj report  (makes a page for the browser of it)",
+        "qtraj report  (makes a page of it for the browser)",
         "qtraj --install-completion  (commands and options by the Tab key)",
     )
 )

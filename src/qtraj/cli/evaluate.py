@@ -14,6 +14,7 @@ from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.cli.tune import show_fit
 from qtraj.foundation.progress_bar import watching
+from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
     from qtraj.design.fitting.fitted import Fitted
@@ -28,8 +29,8 @@ FORCES = ("longitudinal_force", "lateral_force", "normal_load", "friction", "pow
 FORCES_TITLE = "t [s], forces F between tyres and road [N], use of the grip, power P of the drive [W]"
 
 SAMPLES = 25
-MOST = 1_000_000
-"""More instants than this are surely a mistake."""
+MAX_INSTANTS = 1_000_000
+"""Larger numbers of instants are refused as a mistake."""
 
 ROAD = {"time": ["t"], **dict(zip(FORCES, (["|F_τ|"], ["|F_n|"], ["F_b"], ["friction"], ["P"]), strict=True))}
 MOTION = {"time": ["t"], "position": ["x", "y", "z"], "speed": ["speed"], "curvature": ["κ"], "torsion": ["χ"]}
@@ -52,10 +53,10 @@ def evaluate(
 ) -> None:
     """Tabulate a path: time, position, speed, curvature, torsion, attitude and rate.
 
-    Of a scenario it is the path before tuning. Attitude and rate are those of the upright frame, unless --frame names
-    another; the quaternion is scalar first, body to world. With a table [vehicle] the forces, the use of the grip and
-    the power follow. What --also names is added to the files and to JSON. Exit code 1 where the path does not follow
-    its recording.
+    The path of a scenario is the one before tuning. Attitude and rate are those of the upright frame, unless --frame
+    names another; the quaternion is scalar first, body to world. With a table [vehicle] the forces, the use of the grip
+    and the power follow. Outputs named by --also are added to the files and to JSON. Exit code 1 if the path does not
+    follow its recording.
     """
     with terminal.guarded():
         outcome = run(scenario, samples, step, out, also, frame or FrameName.upright)
@@ -70,13 +71,13 @@ def run(
     also: Sequence[str],
     frame: FrameName,
 ) -> Outcome:
-    """Evaluate the path of a file, and write it where a folder is given.
+    """Evaluate the path of a file, and write the table if a folder is given.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
     with watching() as watch:
         watch.say("reading the path")
-        # Here, so that --help need not wait for pydantic and xarray.
+        # Imported here, so that --help does not wait for pydantic and xarray.
         from qtraj.batch.evaluate import evaluate
         from qtraj.cli.output import check_folder, header, provenance, table_writers, tabular, write_all
         from qtraj.design.fitting.facts import facts
@@ -85,13 +86,13 @@ def run(
 
         if out is not None:
             check_folder(out)
-        given, path, fitted, vehicle = _path(file)
+        loaded, path, fitted, vehicle = _path(file)
         also = [*also, *(() if vehicle is None else FORCES)]
         times = instants(float(path.duration), samples, step)
         watch.say("evaluating")
         table = evaluate(path, times, (*OUTPUTS, *also), frame.frame(), continuous=True, vehicle=vehicle)
         bends = np.asarray(evaluate(path, times, ("defined",)).defined)
-        content = header("evaluate", given) | {
+        content = header("evaluate", loaded) | {
             "fit": None if fitted is None else facts(fitted),
             "frame": table.frame,
             "path": {"duration": float(path.duration), "length": float(path.length()), "turn": float(path.turn)},
@@ -101,53 +102,51 @@ def run(
         }
         if out is not None:
             dataset = table.to_xarray()
-            known = csv_headers(dataset)
-            headers = PATH_HEADERS | {name: known[name] for name in ("rate", *also) if name not in PATH_HEADERS}
-            found: dict[str, Any] = {}
-            texts = {} if fitted is None else with_fit(found, fitted)
-            dataset = dataset.assign(found)
-            dataset.attrs |= conventions(table.frame) | provenance(given) | texts
-            written = write_all(out, table_writers(dataset, headers))
-            content["files"] = [str(file) for file in written]
+            columns = csv_headers(dataset)
+            headers = PATH_HEADERS | {name: columns[name] for name in ("rate", *also) if name not in PATH_HEADERS}
+            variables: dict[str, Any] = {}
+            texts = {} if fitted is None else with_fit(variables, fitted)
+            dataset = dataset.assign(variables)
+            dataset.attrs |= conventions(table.frame) | provenance(loaded) | texts
+            content["files"] = [str(file) for file in write_all(out, table_writers(dataset, headers))]
     loose = fitted is not None and not bool(fitted.successful)
     return Outcome(content, lambda console: _show(console, content), loose)
 
 
 def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | None", "Vehicle | None"]:
-    """The path of a file, with the scenario that it stands in, the fit it comes from, and the vehicle."""
+    """The scenario of a file, its path, the fit of the path, and the vehicle; a saved path has only itself."""
     from qtraj.io.saved import is_saved, saved_path
-    from qtraj.scenario.path import lay
     from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
 
     if is_saved(file):
         return ScenarioFile[Any](file, None, content_hash(file.read_bytes())), saved_path(file), None, None
-    given = read_scenario(file, "path")
-    task = lay(given)
-    return given, task.path, task.fitted, task.limits.vehicle
+    loaded = read_scenario(file, "path")
+    task = KINDS["path"].build(loaded)
+    return loaded, task.path, task.fitted, task.limits.vehicle
 
 
 def instants(duration: float, samples: int | None, step: float | None) -> np.ndarray:
     """The instants to evaluate, from 0 to the duration [s].
 
-    **Raises:** ValueError where both numbers are given, or the step makes no sensible number of instants.
+    **Raises:** ValueError if both numbers are given, or if they give an invalid number of instants.
     """
-    if samples is not None and samples > MOST:
-        raise ValueError(f"--samples {samples} was given, but expected at most {MOST}")
+    if samples is not None and samples > MAX_INSTANTS:
+        raise ValueError(f"--samples {samples} was given, but expected at most {MAX_INSTANTS}")
     if step is None:
         return np.linspace(0.0, duration, SAMPLES if samples is None else samples)
     if samples is not None:
-        raise ValueError("--samples and --step were both given: give one of them")
-    if not (step > 0 and duration / step < MOST):
+        raise ValueError("--samples and --step were both given: pass one of them")
+    if not (step > 0 and duration / step < MAX_INSTANTS):
         raise ValueError(
-            f"--step {step:g} was given, but expected a positive number of seconds that makes at most {MOST} instants "
-            f"of this path, which lasts {duration:.6g} s"
+            f"--step {step:g} was given, but expected a positive number of seconds that makes at most {MAX_INSTANTS} "
+            f"instants of this path, which lasts {duration:.6g} s"
         )
     times = step * np.arange(int(duration / step * (1 + 1e-12)) + 1)
     return times if times[-1] >= duration * (1 - 1e-9) else np.append(times, duration)
 
 
 def _show(console: Console, content: dict[str, Any]) -> None:
-    """Two tables, which side by side would not fit 80 characters, with what is known about the path before them."""
+    """The facts about the path, and two tables, since one would not fit into 80 characters."""
     from qtraj.path.existence import MISSING
     from qtraj.path.frame_axes import axes_of
 
@@ -173,9 +172,11 @@ def _show(console: Console, content: dict[str, Any]) -> None:
     ):
         layout.heading(console, title)
         console.print(layout.numbers_table(columns, block, exists))
-    if len(defined) > layout.MOST_ROWS:
+    if len(defined) > layout.MAX_ROWS:
         console.print(
-            Text(f"… : {len(defined) - layout.MOST_ROWS} instants left out; --out DIR writes, --json prints them all")
+            Text(
+                f"… : {len(defined) - layout.MAX_ROWS} instants are not shown; --out DIR and --json contain all of them"
+            )
         )
     if missing := int(np.sum(~defined)):
         console.print(Text(f"- : the {frame} frame does not exist ({MISSING[frame]}) at {missing} instants"))

@@ -1,4 +1,4 @@
-"""What the commands print alike on the terminal, readable at 80 columns: headings, tables, scenario, files."""
+"""Terminal output that the commands share, readable at 80 columns: headings, tables, scenario, files."""
 
 import math
 from collections.abc import Container, Mapping, Sequence
@@ -12,11 +12,11 @@ from rich.text import Text
 
 from qtraj.foundation.number_text import decimals, digits
 
-MOST_ROWS = 100
-"""A longer table of numbers shows its first and last rows alone."""
+MAX_ROWS = 100
+"""Longer tables of numbers show only their first and last rows."""
 
 ROWS = 21
-"""Of the instants of a motion on the terminal; the files and --json hold all."""
+"""Instants of a motion on the terminal; the files and --json contain all of them."""
 
 VERDICTS = {"met": "green", "proved": "green", "sampled": "yellow", "active": "bold green"}
 
@@ -32,7 +32,7 @@ def print_scenario(console: Console, scenario: dict[str, Any]) -> None:
 
 
 def print_files(console: Console, files: list[str]) -> None:
-    """The files that were written, one to a line."""
+    """The files that were written, one per line."""
     if files:
         heading(console, "Files written")
     for file in files:
@@ -46,17 +46,17 @@ def heading(console: Console, text: str) -> None:
 
 
 def verdict(text: str) -> Text:
-    """'met', 'active', or what is wrong, in its colour."""
+    """A status such as 'met', 'active' or 'broken', in its colour."""
     return Text(text, VERDICTS.get(text, "bold red"))
 
 
 def number(value: float | None, digits: int = 6) -> str:
-    """A number, or a dash for none."""
+    """A number, or a dash for None."""
     return "-" if value is None else f"{value:.{digits}g}"
 
 
 def degrees(value: float | None, digits: int = 6) -> str:
-    """An angle [rad], or a derivative of one, in degrees; a dash for none."""
+    """An angle [rad], or a derivative of one, in degrees; a dash for None."""
     return number(None if value is None else math.degrees(value), digits)
 
 
@@ -64,13 +64,13 @@ def plain_table(*names: str, right: tuple[str, ...] = (), last: tuple[str, ...] 
     """An empty table; the columns named in `right` hold numbers."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for name in (*names, *right, *last):
-        # Folded where a terminal is narrow: a number is never cut short.
+        # Folded on narrow terminals, so that numbers are not truncated.
         table.add_column(Text(name), justify="right" if name in right else "left", overflow="fold")
     return table
 
 
 def facts_table(rows: Sequence[tuple[str, str]]) -> Table:
-    """Names and what there is to say of each, without a header."""
+    """A table of names and texts, without a header."""
     table = plain_table("", "")
     table.show_header = False
     for name, text in rows:
@@ -84,10 +84,10 @@ def numbers_table(
     known: Mapping[str, np.ndarray],
     significant: Container[str] = (),
 ) -> Table:
-    """The columns that `headers` names, each with as many decimals as tell its values apart.
+    """The columns that `headers` names, each with enough decimals to distinguish its values.
 
-    Values are (n,) or (n, m), with a header for each component; where `known[name]` is false a dash stands. Those of
-    `significant` columns, which span many orders of magnitude, have four digits each instead.
+    Values are (n,) or (n, m), with a header for each component; a dash replaces them where `known[name]` is false.
+    `significant` columns, which span many orders of magnitude, have four significant digits instead.
     """
     cells: list[list[str]] = []
     for name in headers:
@@ -97,8 +97,8 @@ def numbers_table(
         cells += [write(column, here) for column in values]
     table = plain_table(right=tuple(header for names in headers.values() for header in names))
     rows = list(zip(*cells, strict=True))
-    if len(rows) > MOST_ROWS:
-        rows = [*rows[: MOST_ROWS // 2], tuple("…" for _ in rows[0]), *rows[-(MOST_ROWS // 2) :]]
+    if len(rows) > MAX_ROWS:
+        rows = [*rows[: MAX_ROWS // 2], tuple("…" for _ in rows[0]), *rows[-(MAX_ROWS // 2) :]]
     for row in rows:
         table.add_row(*row)
     return table
@@ -110,9 +110,9 @@ def print_instants(
     headers: Mapping[str, Sequence[str]],
     significant: Container[str] = (),
 ) -> None:
-    """A table of numbers, as `numbers_table`, of equally spaced ones of many instants."""
+    """A `numbers_table` of equally spaced instants, at most 21."""
     count = len(columns["time"])
     shown = np.unique(np.linspace(0, count - 1, min(ROWS, count)).round().astype(int))
     console.print(numbers_table({name: columns[name][shown] for name in headers}, headers, {}, significant))
     if len(shown) < count:
-        console.print(Text(f"{len(shown)} of {count} instants; the files hold, and --json prints, them all"))
+        console.print(Text(f"{len(shown)} of {count} instants; the files and --json contain all of them"))

@@ -1,4 +1,4 @@
-"""The entry point of the command line: what must happen before anything else is imported."""
+"""The entry point of the command line; it imports the commands after the settings are made."""
 
 import atexit
 import gc
@@ -11,14 +11,14 @@ from typing import NoReturn
 from qtraj.cli import BAD_INPUT, INTERRUPTED
 
 NEEDED = ("typer", "rich", "pydantic", "xarray", "h5netcdf", "matplotlib")
-"""What the command line needs beyond the core of qtraj."""
+"""Packages that the command line needs in addition to the core of qtraj."""
 
-SELDOM = (100_000, 20, 100)
-"""Thresholds of Python's garbage collector, which by default takes a tenth of a run to find modules and traces."""
+GC_THRESHOLDS = (100_000, 20, 100)
+"""Thresholds of Python's garbage collector, which with its defaults takes a tenth of the run time."""
 
 
 def main() -> None:
-    """Run the command line; exit with 2, saying what to install, where a package is missing."""
+    """Run the command line; if a package is missing, say what to install and exit with 2."""
     missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
     if missing:
         sys.stderr.write(
@@ -26,16 +26,16 @@ def main() -> None:
             "Install it with: pip install 'qtraj[all]'\n"
         )
         sys.exit(BAD_INPUT)
-    gc.set_threshold(*SELDOM)
-    atexit.register(gc.freeze)  # a process that ends need not search for garbage once more
+    gc.set_threshold(*GC_THRESHOLDS)
+    atexit.register(gc.freeze)  # no garbage collection at the end of the process
     try:
         from qtraj.cli.session import prepare
 
         prepare()
-        from qtraj.cli.app import app  # after the settings, in case an import computes
+        from qtraj.cli.app import app  # after the settings, because an import may compute
 
         app(prog_name="qtraj")
-    except KeyboardInterrupt:  # before a command has begun, which sees to it itself
+    except KeyboardInterrupt:  # before a command, which handles interrupts itself
         sys.stderr.write("interrupted\n")
         _leave()
     except SystemExit as end:
@@ -47,7 +47,7 @@ def main() -> None:
 def _leave() -> NoReturn:
     """End an interrupted process at once.
 
-    JAX's threads may still compile or compute. JAX clears its caches at the usual exit, under which they can crash.
+    JAX's threads may still compile or compute. At the usual exit JAX clears its caches, and these threads can crash.
     """
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):

@@ -1,4 +1,4 @@
-"""What the commands put out alike: the head of their JSON, and tables and figures as files."""
+"""Output that the commands share: the first keys of their JSON, and tables and figures as files."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -17,27 +17,27 @@ if TYPE_CHECKING:
 __all__ = ["check_folder", "header", "provenance", "result_writers", "table_writers", "tabular", "write_all"]
 
 
-def header(command: str, given: ScenarioFile[Any]) -> dict[str, Any]:
-    """The first keys of a command's JSON: the version, the command, and which scenario it was.
+def header(command: str, loaded: ScenarioFile[Any]) -> dict[str, Any]:
+    """The first keys of a command's JSON: the version, the command and the scenario.
 
-    `source` is that of its recording, where it has one.
+    `source` is the source of the recording, if there is one.
     """
-    scenario = given.scenario
+    scenario = loaded.scenario
     about = {name: getattr(scenario, name, None) for name in ("name", "description")}
     about["source"] = getattr(getattr(scenario, "track", None), "source", None)
-    known = {"file": str(given.file), "sha256": given.hash} | {k: v and v.strip() for k, v in about.items()}
+    known = {"file": str(loaded.file), "sha256": loaded.hash} | {k: v and v.strip() for k, v in about.items()}
     return {"qtraj": __version__, "command": command, "scenario": known}
 
 
-def provenance(given: ScenarioFile[Any]) -> dict[str, str]:
-    """Attributes of a dataset that say where it comes from."""
-    about = header("", given)["scenario"]
+def provenance(loaded: ScenarioFile[Any]) -> dict[str, str]:
+    """Attributes of a dataset that state its origin."""
+    about = header("", loaded)["scenario"]
     known = {"title": about["name"], "recording": about["source"], "scenario_sha256": about["sha256"]}
-    return {name: text for name, text in known.items() if text} | {"scenario_file": given.file.name}
+    return {name: text for name, text in known.items() if text} | {"scenario_file": loaded.file.name}
 
 
 def tabular(record: Record) -> dict[str, Any]:
-    """A record over instants as `units` and `columns`, by the names of its quantities."""
+    """The `units` and `columns` of a record over instants, by the names of its quantities."""
     columns = plain(record)
     return {"units": columns.pop("units"), "columns": {name: columns[name] for name in record.everything()}}
 

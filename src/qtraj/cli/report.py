@@ -12,7 +12,7 @@ from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.foundation.progress_bar import watching
 
 PAGE = "report.html"
-"""The page of a folder, and of the dataset in it that stands for the folder."""
+"""The page of a folder, or of the main dataset in it."""
 
 
 def report(
@@ -38,13 +38,13 @@ def report(
 
 
 def run(result: Path, out: Path | None, frame: FrameName | None = None) -> Outcome:
-    """Write the page of a result; `frame` is that of a saved path, the upright one without it.
+    """Write the page of a result; `frame` is the frame of a saved path, upright if None.
 
     **Raises:** OSError or ValueError for bad input, or a missing package, before anything is written.
     """
     with watching() as watch:
         watch.say("reading")
-        # Here, so that --help need not wait for xarray.
+        # Imported here, so that --help does not wait for xarray.
         from qtraj._version import __version__
         from qtraj.cli.output import check_folder, write_all
         from qtraj.viz.report.source import DATASETS, find, is_folder
@@ -56,24 +56,24 @@ def run(result: Path, out: Path | None, frame: FrameName | None = None) -> Outco
             from qtraj.viz.report.page import html, report_of
 
             watch.say("drawing")
-            found = report_of(source.dataset, source.tuned)
-            page = html(found)
+            summary = report_of(source.dataset, source.tuned)
+            page = html(summary)
         except ModuleNotFoundError as error:
             raise ValueError(str(error)) from error
         except ValueError as error:
             text = str(error)
             raise ValueError(text if str(result) in text else f"{result}: {text}") from error
-        content = {"qtraj": __version__, "command": "report", "result": str(source.file)} | found.summary()
+        content = {"qtraj": __version__, "command": "report", "result": str(source.file)} | summary.summary()
         watch.say("writing")
         whole = is_folder(result) or result.name in DATASETS
-        name = PAGE if whole else f"{result.stem}.html"  # of a file after it, so that several in a folder keep theirs
+        name = PAGE if whole else f"{result.stem}.html"  # so that several files in a folder have their own pages
         writers = {name: lambda file: file.write_text(page, encoding="utf-8", newline="\n")}
         content["files"] = [str(file) for file in write_all(folder, writers)]
     return Outcome(content, lambda console: _show(console, content))
 
 
 def _show(console: Console, content: dict[str, Any]) -> None:
-    """What was drawn, and the file to open."""
+    """The contents of the page, and the file to open."""
     console.print(Text(content["title"], style="bold"))
     for fact in (*content["findings"], *content["notes"]):
         console.print(Text(fact))

@@ -1,4 +1,4 @@
-"""What a run of the command line sets up once: precision, compilation cache, quiet libraries."""
+"""Settings of a run of the command line: precision, compilation cache, and warnings of other packages."""
 
 import io
 import logging
@@ -12,15 +12,15 @@ import jax
 from qtraj.foundation.compilation_cache import enable_compilation_cache
 
 NOISY = ("jax", "jaxlib", "xarray", "matplotlib", "mpl_toolkits", "h5netcdf", "pandas")
-"""Packages whose warnings and log messages say nothing to a user of the command line."""
+"""Packages whose warnings and log messages do not concern a user of the command line."""
 
 
 def prepare() -> None:
-    """Switch on float64, cache compiled code from run to run, and keep other packages' noise off the terminal."""
+    """Switch on float64 and the compilation cache, and suppress the warnings of other packages."""
     jax.config.update("jax_enable_x64", True)
     if not os.environ.get("JAX_PLATFORMS"):
-        jax.config.update("jax_platforms", "cpu")  # one small problem: sequential, in float64
-    # Compiling takes far longer here than what is compiled: leave out LLVM's optimisation, unless told otherwise.
+        jax.config.update("jax_platforms", "cpu")  # problems are small, sequential and in float64
+    # Compilation takes far longer than the computation, so LLVM's optimisation is off unless the user sets XLA_FLAGS.
     os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
     _enable_cache()
     for stream in (sys.stdout, sys.stderr):
@@ -32,7 +32,7 @@ def prepare() -> None:
 
 
 def _enable_cache() -> None:
-    """Store what is compiled for the next run; without a folder for it, each run compiles.
+    """Store compiled code for the next run, if there is a folder for it.
 
     `JAX_ENABLE_COMPILATION_CACHE=0` switches this off, and a folder in `JAX_COMPILATION_CACHE_DIR` is left to JAX.
     """

@@ -1,4 +1,4 @@
-"""`qtraj simulate`: a body under feedback follows a program."""
+"""`qtraj simulate`: simulates a body that follows a program under feedback."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,7 @@ from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.foundation.naming import naming
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress_bar import Watch, watching
+from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
     from qtraj.motion.simulation.loop_history import LoopHistory
@@ -28,7 +29,7 @@ HEADERS = {
     "command": ["command"],
     "norm": ["|λ|"],
 }
-ENDINGS = {
+RESULTS = {
     ResultCode.successful: "finished: every instant was reached.",
     ResultCode.max_steps_reached: (
         "stopped: too many steps between two instants. Take smaller gains, larger simulation.rtol and simulation.atol, "
@@ -44,7 +45,7 @@ ENDINGS = {
         "has no command."
     ),
 }
-"""How an integration ended, and what to do, in terms of the scenario."""
+"""Result texts in terms of the scenario."""
 
 OTHER_SIGN = "λ and −λ are one attitude: sign = 'auto' in [error] takes the one that passes more smoothly."
 NO_SIGN = (
@@ -57,16 +58,16 @@ def simulate(
     scenario: Path | None = terminal.scenario_argument("loop"),
     out: Path = terminal.out_option(),
     samples: int | None = typer.Option(
-        None, min=2, max=100_000, metavar="N", help="Number of instants, both ends included; before the scenario's."
+        None, min=2, max=100_000, metavar="N", help="Number of instants, both ends included; overrides the scenario."
     ),
     frame: FrameName | None = terminal.frame_option("the scenario's; upright"),
     as_json: bool = terminal.json_option(),
 ) -> None:
-    """Simulate a body that a feedback law makes follow a program of attitude.
+    """Simulate a body that follows an attitude program under a feedback law.
 
     The program is a slew, the frame of a path, or a saved one; disturbance, sensor and actuator may be added. The
     error is compared with its closed form. Writes the motion (solution.toml), its table (table.nc, table.csv) and a
-    figure (simulation.png, simulation.svg). Exit code 1 where the integration did not finish.
+    figure (simulation.png, simulation.svg). Exit code 1 if the integration did not finish.
     """
     with terminal.guarded():
         outcome = run(scenario, out, samples, frame and frame.value)
@@ -80,23 +81,27 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
     """
     with watching() as watch:
         watch.say("reading")
-        # Here, so that --help need not wait for pydantic, xarray and matplotlib.
+        # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
         from qtraj.cli.output import check_folder, header, provenance, result_writers, tabular, write_all
         from qtraj.foundation.plain import plain
         from qtraj.foundation.record import to_dataset
+        from qtraj.motion.simulation.actuator import Actuator
         from qtraj.scenario.reader import read_scenario
         from qtraj.viz.simulation_figure import simulation_figure
 
         check_folder(out)
-        given = read_scenario(file, "loop")
-        task, history, found = _simulated(given, samples, frame, watch)
+        loaded = read_scenario(file, "loop")
+        task, history, verdict = _simulated(loaded, samples, frame, watch)
         table = history[np.searchsorted(history.times, task.times)]
-        actuator = task.actuator
-        limit = None if actuator is None or actuator.limit is None else np.asarray(actuator.limit).tolist()
-        described = given.scenario.program.describe(task.program)
-        content = header("simulate", given) | {
-            "program": {"description": described, "duration": float(task.program.duration)},
-            "law": {"kind": given.scenario.law.kind} | _gains(task),
+        actuator = task.actuator or Actuator()
+        limit = None if actuator.limit is None else np.asarray(actuator.limit).tolist()
+        saturation = None if limit is None else actuator.saturation
+        content = header("simulate", loaded) | {
+            "program": {
+                "description": loaded.scenario.program.describe(task.program),
+                "duration": float(task.program.duration),
+            },
+            "law": {"kind": loaded.scenario.law.kind} | _gains(task),
             "start": {
                 "quaternion": np.asarray(task.quaternion).tolist(),
                 "rate": np.asarray(task.rate).tolist(),
@@ -104,65 +109,61 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
             },
             "duration": float(task.times[-1]),
             "command_limit": limit,
-            "saturation": None if limit is None or actuator is None else actuator.saturation,
-            "verdict": plain(found.record()),
+            "saturation": saturation,
+            "verdict": plain(verdict.record()),
             "finished": bool(history.solution.successful),
-            "result": _result(history, found, given.scenario.error.sign),
+            "result": _result(history, verdict, loaded.scenario.error.sign),
             **tabular(table.record()),
             "files": [],
         }
         watch.say("writing")
-        about = provenance(given) | {"law": content["law"]["kind"], "result": content["result"]}
-        about["closed_form"] = "applies" if found.applies else f"does not apply: {found.reason}"
-        if limit is not None and actuator is not None:
-            about["saturation"] = actuator.saturation
+        about = provenance(loaded) | {"law": content["law"]["kind"], "result": content["result"]}
+        about["closed_form"] = "applies" if verdict.applies else f"does not apply: {verdict.reason}"
+        if saturation is not None:
+            about["saturation"] = saturation
         dataset = to_dataset(table.record(), about)
         if limit is not None:
             dataset["command"].attrs["limit"] = limit
-        figure = simulation_figure(dataset, float(found.settled_angle), limit)
+        figure = simulation_figure(dataset, float(verdict.settled_angle), limit)
         writers = {"solution.toml": table.solution.save, **result_writers(dataset, figure, "simulation")}
         content["files"] = [str(file) for file in write_all(out, writers)]
-    return Outcome(content, lambda console: _show(console, content, found), not content["finished"], given.warnings)
+    return Outcome(content, lambda console: _show(console, content, verdict), not content["finished"], loaded.warnings)
 
 
 def _simulated(
-    given: "ScenarioFile[Any]", samples: int | None, frame: str | None, watch: Watch
+    loaded: "ScenarioFile[Any]", samples: int | None, frame: str | None, watch: Watch
 ) -> tuple["LoopTask", "LoopHistory", "LoopVerdict"]:
-    """The closed loop of a scenario, its motion, and the verdict on it; a ValueError names the file."""
+    """The closed loop of a scenario, its motion, and its assessment; a ValueError names the file."""
     import qtraj.motion.simulation.simulate as simulation
     from qtraj.motion.simulation.loop_history import judging_times, loop_history, references_at
     from qtraj.motion.simulation.loop_verdict import SETTLED, judge_loop
-    from qtraj.scenario.loop import prepare
     from qtraj.scenario.part import radians
 
-    with naming(f"{given.file}: "):
+    with naming(f"{loaded.file}: "):
         watch.say("preparing the program and the law")
-        task = prepare(given, samples, frame)
+        task: LoopTask = KINDS["loop"].build(loaded, samples, frame)
         watch.say("simulating")
         times = judging_times(task.times, task.jumps, task.renewals)
-        references_at(task.program, times)  # raises where there is none, before anything is simulated
+        references_at(task.program, times)  # raises before the simulation if an attitude is missing
         loop = (task.program, task.law, task.quaternion, task.rate)
         around = (task.disturbance, task.sensor, task.actuator)
         tolerances: Any = {"rtol": task.rtol, "atol": task.atol}
         solution = simulation.simulate(*loop, times, *around, jumps=task.jumps, sign="as given", **tolerances)
         history = loop_history(*loop, solution)
-    settled = given.scenario.simulation.settled
-    angle = SETTLED if settled is None else radians(given.scenario.angles) * settled
+    settled = loaded.scenario.simulation.settled
+    angle = SETTLED if settled is None else radians(loaded.scenario.angles) * settled
     return task, history, judge_loop(history, task.law, *around, angle, **tolerances)
 
 
 def _gains(task: "LoopTask") -> dict[str, Any]:
-    return {
-        name: np.asarray(gain).tolist()
-        for name in ("k", "k1", "k2")
-        if (gain := getattr(task.law, name, None)) is not None
-    }
+    gains = {name: getattr(task.law, name, None) for name in ("k", "k1", "k2")}
+    return {name: np.asarray(gain).tolist() for name, gain in gains.items() if gain is not None}
 
 
-def _result(history: "LoopHistory", found: "LoopVerdict", sign: str) -> str:
-    """How the integration ended, and what to do."""
-    code = ResultCode(int(found.code))
-    text = ENDINGS.get(code, code.text)
+def _result(history: "LoopHistory", verdict: "LoopVerdict", sign: str) -> str:
+    """The result in words, and what to do."""
+    code = ResultCode(int(verdict.code))
+    text = RESULTS.get(code, code.text)
     if code in (ResultCode.near_zero_error, ResultCode.wrong_sign):
         text = f"{text} {NO_SIGN if sign == 'auto' else OTHER_SIGN}"
     reached = history.times[np.isfinite(np.asarray(history.solution.quaternion)).all(axis=1)]
@@ -172,55 +173,51 @@ def _result(history: "LoopHistory", found: "LoopVerdict", sign: str) -> str:
     return f"{text} {last}"
 
 
-def _show(console: Console, content: dict[str, Any], found: "LoopVerdict") -> None:
-    """The whole outcome, from the scenario to the files written, in degrees, readable at 80 columns."""
-    unit = "°/s" if found.commands == "rate" else "°/s²"
+def _show(console: Console, content: dict[str, Any], verdict: "LoopVerdict") -> None:
+    """Print the result, from the scenario to the files, in degrees, readable at 80 columns."""
+    unit = "°/s" if verdict.commands == "rate" else "°/s²"
     layout.print_scenario(console, content["scenario"])
     layout.heading(console, "Closed loop")
     gains = ", ".join(f"{name} = {_gain(x)}" for name, x in content["law"].items() if name != "kind")
     loop = [
         ("program", f"{content['program']['description']}, {content['program']['duration']:.4f} s"),
         ("law", f"'{content['law']['kind']}', {gains}"),
-        (
-            "error at the start",
-            f"{layout.degrees(float(found.initial_angle))}°, with the {content['start']['sign']} sign of λ",
-        ),
+        ("initial error", f"{layout.degrees(float(verdict.initial_angle))}°, {content['start']['sign']} sign of λ"),
         ("simulated", f"{content['duration']:.4f} s"),
     ]
     console.print(layout.facts_table(loop))
-    if not found.stable:
-        growing = f"errors grow, the fastest as exp({float(found.growth):.4g} t)."
-        text = f"This law is unstable: with these gains {growing}"
-        settling = "This law brings no error to rest: with these gains errors neither grow nor decay."
-        console.print(Text(text if found.growth > 0 else settling, style="bold red"))
+    if not verdict.stable:
+        unstable = (
+            f"This law is unstable: with these gains errors grow, the fastest as exp({float(verdict.growth):.4g} t)."
+        )
+        neutral = "With the gains of this law errors neither grow nor decay."
+        console.print(Text(unstable if verdict.growth > 0 else neutral, style="bold red"))
     layout.heading(console, "Motion")
     console.print(layout.facts_table(_motion(content, content["verdict"], unit)))
-    if found.agrees is False:
-        text = (
-            f"The motion is not that of the closed form: the tolerances explain no more than {float(found.bound):.3g}. "
-        )
+    if verdict.agrees is False:
+        text = f"The deviation from the closed form exceeds {float(verdict.bound):.3g}, which the tolerances explain. "
         console.print(Text(text + "Take smaller simulation.rtol and simulation.atol.", style="bold red"))
-    _show_columns(console, content["columns"], found.applies, unit)
+    _show_columns(console, content["columns"], verdict.applies, unit)
     layout.heading(console, "Result")
     console.print(Text(content["result"]))
     layout.print_files(console, content["files"])
 
 
-def _motion(content: dict[str, Any], found: dict[str, Any], unit: str) -> list[tuple[str, str]]:
-    settling, drift, least = found["settling_time"], found["norm_drift"], found["least_error"]
-    when = "not reached and kept" if settling is None else f"from {settling:.4f} s on"
-    drifted = "" if drift is None else f", {layout.number(drift, 3)} from what it should be"
-    exactly = ", at any time, by the closed form" if found["least_error_exact"] else ""
-    error, lowest, highest = found["final_angle"], found["least_norm"], found["largest_norm"]
+def _motion(content: dict[str, Any], verdict: dict[str, Any], unit: str) -> list[tuple[str, str]]:
+    settling, drift, least = verdict["settling_time"], verdict["norm_drift"], verdict["least_error"]
+    when = "not reached permanently" if settling is None else f"from {settling:.4f} s on"
+    drifted = "" if drift is None else f", up to {layout.number(drift, 3)} from its exact value"
+    exactly = ", at any time, by the closed form" if verdict["least_error_exact"] else ""
+    error, lowest, highest = verdict["final_angle"], verdict["least_norm"], verdict["largest_norm"]
     return [
-        ("error at the end", "-" if error is None else f"{layout.degrees(error)}°"),
-        (f"within {layout.degrees(found['settled_angle'])}°", when),
-        ("closed form", _closed(found)),
-        ("largest command", _peak(found, unit, content["saturation"] == "axis")),
+        ("final error", "-" if error is None else f"{layout.degrees(error)}°"),
+        (f"within {layout.degrees(verdict['settled_angle'])}°", when),
+        ("closed form", _closed(verdict)),
+        ("largest command", _peak(verdict, unit, content["saturation"] == "axis")),
         ("limit of command", _limit(content["command_limit"], unit, content["saturation"])),
         ("|λ|", f"{layout.number(lowest)} to {layout.number(highest)}{drifted}"),
         ("least |μ|", "-" if least is None else f"{layout.number(least)}{exactly}"),
-        ("found at", f"{found['instants']} instants, whatever the table asks for"),
+        ("evaluated at", f"{verdict['instants']} instants, independently of the table"),
     ]
 
 
@@ -235,19 +232,19 @@ def _show_columns(console: Console, columns: dict[str, Any], applies: bool, unit
     layout.print_instants(console, values, headers, significant=("angle", "closed_form_angle", "command"))
 
 
-def _closed(found: dict[str, Any]) -> str:
-    if found["deviation"] is None:
-        return found["closed_form"]
-    relative = f"{layout.number(found['deviation'], 3)} of the largest error quaternion"
-    return f"met within {relative}" if found["closed_form"] == "agrees" else f"departs from it by {relative}"
+def _closed(verdict: dict[str, Any]) -> str:
+    if verdict["deviation"] is None:
+        return verdict["closed_form"]
+    relative = f"{layout.number(verdict['deviation'], 3)} of the largest error quaternion"
+    return f"met within {relative}" if verdict["closed_form"] == "agrees" else f"departs from it by {relative}"
 
 
-def _peak(found: dict[str, Any], unit: str, each_axis: bool) -> str:
-    """The largest command as its limit counts it: the length, or each component."""
-    if found["peak_command"] is None:
+def _peak(verdict: dict[str, Any], unit: str, each_axis: bool) -> str:
+    """The largest command, of its length or of each component, like its limit."""
+    if verdict["peak_command"] is None:
         return "-"
-    length = f"{layout.degrees(found['peak_command'])} {unit} at {found['peak_time']:.6g} s"
-    return f"{_degrees(found['peak_components'])} {unit} along x, y, z; length {length}" if each_axis else length
+    length = f"{layout.degrees(verdict['peak_command'])} {unit} at {verdict['peak_time']:.6g} s"
+    return f"{_degrees(verdict['peak_components'])} {unit} along x, y, z; length {length}" if each_axis else length
 
 
 def _limit(limit: float | list[float] | None, unit: str, saturation: str | None) -> str:

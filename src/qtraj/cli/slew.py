@@ -1,4 +1,4 @@
-"""`qtraj slew`: a slew from one attitude to another within limits."""
+"""`qtraj slew`: slews from one attitude to another within limits."""
 
 import math
 from pathlib import Path
@@ -13,6 +13,7 @@ from qtraj.cli import layout, terminal
 from qtraj.cli.terminal import Outcome
 from qtraj.foundation.progress_bar import watching
 from qtraj.foundation.units import symbol
+from qtraj.scenario import KINDS
 
 if TYPE_CHECKING:
     from qtraj.motion.programs.slew_verdict import SlewVerdict
@@ -37,9 +38,9 @@ def slew(
 ) -> None:
     """Slew from one attitude to another, or through several, about fixed axes.
 
-    The angle proceeds as fast as limits of rate, acceleration, jerk and torque allow, or in a given time; torques need
+    The slew takes the minimum time within limits of rate, acceleration, jerk and torque, or a given time. Torques need
     the inertia of the body, in the table `body`. Writes the program (program.toml), its table (table.nc, table.csv) and
-    a figure (slew.png, slew.svg). Exit code 1 where a limit is broken.
+    a figure (slew.png, slew.svg). Exit code 1 if a limit is broken.
     """
     with terminal.guarded():
         outcome = run(scenario, out, samples)
@@ -47,43 +48,41 @@ def slew(
 
 
 def run(file: Path | None, out: Path, samples: int) -> Outcome:
-    """Make the program of a slew and write it.
+    """Compute the program of a slew and write it.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
     with watching() as watch:
         watch.say("reading")
-        # Here, so that --help need not wait for pydantic, xarray and matplotlib.
+        # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
         from qtraj.cli.output import check_folder, header, provenance, result_writers, tabular, write_all
         from qtraj.foundation.plain import plain
         from qtraj.foundation.record import to_dataset
         from qtraj.motion.programs.slew_history import fine_times, slew_history
         from qtraj.motion.programs.slew_verdict import judge_slew
         from qtraj.scenario.reader import read_scenario
-        from qtraj.scenario.slew import slew_program
         from qtraj.viz.slew_figure import slew_figure
 
         check_folder(out)
-        given = read_scenario(file, "slew")
+        loaded = read_scenario(file, "slew")
         watch.say("slewing")
-        scenario, program = given.scenario, slew_program(given)
-        inertia, max_torque = (
-            (None, None) if scenario.body is None else (scenario.body.inertia, scenario.body.max_torque)
-        )
-        limits, wanted = scenario.law.limits(scenario.angles), scenario.end.unit_quaternion(scenario.angles)
-        found = judge_slew(program, limits, inertia, max_torque, wanted)
-        times = np.linspace(0.0, found.duration, samples if found.duration > 0 else 1)
-        both = slew_history(program, np.concatenate([times, fine_times(program)]), inertia)  # at once: compiled once
+        scenario, program = loaded.scenario, KINDS["slew"].build(loaded)
+        body = scenario.body
+        inertia, max_torque = (None, None) if body is None else (body.inertia, body.max_torque)
+        limits, end = scenario.law.limits(scenario.angles), scenario.end.unit_quaternion(scenario.angles)
+        verdict = judge_slew(program, limits, inertia, max_torque, end)
+        times = np.linspace(0.0, verdict.duration, samples if verdict.duration > 0 else 1)
+        both = slew_history(program, np.concatenate([times, fine_times(program)]), inertia)  # one compilation
         table, drawn = both[: len(times)].record(), both[len(times) :]
-        content = header("slew", given) | {
+        content = header("slew", loaded) | {
             "law": scenario.law.kind,
-            "verdict": plain(found.record()),
-            "notes": _notes(scenario, found),
+            "verdict": plain(verdict.record()),
+            "notes": _notes(scenario, verdict),
             **tabular(table),
             "files": [],
         }
         watch.say("writing")
-        about = provenance(given) | {"law": scenario.law.kind, "result": found.result}
+        about = provenance(loaded) | {"law": scenario.law.kind, "result": verdict.result}
         dataset = to_dataset(table, about)
         bounds: dict[str, Any] = {BOUNDED[name]: limit for name, limit in limits.items() if name in BOUNDED}
         for name, limit in (bounds | ({} if max_torque is None else {"torque": max_torque})).items():
@@ -91,37 +90,37 @@ def run(file: Path | None, out: Path, samples: int) -> Outcome:
         figure = slew_figure(to_dataset(drawn.record(), about), limits)
         writers = {"program.toml": program.save, **result_writers(dataset, figure, "slew")}
         content["files"] = [str(file) for file in write_all(out, writers)]
-    return Outcome(content, lambda console: _show(console, content, found), not found.met, given.warnings)
+    return Outcome(content, lambda console: _show(console, content, verdict), not verdict.met, loaded.warnings)
 
 
-def _notes(scenario: "SlewScenario", found: "SlewVerdict") -> list[str]:
-    """What a reader of the scenario might not expect."""
+def _notes(scenario: "SlewScenario", verdict: "SlewVerdict") -> list[str]:
+    """Notes on effects that may be unexpected."""
     notes = []
     for k, (name, attitude) in enumerate(scenario.attitudes().items()):
         if (length := attitude.beyond_half_turn(scenario.angles)) is not None:
-            slewed = "." if k == 0 else f": the slew to it is by {layout.degrees(float(found.angles[k - 1]))}°."
+            slewed = "." if k == 0 else f", by {layout.degrees(float(verdict.angles[k - 1]))}°."
             notes.append(
-                f"The rotation vector of [{name}] is {layout.degrees(length)}° long, more than a half turn. It is the "
-                f"attitude that counts, reached by the shorter way{slewed}"
+                f"The rotation vector of [{name}] is {layout.degrees(length)}° long, more than a half turn. The slew "
+                f"takes the shorter way to the same attitude{slewed}"
             )
     scale = math.degrees(1.0) if scenario.angles == "rad" else 1.0
     rates = {"starts": scenario.law.start_rate, "ends": scenario.law.end_rate}
     moving = [f"{verb} at {layout.number(scale * rate)}°/s" for verb, rate in rates.items() if rate]
     if moving:
-        notes.append(f"The program {' and '.join(moving)}, but is at rest before and after: its rate jumps there.")
+        notes.append(f"The program {' and '.join(moving)}, but is at rest before and after it: its rate jumps there.")
     return notes
 
 
-def _show(console: Console, content: dict[str, Any], found: "SlewVerdict") -> None:
-    """The whole outcome, from the scenario to the files written, in degrees, readable at 80 columns."""
+def _show(console: Console, content: dict[str, Any], verdict: "SlewVerdict") -> None:
+    """Print the result, from the scenario to the files, in degrees, readable at 80 columns."""
     layout.print_scenario(console, content["scenario"])
-    for k in range(len(found.angles)):
+    for k in range(len(verdict.angles)):
         _show_slew(console, content["verdict"], k)
-    if found.sign < 0:
-        text = f"The program ends at λ = {_vector(found.end)}, the given quaternion with the other sign: "
-        console.print(Text(text + "the same attitude by the shorter way. Go on from this sign."))
-    if np.isfinite(found.least_duration):
-        console.print(Text(f"Within the limits the shortest slew found takes {float(found.least_duration):.4f} s."))
+    if verdict.sign < 0:
+        text = f"The program ends at λ = {_vector(verdict.end)}, the given quaternion with the opposite sign: "
+        console.print(Text(text + "the same attitude by the shorter way. Continue from this sign."))
+    if np.isfinite(verdict.least_duration):
+        console.print(Text(f"The shortest slew within the limits takes {float(verdict.least_duration):.4f} s."))
     for note in content["notes"]:
         console.print(Text(note))
     _show_limits(console, content["verdict"])
@@ -131,31 +130,31 @@ def _show(console: Console, content: dict[str, Any], found: "SlewVerdict") -> No
     layout.heading(console, "Program: t [s], angle Φ [°], rate [°/s], accel. [°/s²], quaternion λ")
     layout.print_instants(console, values, HEADERS)
     layout.heading(console, f"Result: law '{content['law']}'")
-    console.print(Text(found.result))
+    console.print(Text(verdict.result))
     layout.print_files(console, content["files"])
 
 
-def _show_slew(console: Console, found: dict[str, Any], k: int) -> None:
-    count, start, duration = len(found["angle"]), found["start"][k], found["duration"][k]
+def _show_slew(console: Console, verdict: dict[str, Any], k: int) -> None:
+    count, start, duration = len(verdict["angle"]), verdict["start"][k], verdict["duration"][k]
     layout.heading(console, f"Slew {k + 1} of {count}" if count > 1 else "Slew")
     rows = [
-        ("angle", f"{math.degrees(found['angle'][k]):.4f}°"),
-        ("axis, body", _vector(found["axis_body"][k])),
-        ("axis, inertial", _vector(found["axis_inertial"][k])),
+        ("angle", f"{math.degrees(verdict['angle'][k]):.4f}°"),
+        ("axis, body", _vector(verdict["axis_body"][k])),
+        ("axis, inertial", _vector(verdict["axis_inertial"][k])),
         ("duration", f"{duration:.4f} s"),
     ]
     if start:
         rows.append(("from", f"{start:.4f} s on"))
-    if switches := [t for t in found["switch_time"] if start < t < start + duration]:
+    if switches := [t for t in verdict["switch_time"] if start < t < start + duration]:
         rows.append(("switches at", ", ".join(f"{t:.4f}" for t in switches) + " s"))
     console.print(layout.facts_table(rows))
 
 
-def _show_limits(console: Console, found: dict[str, Any]) -> None:
+def _show_limits(console: Console, verdict: dict[str, Any]) -> None:
     layout.heading(console, "Peaks and limits")
     table = layout.plain_table("", right=("peak", "limit", "margin", "at [s]"), last=("unit", ""))
     names = ("limit", "limit_unit", "peak", "bound", "margin", "peak_time", "status", "active")
-    for name, unit, peak, bound, margin, time, status, active in zip(*(found[key] for key in names), strict=True):
+    for name, unit, peak, bound, margin, time, status, active in zip(*(verdict[key] for key in names), strict=True):
         shown = layout.degrees if unit.startswith("rad") else layout.number
         numbers = [shown(value) for value in (peak, bound, 0.0 if active else margin)]
         ending = Text(status) if bound is None else layout.verdict("active" if active else status)

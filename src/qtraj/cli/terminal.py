@@ -1,4 +1,4 @@
-"""The terminal: options that commands share, what goes where, progress, and how a command ends."""
+"""Options that the commands share, output streams, and the end of a command."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -16,12 +16,11 @@ from qtraj.scenario import KINDS
 if TYPE_CHECKING:
     from qtraj.motion.programs.rotation_minimizing import Frame
 
-
 FAILED = 1
-"""Exit code of a run whose limits are not met, or whose solve did not converge."""
+"""Exit code of a run that does not meet its limits or did not converge."""
 
 UNTIL = "the old name works until 1.0"
-"""What a warning of an old name says."""
+"""The end of a warning about an old name."""
 
 
 class FrameName(StrEnum):
@@ -47,7 +46,7 @@ ABOUT_FRAMES = (
 
 
 def frame_option(otherwise: str = "upright") -> Any:
-    """The option `--frame`; `otherwise` says what holds without it."""
+    """The option `--frame`; `otherwise` describes its default."""
     return typer.Option(
         None, "--frame", metavar="FRAME", help=f"Frame of the attitudes: {ABOUT_FRAMES} \\[default: {otherwise}]"
     )
@@ -64,13 +63,13 @@ def json_option() -> Any:
 
 
 def scenario_argument(kind: str) -> Any:
-    """The argument for a scenario of a kind."""
+    """The argument SCENARIO, of one kind."""
     about = f"A scenario of {KINDS[kind].about}. Without it: the embedded scenario."
     return typer.Argument(None, metavar="SCENARIO.toml", help=about)
 
 
 class Outcome(NamedTuple):
-    """What a command has to say: for JSON, for the terminal, whether it failed (exit code 1), old names of keys."""
+    """The result of a command: for JSON, for the terminal, whether it failed (exit code 1), renamed keys."""
 
     content: dict[str, Any]
     show: Callable[[Console], None]
@@ -90,12 +89,12 @@ def finish(outcome: Outcome, as_json: bool) -> None:
 
 
 def stdout() -> Console:
-    """Where results go."""
+    """The console for results."""
     return Console(highlight=False)
 
 
 def stderr() -> Console:
-    """Where progress, warnings and errors go."""
+    """The console for progress, warnings and errors."""
     return Console(stderr=True, highlight=False)
 
 
@@ -109,7 +108,7 @@ def guarded() -> Iterator[None]:
     """Turn bad input into one message and exit code 2, and an interrupt into exit code 130."""
     try:
         yield
-    except BrokenPipeError:  # whoever read our output has gone
+    except BrokenPipeError:  # the reader of the output has closed it
         raise
     except OSError as error:
         _fail(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error))

@@ -1,4 +1,4 @@
-"""`qtraj tune`: boundary velocities that meet the limits of a scenario."""
+"""`qtraj tune`: tunes boundary velocities so that a path meets its limits."""
 
 import math
 from collections.abc import Mapping
@@ -18,8 +18,9 @@ from qtraj.design.tuning.choices import MOTIONS, OBJECTIVES, either
 from qtraj.foundation.naming import naming
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress_bar import Watch, watching
+from qtraj.scenario import KINDS
 
-if TYPE_CHECKING:  # a checker of types takes no names that are read from a registry
+if TYPE_CHECKING:  # type checkers cannot read names from a registry
     from qtraj.design.proof.certificate import Certificate
     from qtraj.design.tuning.outcome import Tuned
     from qtraj.path.change import PathChange
@@ -29,12 +30,12 @@ if TYPE_CHECKING:  # a checker of types takes no names that are read from a regi
 
     Motion = StrEnum
     Objective = StrEnum
-else:  # for completion by the Tab key, too
+else:  # enumerations, for completion by the Tab key
     Motion = StrEnum("Motion", {name: name for name in MOTIONS})
     Objective = StrEnum("Objective", {name: name for name in OBJECTIVES})
 
 SYMBOLS = ("V_ρ", "V_φ", "V_h")
-MIND = "A limit may be smaller than meant, or in another unit; [tune.bounds] keeps a path near."
+CAUSES = "A limit may be too small or in another unit; [tune.bounds] keeps a path near the given one."
 
 
 def tune(
@@ -42,21 +43,23 @@ def tune(
     out: Path = terminal.out_option(),
     as_json: bool = terminal.json_option(),
     motion: Motion | None = typer.Option(
-        None, metavar="MOTION", help=f"In place of the scenario's: {either(MOTIONS, '')}."
+        None, metavar="MOTION", help=f"Overrides the scenario: {either(MOTIONS, '')}."
     ),
     objective: Objective | None = typer.Option(
-        None, metavar="OBJECTIVE", help=f"In place of the scenario's: {either(OBJECTIVES, '')}."
+        None, metavar="OBJECTIVE", help=f"Overrides the scenario: {either(OBJECTIVES, '')}."
     ),
     starts: int | None = typer.Option(
-        None, min=1, metavar="N", help="In place of the scenario's: searches, from the given states and about them."
+        None,
+        min=1,
+        metavar="N",
+        help="Number of searches, from the given states and around them; overrides the scenario.",
     ),
     frame: FrameName | None = terminal.frame_option(),
 ) -> None:
-    """Tune the boundary velocities of a path until its limits hold, and write both paths.
+    """Tune the boundary velocities of a path so that it meets its limits, and write both paths.
 
-    Writes a labelled dataset (paths.nc), the tuned path (path.toml), the whole outcome (tuning.toml) and a figure
-    (tuning.png, tuning.svg). Exit code 1 where the limits are not met, or a path does not follow its
-    recording.
+    Writes a labelled dataset (paths.nc), the tuned path (path.toml), the complete result (tuning.toml) and a figure
+    (tuning.png, tuning.svg). Exit code 1 if the limits are not met, or if a path does not follow its recording.
     """
     with terminal.guarded():
         chosen = (motion and motion.value, objective and objective.value, starts)
@@ -65,13 +68,13 @@ def tune(
 
 
 def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int | None], frame: FrameName) -> Outcome:
-    """Tune a scenario and write its results; motion, objective and starts that are `chosen` go before its own.
+    """Tune a scenario and write its results; motion, objective and starts that are `chosen` replace its own.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
     with watching() as watch:
         watch.say("reading")
-        # Here, so that --help need not wait for pydantic, xarray and matplotlib.
+        # Imported here, so that --help does not wait for pydantic, xarray and matplotlib.
         from qtraj.cli.output import check_folder, header, provenance, write_all
         from qtraj.design.fitting.facts import facts
         from qtraj.foundation.plain import finite, plain
@@ -85,39 +88,39 @@ def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int 
             raise ValueError(
                 f"{file}: a saved path has no limits: write a scenario with path = '{file.name}' and [limits]"
             )
-        given = read_scenario(file, "path")
-        task, before, best = _tuned(given, chosen, watch)
+        loaded = read_scenario(file, "path")
+        task, before, best = _tuned(loaded, chosen, watch)
         change = compare_paths(task.path, best.path, (task.start, task.end))
-        warning = change.warning and f"{change.warning} {MIND}"
+        warning = change.warning and f"{change.warning} {CAUSES}"
         search = {"objective": task.objective, "motion": task.motion}
         held = {"fixed": ", ".join(task.part.fixed), "bounds": _ranges(task.part), "warning": warning}
-        ended = {"status": best.status, "result": best.result}
-        about = {f"tuning_{key}": text for key, text in (search | ended | held).items() if text}
+        outcome = {"status": best.status, "result": best.result}
+        about = {f"tuning_{key}": text for key, text in (search | outcome | held).items() if text}
         dataset = path_dataset(
             {"before": task.path, "after": best.path},
             task.limits,
             task.track,
-            attributes=provenance(given) | about,
+            attributes=provenance(loaded) | about,
             fitted=task.fitted,
             frame=frame.frame(),
             findings={"before": before, "after": best.certificate},
         )
-        content = header("tune", given) | {
+        content = header("tune", loaded) | {
             "fit": None if task.fitted is None else facts(task.fitted),
             "frame": dataset.attrs["frame"],
-            "purpose": given.scenario.purpose,
+            "purpose": loaded.scenario.purpose,
             "before": plain(before.record()),
             "tuned": plain(best.record()),
             "change": plain(change.record()),
             "tuning": search
             | {"method": task.part.method, "options": task.part.options, "fixed": list(task.part.fixed)}
             | {"bounds": finite({name: list(bounds) for name, bounds in task.part.ranges.items()})}
-            | ended,
+            | outcome,
             "warning": warning,
         }
 
         def draw(file: Path) -> None:
-            from qtraj.viz.figures import save, tuning_figure  # so that matplotlib is loaded when all else is done
+            from qtraj.viz.figures import save, tuning_figure  # last, because matplotlib takes long to load
 
             save(tuning_figure(dataset), file)
 
@@ -133,23 +136,22 @@ def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int 
     fitted = task.fitted is None or bool(task.fitted.successful)
     met = fitted and best.converged and best.certificate.met
     return Outcome(
-        content, lambda console: _show(console, content, task, before, best, change), not met, given.warnings
+        content, lambda console: _show(console, content, task, before, best, change), not met, loaded.warnings
     )
 
 
 def _tuned(
-    given: "ScenarioFile[Any]", chosen: tuple[str | None, str | None, int | None], watch: Watch
+    loaded: "ScenarioFile[Any]", chosen: tuple[str | None, str | None, int | None], watch: Watch
 ) -> tuple["PathTask", "Certificate", "Tuned"]:
-    """The task of a scenario, the findings on its path, and the outcome of its tuning; a ValueError names the file."""
+    """The task of a scenario, the certificate of its path, and the tuned result; a ValueError names the file."""
     from qtraj.design.proof.certify import certify
     from qtraj.design.tuning.tune import tune
-    from qtraj.scenario.path import lay
 
-    if not given.scenario.limits.limits():
-        raise ValueError(f"{given.file}: the table [limits] is missing or empty: there is nothing to tune for")
-    watch.say("fitting the recording" if given.scenario.track else "laying the path")
-    task = lay(given, *chosen)
-    with naming(f"{given.file}: "):
+    if not loaded.scenario.limits.limits():
+        raise ValueError(f"{loaded.file}: the table [limits] is missing or empty: there is nothing to tune for")
+    watch.say("fitting the recording" if loaded.scenario.track else "laying the path")
+    task: PathTask = KINDS["path"].build(loaded, *chosen)
+    with naming(f"{loaded.file}: "):
         watch.say("judging the path")
         corridor = task.part.corridor
         before = certify(task.path, task.limits, corridor=corridor, reference=None if corridor is None else task.path)
@@ -158,7 +160,7 @@ def _tuned(
 
 
 def _ranges(part: "TunePart") -> str:
-    """What was bounded, and how, in words; empty for nothing."""
+    """The bounds of the variables in words; empty without bounds."""
     texts = []
     for name, (low, high) in part.ranges.items():
         unit = "s" if name == "duration" else "m/s"
@@ -177,13 +179,13 @@ def _show(
     best: "Tuned",
     change: "PathChange",
 ) -> None:
-    """The whole outcome, from the scenario to the files written, readable at 80 columns."""
+    """Print the result, from the scenario to the files, readable at 80 columns."""
     layout.print_scenario(console, content["scenario"])
     if content["fit"] is not None:
         show_fit(console, content["fit"])
     _show_limits(console, before, best.certificate, content["purpose"])
     _show_change(console, change)
-    console.print(Text(f"The path after leaves the path before by {float(change.deviation):.3g} m at most."))
+    console.print(Text(f"The path after deviates from the path before by at most {float(change.deviation):.3g} m."))
     console.print(Text(change.text))
     layout.heading(console, f"Result: objective '{task.objective}', motion '{task.motion}'")
     for what, text in (("Fixed", ", ".join(task.part.fixed)), ("Bounded", _ranges(task.part))):
@@ -215,12 +217,12 @@ def _show_limits(console: Console, before: "Certificate", after: "Certificate", 
     table = layout.plain_table("limit", "path", right=("value", "limit", "margin", "at [s]"), last=("",))
     for was, now in zip(before.findings(), after.findings(), strict=True):
         unit = f"[{symbol(quantity(was.name).unit) or '-'}]"
-        for label, path, found in ((was.name, "before", was), (unit, "after", now)):
-            known = math.isfinite(found.value)
-            margin = "active" if found.active else f"{found.limit - found.value:+.3g}" if known else "-"
-            value, limit = layout.number(found.value if known else None), layout.number(found.limit)
-            time = layout.number(found.time, 4)
-            table.add_row(Text(label), path, value, limit, margin, time, layout.verdict(found.status))
+        for label, path, finding in ((was.name, "before", was), (unit, "after", now)):
+            known = math.isfinite(finding.value)
+            margin = "active" if finding.active else f"{finding.limit - finding.value:+.3g}" if known else "-"
+            value, limit = layout.number(finding.value if known else None), layout.number(finding.limit)
+            time = layout.number(finding.time, 4)
+            table.add_row(Text(label), path, value, limit, margin, time, layout.verdict(finding.status))
         table.add_section()
     console.print(table)
     for name, text in purpose.items():
@@ -242,7 +244,7 @@ def _show_change(console: Console, change: "PathChange") -> None:
     console.print(Text("A: start, B: end. V_ρ: away from the axis, V_φ: about it, V_h: along it."))
     if change.given is not None and not np.allclose(change.given, before, rtol=1e-6, atol=1e-6):
         start, end = (", ".join(f"{v:.4f}" for v in state) for state in np.asarray(change.given))
-        console.print(Text(f"Given were (V_ρ, V_φ, V_h) = ({start}) m/s at A and ({end}) m/s at B."))
+        console.print(Text(f"The given (V_ρ, V_φ, V_h) were ({start}) m/s at A and ({end}) m/s at B."))
 
 
 def _compare(table: Table, label: str, values: Any, unit: str) -> None:

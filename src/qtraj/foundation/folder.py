@@ -1,4 +1,4 @@
-"""Several files written into a folder at once: all of them whole, or none."""
+"""Writes several files into a folder: all of them completely, or none."""
 
 import os
 import signal
@@ -14,35 +14,37 @@ Writer = Callable[[Path], None]
 
 
 def check_folder(out: Path) -> None:
-    """Raise an OSError now where `write_all` could not write later."""
+    """Raise an OSError if `write_all` cannot write into this folder."""
     root = _existing(out)
     if not root.is_dir():
         raise NotADirectoryError(f"{root}: a folder to write into was expected, but this is a file")
     if not os.access(root, os.W_OK | os.X_OK):
-        raise PermissionError(f"{root}: this folder may not be written to")
+        raise PermissionError(f"{root}: there is no permission to write into this folder")
 
 
 def write_all(out: Path, writers: Mapping[str, Writer]) -> list[Path]:
-    """Write every file by name into the folder `out`, each of them whole.
+    """Write all files into the folder `out`; `writers` write one file each, by name.
 
-    They are written into a hidden folder of the same file system and moved only when all are complete, so that an
-    error or an interrupt while writing leaves nothing, and the next run removes what a killed one left. Files of other
-    names in `out` stay as they are.
+    The files are written into a hidden folder of the same file system and moved when all are complete. So an error or
+    an interrupt leaves no files behind, and the next run removes the hidden folder of a killed one. Files with other
+    names in `out` are not changed.
 
-    **Raises:** OSError where something cannot be written.
+    **Raises:** OSError if a file cannot be written.
     """
     check_folder(out)
     targets = [out / name for name in writers]
     if blocked := [target for target in targets if target.is_dir()]:
-        raise IsADirectoryError(f"{blocked[0]}: a file is to be written here, but there is a folder of this name")
+        raise IsADirectoryError(
+            f"{blocked[0]}: a file cannot be written here, because there is a folder with this name"
+        )
     root = _existing(out)
     if root == out.absolute():
-        sweep(root.parent)  # where an earlier run staged, if `out` was not there yet
+        sweep(root.parent)  # an earlier run staged here if `out` did not exist
     with ExitStack() as stack:
         try:
             stage = stack.enter_context(staging(root))
         except OSError as error:
-            raise OSError(f"{out}: nothing can be written there ({error.strerror})") from error
+            raise OSError(f"{out}: this folder cannot be written to ({error.strerror})") from error
         for name, write in writers.items():
             write(stage / name)
         with _uninterrupted():
@@ -53,22 +55,22 @@ def write_all(out: Path, writers: Mapping[str, Writer]) -> list[Path]:
 
 
 def _existing(folder: Path) -> Path:
-    """The folder itself, or the nearest one above it that exists."""
+    """The folder, or its nearest parent that exists."""
     folder = folder.absolute()
     return next(f for f in (folder, *folder.parents) if f.exists())
 
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Let Ctrl-C wait until the block is done."""
+    """Delay Ctrl-C until the end of the block."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    waiting: list[Any] = []
-    before = signal.signal(signal.SIGINT, lambda number, frame: waiting.append(number))
+    pending: list[Any] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: pending.append(number))
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-    if waiting:
+    if pending:
         raise KeyboardInterrupt

@@ -1,4 +1,4 @@
-"""Errors that say where in the input their cause stands."""
+"""Adds the place in the input to error messages."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def naming(where: str) -> Iterator[None]:
-    """Put `where`, such as a file or a key, in front of the message of a ValueError."""
+    """Prepend `where`, such as a file or a key, to the message of a ValueError."""
     try:
         yield
     except ValueError as error:

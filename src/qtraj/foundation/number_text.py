@@ -1,4 +1,4 @@
-"""Columns of numbers as texts of equal form, for tables that people read."""
+"""Formats columns of numbers for printed tables."""
 
 import math
 
@@ -6,15 +6,15 @@ import numpy as np
 
 
 def digits(values: np.ndarray, known: np.ndarray) -> list[str]:
-    """One column with four digits of each value."""
+    """A column with four significant digits; a dash for values that are not `known`."""
     return [f"{v:.4g}" if ok and np.isfinite(v) else "-" for v, ok in zip(values.tolist(), known, strict=True)]
 
 
 def decimals(values: np.ndarray, known: np.ndarray) -> list[str]:
-    """One column with as many decimals as tell its values apart, six at most."""
-    good = values[known & np.isfinite(values)]
-    size = float(np.abs(good).max(initial=0.0))
-    spread = float(np.ptp(good)) if good.size else 0.0
+    """A column with enough decimals to distinguish its values, at most six; a dash for values that are not `known`."""
+    finite = values[known & np.isfinite(values)]
+    size = float(np.abs(finite).max(initial=0.0))
+    spread = float(np.ptp(finite)) if finite.size else 0.0
     before_point = 1 + max(0, _magnitude(size))
     decimals = min(max(4 - _magnitude(spread or size), 0), 6, max(10 - before_point, 0))
     return [

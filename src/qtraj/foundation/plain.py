@@ -1,4 +1,4 @@
-"""A record as plain data, such as JSON holds: numbers, texts, lists and None."""
+"""Converts records to plain data for JSON: numbers, texts, lists and None."""
 
 import math
 from typing import Any
@@ -9,10 +9,10 @@ from qtraj.foundation.record import Record
 
 
 def plain(record: Record) -> dict[str, Any]:
-    """The `summary`, every coordinate and variable by its name as (nested) lists, and their `units`.
+    """The `summary`, all coordinates and variables by name as (nested) lists, and their `units`.
 
-    A number that is not finite is None, because JSON has no NaN. `json.dumps(plain(result.record()))` works for every
-    result.
+    Numbers that are not finite become None, because JSON has no NaN. So
+    `json.dumps(plain(result.record()))` works for every result.
     """
     everything = record.everything()
     values = {name: finite(np.asarray(quantity.values).tolist()) for name, quantity in everything.items()}

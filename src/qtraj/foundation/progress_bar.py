@@ -11,27 +11,27 @@ from qtraj.foundation.progress import Progress
 
 
 class Watch:
-    """Progress on a terminal; silent elsewhere."""
+    """Progress on a terminal; without a terminal it prints nothing."""
 
     def __init__(self, shown: Bars | None):
         self._shown = shown
         self._task: Any = None if shown is None else shown.add_task("", total=None)
 
     def say(self, text: str) -> None:
-        """What is being done now."""
+        """Show the current activity."""
         if self._shown is not None:
             self._shown.update(self._task, description=text, completed=0, total=None)
 
     def tuning(self, progress: Progress) -> None:
-        """How far a tuning is."""
+        """Show the progress of `tune`."""
         if self._shown is not None:
-            known = {"completed": progress.done, "total": progress.total}
-            self._shown.update(self._task, description=f"tuning: {progress}", **known)
+            numbers = {"completed": progress.done, "total": progress.total}
+            self._shown.update(self._task, description=f"tuning: {progress}", **numbers)
 
 
 @contextmanager
 def watching() -> Iterator[Watch]:
-    """A `Watch` on stderr, wiped when done; nothing of it where stderr is no terminal."""
+    """A `Watch` on stderr, which is erased at the end; it prints nothing if stderr is not a terminal."""
     console = Console(stderr=True, highlight=False)
     if not console.is_terminal:
         yield Watch(None)

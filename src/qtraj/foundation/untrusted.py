@@ -1,8 +1,10 @@
 """Read untrusted files safely: content that is too large or too deeply nested is an error, never a crash."""
 
+import gzip
 import json
 import re
 import tomllib
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,16 +19,21 @@ _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
 _DOTTED = re.compile(rf"^[ \t]*+\[{{0,2}}[ \t]*+(?:{_PART}\.[ \t]*+){{{MAX_DEPTH},}}", re.MULTILINE)
 """A dotted key at the beginning of a line: the parser takes minutes for very long ones."""
 
+TOO_LONG = "it has a whole number of several thousand digits"
+
 TOO_DEEP = f"its tables or arrays are nested deeper than {MAX_DEPTH} levels"
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a file.
+    """The content of a file, decompressed if its name ends with .gz.
 
-    **Raises:** OSError if it cannot be read; ValueError, naming it, if it is larger than `MAX_SIZE`.
+    **Raises:** OSError if it cannot be read; ValueError, naming it, if it is larger than `MAX_SIZE`, or no gzip file.
     """
-    with path.open("rb") as stream:
-        content = stream.read(MAX_SIZE + 1)
+    try:
+        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as stream:
+            content = stream.read(MAX_SIZE + 1)
+    except (gzip.BadGzipFile, EOFError, zlib.error):
+        raise ValueError(f"{path}: not a complete gzip file, although its name ends with .gz") from None
     if len(content) > MAX_SIZE:
         raise ValueError(f"{path}: the file is larger than the maximum of {MAX_SIZE / 2**30:.3g} GiB")
     return content
@@ -75,6 +82,10 @@ def _parsed(parse: Callable[[Any], Any], text: str | bytes) -> Any:
         data = parse(text)
     except RecursionError:
         raise ValueError(TOO_DEEP) from None
+    except ValueError as error:
+        if type(error) is ValueError:  # the parsers raise their own kind for wrong syntax; `int` raises this one
+            raise ValueError(TOO_LONG) from None
+        raise
     if _is_deep(data):
         raise ValueError(TOO_DEEP)
     return data

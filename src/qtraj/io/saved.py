@@ -1,4 +1,4 @@
-"""Saved paths and programs: what a stored document holds, where one of these is expected."""
+"""Loads saved documents that must contain a path or a program."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from qtraj.path.spiral_helix import SpiralHelix
 
 
 def is_saved(file: Path) -> bool:
-    """Whether a file is a stored document (of a path, or of something else) and no scenario."""
+    """Whether a file is a stored document, of any kind, and not a scenario."""
     if file.suffix == ".json":
         return True
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -18,11 +18,11 @@ def is_saved(file: Path) -> bool:
 
 
 def saved_path(file: Path) -> SpiralHelix:
-    """The path in a saved document; of a tuned or fitted result, its path.
+    """The path in a saved document, or the path of a saved result of `tune` or `fit`.
 
-    **Raises:** OSError, or ValueError naming the file where it holds no spiral-helix.
+    **Raises:** OSError, or ValueError naming the file if it does not contain a spiral-helix.
     """
-    from qtraj.io.stored import load  # here, for it imports every class that can be stored
+    from qtraj.io.stored import load  # imported here, because it imports every class that can be stored
 
     stored = load(file)
     path = stored.path if isinstance(stored, Tuned | Fitted) else stored
@@ -34,9 +34,9 @@ def saved_path(file: Path) -> SpiralHelix:
 def saved_program(file: Path) -> AbstractProgram:
     """The attitude program in a saved document.
 
-    **Raises:** OSError, or ValueError naming the file where it holds none.
+    **Raises:** OSError, or ValueError naming the file if it does not contain a program.
     """
-    from qtraj.io.stored import load  # here, for it imports every class that can be stored
+    from qtraj.io.stored import load  # imported here, because it imports every class that can be stored
 
     stored = load(file)
     if not isinstance(stored, AbstractProgram):

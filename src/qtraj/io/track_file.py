@@ -38,7 +38,8 @@ def read_track(
     names (time, t; x, y, z; easting, northing, altitude; vx, vy, vz; vel_east, …; qw, qx, qy, qz), if all columns of
     the part have one.
     A TUM trajectory (eight numbers "timestamp tx ty tz qx qy qz qw" on a line, no header) is recognised by its content;
-    its quaternions, scalar last, are reordered. Units are those of `Track`: s, m, m/s.
+    its quaternions, scalar last, are reordered. Files whose names end with .gz are decompressed. Units are those of
+    `Track`: s, m, m/s.
 
     With `angles`, an `AttitudeAngles`, the attitude is read from the three columns roll, pitch and heading, in that
     convention. With `projection`, "tangent-plane" or a `TangentPlane`, the position is read from latitude [°],

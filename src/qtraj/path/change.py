@@ -1,4 +1,4 @@
-"""How one path differs from another: boundary velocities, duration and length, headings, heights, distance."""
+"""Compares two paths: boundary velocities, durations, lengths, headings, heights and distance."""
 
 from __future__ import annotations
 
@@ -23,21 +23,29 @@ COMPONENTS = ("V_rho", "V_phi", "V_h")
 """Cylindrical components of a velocity: away from the axis, about it, along it."""
 PATHS, ENDS = ("before", "after"), ("start", "end")
 SAMPLES = 513
-"""Instants of each path at which they are compared."""
-FAR = 3.0
-"""A path that is this many times as long as the one before, in metres or in seconds, was hardly meant."""
-SLOWER = "takes {:.3g} times the time"
+"""Sampled instants of each path."""
+MAX_RATIO = 3.0
+"""There is a warning if the length or the duration grows by more than this factor."""
+SLOWER = "takes {:.3g} times as long"
 
 
 class PathChange(AbstractResult):
-    """What distinguishes the path `after` from the path `before`.
+    """The differences between a path `before` and a path `after`.
 
-    Over the two paths: `velocities` (2, 2, 3) [m/s], cylindrical components V_ρ, V_φ, V_h at start and end; `durations`
-    (2,) [s], `mean_rates` (2,) [rad/s] about the axis, `lengths` (2,) [m]. Of the path after against the path before:
-    `headings` (2,) [rad], how far the direction of travel at start and end turns to the left, NaN where there is none;
-    `lowest` and `highest` [m], how far the lowest and the highest point move up; `deviation` [m], the largest distance
-    of its points from the path before, whose `size` [m] is the diagonal of the box about it. `given` (2, 3) [m/s] are
-    the velocities that were asked for, where they are known.
+    Of both paths, in this order:
+
+    - `velocities` (2, 2, 3) [m/s]: the cylindrical components V_ρ, V_φ, V_h at start and end.
+    - `durations` (2,) [s], `lengths` (2,) [m], and `mean_rates` (2,) [rad/s] about the axis.
+
+    Of the path after, relative to the path before:
+
+    - `headings` (2,) [rad]: the changes of the direction of travel at start and end, left positive; NaN if it does not
+      exist.
+    - `lowest`, `highest` [m]: the changes in height of the lowest and the highest point.
+    - `deviation` [m]: the largest distance of its points from the path before.
+
+    `size` [m] is the diagonal of the bounding box of the path before. `given` (2, 3) [m/s] are the requested boundary
+    velocities, if they are known.
     """
 
     velocities: Float[Array, "2 2 3"]
@@ -53,71 +61,73 @@ class PathChange(AbstractResult):
 
     @property
     def warning(self) -> str | None:
-        """What to say where the path after is far longer or slower, or leaves the path before by more than its size."""
-        found = []
-        for values, what, unit in ((self.lengths, "is {:.3g} times as long", "m"), (self.durations, SLOWER, "s")):
+        """A warning if the path after is far longer or slower, or deviates by more than the size of the path before."""
+        texts = []
+        for values, what, unit in (
+            (self.lengths, "is longer by a factor of {:.3g}", "m"),
+            (self.durations, SLOWER, "s"),
+        ):
             was, now = np.asarray(values).tolist()
-            if now > FAR * was:
-                found.append(f"{what.format(now / was)} ({now:.4g} {unit}, before {was:.4g} {unit})")
+            if now > MAX_RATIO * was:
+                texts.append(f"{what.format(now / was)} ({now:.4g} {unit}, before {was:.4g} {unit})")
         if self.deviation > self.size:
-            found.append(
-                f"leaves the path before by {self.deviation:.3g} m, more than that one's size of {self.size:.3g} m"
+            texts.append(
+                f"deviates from the path before by {self.deviation:.3g} m, more than its size of {self.size:.3g} m"
             )
-        if not found:
+        if not texts:
             return None
-        return f"The path after {' and '.join(filter(None, [', '.join(found[:-1]), found[-1]]))}."
+        return f"The path after {' and '.join(filter(None, [', '.join(texts[:-1]), texts[-1]]))}."
 
     @property
     def text(self) -> str:
         """The changes of heading and height in words."""
-        start, end = (_sideways(turn) for turn in np.asarray(self.headings).tolist())
+        start, end = (_in_words(turn) for turn in np.asarray(self.headings).tolist())
         low, high = (round(float(change), 2) + 0.0 for change in (self.lowest, self.highest))
         return (
-            f"Its heading turns {start} at A and {end} at B; its lowest point moves by {low:+.2f} m, its highest by "
-            f"{high:+.2f} m."
+            f"The heading changes {start} at A and {end} at B; the height of the lowest point changes by {low:+.2f} m, "
+            f"of the highest point by {high:+.2f} m."
         )
 
     def record(self) -> Record:
         """Both paths over `path`, their ends over `end`, and the differences."""
-        known = {
+        quantities = {
             "velocity": Quantity(
                 self.velocities, "m s-1", "boundary velocity, cylindrical", ("path", "end", "cylindrical")
             ),
             "duration": Quantity(self.durations, "s", "duration", ("path",)),
             "mean_rate": Quantity(self.mean_rates, "rad s-1", "mean rate about the axis", ("path",)),
             "length": Quantity(self.lengths, "m", "length", ("path",)),
-            "heading_change": Quantity(self.headings, "rad", "turn of the direction of travel, to the left", ("end",)),
-            "lowest_change": Quantity(self.lowest, "m", "how far the lowest point moves up"),
-            "highest_change": Quantity(self.highest, "m", "how far the highest point moves up"),
+            "heading_change": Quantity(
+                self.headings, "rad", "change of the direction of travel, left positive", ("end",)
+            ),
+            "lowest_change": Quantity(self.lowest, "m", "change in height of the lowest point"),
+            "highest_change": Quantity(self.highest, "m", "change in height of the highest point"),
             "deviation": Quantity(self.deviation, "m", "largest distance of the path after from the path before"),
-            "size": Quantity(self.size, "m", "diagonal of the box about the path before"),
-            "given_velocity": Quantity(self.given, "m s-1", "velocity asked for, cylindrical", ("end", "cylindrical")),
+            "size": Quantity(self.size, "m", "diagonal of the bounding box of the path before"),
+            "given_velocity": Quantity(self.given, "m s-1", "requested velocity, cylindrical", ("end", "cylindrical")),
         }
-        variables = {name: quantity for name, quantity in known.items() if quantity.values is not None}
+        variables = {name: quantity for name, quantity in quantities.items() if quantity.values is not None}
         coordinates = {
             "path": Quantity(np.array(PATHS), "", "which path", ("path",)),
             "end": Quantity(np.array(ENDS), "", "which end", ("end",)),
             "cylindrical": Quantity(np.array(COMPONENTS), "", "component about the axis", ("cylindrical",)),
         }
         longer, slower = (float(values[1] - values[0]) for values in (self.lengths, self.durations))
-        summary = f"{longer:+.6g} m, {slower:+.6g} s, {float(self.deviation):.6g} m apart at most"
+        summary = f"{longer:+.6g} m, {slower:+.6g} s, {float(self.deviation):.6g} m maximum deviation"
         return Record(summary, variables, coordinates, {"frame": "world"})
 
 
 def compare_paths(
     before: SpiralHelix, after: SpiralHelix, given: tuple[BoundaryState, BoundaryState] | None = None
 ) -> PathChange:
-    """How the path `after`, such as a tuned one, differs from the path `before`.
+    """The differences between the path `before` and the path `after`, such as a tuned one.
 
-    Both are compared at 513 instants, equally spaced in their own times. `given`: the boundary states that were asked
-    for, whose velocities are kept beside those of the paths.
+    Each path is sampled at 513 equally spaced instants of its own time. `given`: the requested boundary states, whose
+    velocities are part of the result.
     """
     was, now = sampled(before), sampled(after)
-    placements = (before.placement, after.placement)
-    velocities = [
-        [_components(state, placement) for state in sampled.ends]
-        for sampled, placement in zip((was, now), placements, strict=True)
-    ]
+    pairs = ((was, before.placement), (now, after.placement))
+    velocities = [[_components(state, placement) for state in samples.ends] for samples, placement in pairs]
     durations = jnp.stack([before.duration, after.duration])
     turns = jnp.stack([was.turn, now.turn])
     heights = np.asarray(was.positions)[:, 2], np.asarray(now.positions)[:, 2]
@@ -126,7 +136,7 @@ def compare_paths(
         durations=durations,
         mean_rates=turns / durations,
         lengths=jnp.stack([was.length, now.length]),
-        headings=jnp.stack([_turned(was.velocities[k], now.velocities[k]) for k in (0, -1)]),
+        headings=jnp.stack([_heading_change(was.velocities[k], now.velocities[k]) for k in (0, -1)]),
         lowest=jnp.asarray(heights[1].min() - heights[0].min()),
         highest=jnp.asarray(heights[1].max() - heights[0].max()),
         deviation=jnp.asarray(max_deviation(np.asarray(now.positions), np.asarray(was.positions))),
@@ -162,15 +172,16 @@ def _components(state: BoundaryState, placement: Placement | None) -> Vec3:
     return cylindrical(state, placement).velocity
 
 
-def _turned(before: Vec3, after: Vec3) -> Any:
-    """The angle from one horizontal direction to another, left positive; NaN where one is none."""
+def _heading_change(before: Vec3, after: Vec3) -> Any:
+    """The angle from one horizontal direction to another, left positive; NaN if one of them is vertical or zero."""
     (x, y), (u, v) = before[:2], after[:2]
     exists = jnp.hypot(x, y) * jnp.hypot(u, v) > 0
     return jnp.where(exists, jnp.arctan2(x * v - y * u, x * u + y * v), jnp.nan)
 
 
-def _sideways(turn: float) -> str:
+def _in_words(turn: float) -> str:
+    """A change of heading [rad] in words."""
     if math.isnan(turn):
-        return "by an angle that does not exist"
+        return "by an undefined angle"
     degrees = round(math.degrees(turn), 1)
-    return "by 0.0°" if degrees == 0 else f"{abs(degrees):.1f}° to the {'left' if degrees > 0 else 'right'}"
+    return "by 0.0°" if degrees == 0 else f"by {abs(degrees):.1f}° to the {'left' if degrees > 0 else 'right'}"

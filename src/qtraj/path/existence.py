@@ -1,4 +1,4 @@
-"""Whether a frame exists everywhere on a path."""
+"""Checks that a frame exists on the whole path."""
 
 import equinox as eqx
 import jax
@@ -16,14 +16,14 @@ MISSING = {
     THRUST_ALIGNED: "no motion, free fall, or thrust along the velocity or the heading",
     MINIMIZING: "no motion",
 }
-"""Where the frame of a name does not exist."""
+"""Where each frame does not exist, by the name of the frame."""
 
 SAMPLES = 257
 """Equally spaced instants at which a frame must exist."""
 
 
 def first_undefined(path: AbstractHodograph, frame: AbstractFrame, samples: int = SAMPLES) -> float | None:
-    """The first of equally spaced instants [s] at which a frame does not exist on a path; None for none."""
+    """The first of equally spaced instants [s] at which a frame does not exist; None if it exists at all of them."""
     times = jnp.linspace(0.0, path.duration, samples)
     defined = np.asarray(_defined(path, frame, times))
     return None if defined.all() else float(times[int(np.argmin(defined))])

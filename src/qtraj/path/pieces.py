@@ -1,8 +1,8 @@
-"""Piecewise polynomials with values in space, as plain arrays: what routes are made of.
+"""Piecewise polynomials with values (3,), as plain arrays: the segments of routes.
 
-Segment i has the ascending coefficients `c[i]` (terms, 3) of t − start_i. The functions work on NumPy arrays and,
-inside a trace, on those of JAX. Rows are padded to a few sizes, so that routes of similar length share executables: the
-starts of the padding are infinite and its coefficients zero, so no search for a time ever ends there.
+Segment i has ascending coefficients `c[i]` (terms, 3) in t − start_i. The functions work on NumPy arrays and, inside a
+trace, on JAX arrays. Segments are padded to a few sizes, so that routes of similar length share executables. The
+padding has infinite start times and zero coefficients, so no search for a time selects it.
 """
 
 import math
@@ -13,24 +13,24 @@ import numpy as np
 from jax.core import Tracer
 
 TERMS = (6, 8)
-"""Coefficients that are stored: those of a quintic or of a septic."""
+"""The stored numbers of coefficients: of a quintic or of a septic."""
 
-SMALLEST = 8
-"""Segments to which fewer are padded; more are padded to a power of two."""
+MIN_ROWS = 8
+"""The smallest padded number of segments; larger ones are powers of two."""
 
 
 def arithmetic(*arrays: Any) -> Any:
-    """The module whose functions suit the arrays: `numpy` where all are known, else `jax.numpy`."""
+    """`numpy` if all arrays are concrete, else `jax.numpy`."""
     return jnp if any(isinstance(x, Tracer) for x in arrays) else np
 
 
 def padded_size(count: int) -> int:
-    """The number of rows in which `count` segments are stored."""
-    return max(SMALLEST, 1 << (count - 1).bit_length())
+    """The padded number of `count` segments."""
+    return max(MIN_ROWS, 1 << (count - 1).bit_length())
 
 
 def padded(starts: Any, c: Any) -> tuple[Any, Any]:
-    """Starts and coefficients with rows up to the stored size and terms up to a stored degree."""
+    """Starts and coefficients, padded in the number of segments and in the degree."""
     np_ = arithmetic(starts, c)
     rows = padded_size(starts.shape[0]) - starts.shape[0]
     terms = next(n for n in TERMS if n >= c.shape[1]) - c.shape[1]
@@ -48,23 +48,25 @@ def hermite(h: Any, states: Any) -> Any:
     a, b, h = states[:-1], states[1:], h[:, None]
     orders = states.shape[1]
     low = [a[:, k] / math.factorial(k) for k in range(orders)]
-    # What the Taylor polynomial from the start leaves of the state at the end, in units of length.
+    # The state at the end minus that of the Taylor polynomial about the start, as lengths.
     gaps = []
     for k in range(orders):
         reached = [math.comb(j, k) * math.factorial(k) * low[j] * h ** (j - k) for j in range(k + 1, orders)]
         gaps.append(((b[:, k] - a[:, k]) - sum(reached, 0.0 * h)) * h**k)
-    high = [sum(w * gap for w, gap in zip(row, gaps, strict=True)) / h ** (orders + i) for i, row in _rows(orders)]
+    weights = _hermite_weights(orders)
+    high = [sum(w * gap for w, gap in zip(row, gaps, strict=True)) / h ** (orders + i) for i, row in weights]
     return arithmetic(h, states).stack([*low, *high], axis=1)
 
 
-def _rows(orders: int) -> Any:
+def _hermite_weights(orders: int) -> Any:
+    """The weights of the end state in each of the higher coefficients."""
     quintic = ((10, -4, 1 / 2), (-15, 7, -1), (6, -3, 1 / 2))
     septic = ((35, -15, 5 / 2, -1 / 6), (-84, 39, -7, 1 / 2), (70, -34, 13 / 2, -1 / 2), (-20, 10, -2, 1 / 6))
     return enumerate(quintic if orders == 3 else septic)
 
 
 def shifted(c: Any, s: Any) -> Any:
-    """Coefficients (n, terms, 3) of the same polynomials about later local times `s` (n,), by synthetic division."""
+    """Coefficients (n, terms, 3) of the same polynomials about the local times `s` (n,), by synthetic division."""
     terms = [c[:, k] for k in range(c.shape[1])]
     s = s[:, None]
     for k in range(len(terms) - 1):
@@ -80,18 +82,18 @@ def values(c: Any, s: Any, order: int) -> list[Any]:
     for k in range(min(order + 1, len(terms) - 1)):
         for i in range(len(terms) - 2, k - 1, -1):
             terms[i] = terms[i] + s * terms[i + 1]
-    found = [math.factorial(k) * terms[k] for k in range(min(order + 1, len(terms)))]
-    return [*found, *[0.0 * terms[0]] * (order + 1 - len(found))]
+    results = [math.factorial(k) * terms[k] for k in range(min(order + 1, len(terms)))]
+    return [*results, *[0.0 * terms[0]] * (order + 1 - len(results))]
 
 
-def backwards(c: Any, h: Any) -> Any:
-    """Coefficients (n, terms, 3) of the same segments, of durations `h` (n,), run through from their ends."""
+def time_reversed(c: Any, h: Any) -> Any:
+    """Coefficients (n, terms, 3) in the time before the end of each segment; durations `h` (n,)."""
     signs = (-1.0) ** np.arange(c.shape[1])
     return shifted(c, h) * signs.astype(c.dtype)[None, :, None]
 
 
 def durations(starts: Any, duration: Any) -> Any:
-    """Durations (rows,) of segments; zero for those of the padding."""
+    """Durations (rows,) of the segments; zero for padding."""
     np_ = arithmetic(starts, duration)
     ends = np_.minimum(np_.concatenate([starts[1:], duration[None]]), duration)
     return ends - np_.minimum(starts, duration)

@@ -1,7 +1,7 @@
-"""Rates and accelerations in body or in inertial axes: which outputs have them, and how they are labelled.
+"""Labels of rates and accelerations in body or in inertial axes.
 
-ω_ξ = λ∘ω_x∘λ⁻¹ and ε_ξ = λ∘ε_x∘λ⁻¹ (paper C, section 1): the components of the same two vectors. Since ω × ω = 0,
-ε_ξ is the time derivative of ω_ξ, as ε_x is that of ω_x.
+ω_ξ = λ∘ω_x∘λ⁻¹ and ε_ξ = λ∘ε_x∘λ⁻¹ (paper C, section 1) are components of the same vectors as ω_x and ε_x. Since
+ω × ω = 0, ε_ξ is the time derivative of ω_ξ, as ε_x is the time derivative of ω_x.
 """
 
 import dataclasses
@@ -21,7 +21,7 @@ def require_axes(axes: str) -> None:
 
 
 def in_axes(entry: Channel, axes: str) -> Channel:
-    """The output as it is labelled where rates and accelerations are in these axes."""
+    """An output with its labels for rates and accelerations in these axes."""
     if axes == BODY or entry.name not in TURNING:
         return entry
     return dataclasses.replace(entry, meaning=entry.meaning.replace("body axes", "inertial axes"), axes=("world",))

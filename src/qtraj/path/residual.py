@@ -50,7 +50,8 @@ class Residual(AbstractResult):
     between the recorded position and the path at the same time. `velocity_rms` [m/s], and `direction_rms` [rad], the
     angle between the recorded velocity and the path's tangent at samples that move; both are None without recorded
     velocities. `turn` [rad]: turn of the recorded direction of travel, left positive (the angle about the axis is
-    `path.turn`). `radius_min`, `radius_max` [m]: ρ at the samples, None for a path other than a spiral-helix.
+    `path.turn`). `radius_min`, `radius_max` [m]: range of ρ at the samples, None for a path other than a
+    spiral-helix.
     """
 
     horizontal_rms: Scalar
@@ -107,7 +108,7 @@ def compare(path: AbstractHodograph, track: Track) -> Residual:
     _require_covered(path, track)
     elapsed = elapsed_times(track)
 
-    # Padded with copies of the first sample, which are ignored: tracks of similar length share one executable.
+    # Padding with copies of the first sample, ignored below, lets tracks of similar length share one executable.
     def padded(x: np.ndarray) -> Array:
         padding = np.repeat(x[:1], bucket(len(x)) - len(x), axis=0)
         return as_array(np.concatenate([x, padding]), path.duration.dtype)
@@ -176,5 +177,5 @@ def _require_covered(path: AbstractHodograph, track: Track) -> None:
     if track_duration > float(duration) * (1 + DURATION_TOLERANCE):
         raise ValueError(
             f"the track lasts {track_duration:.9g} s, but the path only {float(duration):.9g} s: "
-            "compare with the window of the track that the path covers, track.window(t0, t1)."
+            "pass the part of the track that the path covers, track.window(t0, t1)."
         )

@@ -1,4 +1,4 @@
-"""From joint states, splines and other paths to the segments of a route."""
+"""Makes the segments of a route from joint states, splines and other paths."""
 
 import math
 from collections.abc import Sequence
@@ -15,11 +15,11 @@ from qtraj.path.moving_basis import MovingPolynomials
 
 NAMES = ("position", "velocity", "acceleration", "jerk")
 
-MOST = 65536
-"""Segments of a converted path, at most."""
+MAX_SEGMENTS = 65536
+"""Maximum number of segments of a converted path."""
 
-SLACK = 1 + 1e-9
-"""By this factor bounds are raised for their own rounding."""
+ROUNDING_FACTOR = 1 + 1e-9
+"""Bounds are multiplied by this factor to cover their own rounding errors."""
 
 Pieces = tuple[Any, Any, Any, Any]
 """Starts, coefficients, duration and origin."""
@@ -27,12 +27,12 @@ Pieces = tuple[Any, Any, Any, Any]
 
 def from_states(times: ArrayInput, orders: Sequence[ArrayInput]) -> Pieces:
     """The padded segments between states (n, 3) at `times` (n,)."""
-    known: Any = _times(times)
-    states = [_states(x, name, known) for x, name in zip(orders, NAMES, strict=False)]
-    np_ = pieces.arithmetic(known, *states)
+    joints: Any = _times(times)
+    states = [_states(x, name, joints) for x, name in zip(orders, NAMES, strict=False)]
+    np_ = pieces.arithmetic(joints, *states)
     if np_ is np:
-        known, states = np.asarray(known), [np.asarray(x) for x in states]
-    elapsed, origin = known - known[0], states[0][0]
+        joints, states = np.asarray(joints), [np.asarray(x) for x in states]
+    elapsed, origin = joints - joints[0], states[0][0]
     local = np_.stack([states[0] - origin[None], *states[1:]], axis=1)
     c = pieces.hermite(elapsed[1:] - elapsed[:-1], local)
     starts, c = pieces.padded(elapsed[:-1], c)
@@ -44,7 +44,8 @@ def from_piecewise(spline: Any) -> Pieces:
     x, c = _ppoly(spline)
     if c.ndim != 3 or c.shape[2] != 3:
         raise ValueError(
-            f"a spline of a route must have values of shape (3,), x, y and z in metres, but its have {c.shape[2:]}"
+            "a spline of a route must have values of shape (3,), x, y and z in metres, but their shape is "
+            f"{c.shape[2:]}"
         )
     if np.iscomplexobj(c):
         raise ValueError("a spline of a route must have real coefficients, but complex ones were given")
@@ -52,8 +53,8 @@ def from_piecewise(spline: Any) -> Pieces:
         c = c[1:]
     if len(c) > pieces.TERMS[-1]:
         raise ValueError(
-            f"a spline of a route may have degree {pieces.TERMS[-1] - 1} at most, but it has {len(c) - 1}. "
-            "Interpolate it by one of lower degree."
+            f"a spline of a route may have degree {pieces.TERMS[-1] - 1} at most, but it has degree {len(c) - 1}. "
+            "Interpolate it with a spline of lower degree."
         )
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(c))):
         raise ValueError("a spline of a route must have finite breakpoints and coefficients")
@@ -89,100 +90,98 @@ def from_path(path: Any, tolerance: ArrayInput) -> Pieces:
     """The segments of a route within `tolerance` [m] of a path with polynomials."""
     tolerance = real_scalar(tolerance, "the tolerance of a route")
     require_positive(tolerance, "the tolerance of a route", "m")
-    known = path.polynomials()
-    if known is None:
+    polynomials = path.polynomials()
+    if polynomials is None:
         raise ValueError(
             f"a path with polynomials, such as a SpiralHelix, was expected, but a {type(path).__name__} was given"
         )
     duration = np.asarray(concrete(path.duration), float)
     if duration.ndim:
-        raise ValueError("one path was expected, but many were given: convert them one by one")
-    moving = [np.atleast_1d(np.asarray(x, float)) for x in _moving(known)]
-    most, count = float(np.asarray(tolerance)), 1
+        raise ValueError("one path was expected, but a batch was given: convert its paths one by one")
+    moving = [np.atleast_1d(np.asarray(x, float)) for x in _moving(polynomials)]
+    max_distance, count = float(np.asarray(tolerance)), 1
     while True:
         edges = duration * np.linspace(0.0, 1.0, count + 1)
         states = _states_at(path, edges)
         rounding = 2.0**-44 * float(np.max(np.abs(states[:, 0])) + np.max(np.abs(states[:, 1])) * duration / count)
         bound = float(np.max(_deviations(moving, edges))) + rounding
-        if bound <= most:
+        if bound <= max_distance:
             break
-        if rounding > most or count == MOST:
+        if rounding > max_distance or count == MAX_SEGMENTS:
             raise ValueError(
-                f"this path comes to within {bound:.3g} m of a route of {count} segments, not to {most:.3g} m: "
-                "pass a larger tolerance"
+                f"this path is within {bound:.3g} m of a route of {count} segments, which exceeds the tolerance of "
+                f"{max_distance:.3g} m: pass a larger tolerance"
             )
-        count = min(2 * count, MOST)
+        count = min(2 * count, MAX_SEGMENTS)
     origin = states[0, 0].copy()
     states[:, 0] -= origin
     return edges[:-1], pieces.hermite(np.diff(edges), states), duration, origin
 
 
 def _states_at(path: Any, times: np.ndarray) -> np.ndarray:
-    """Position to jerk (n, 4, 3) at many times, of one executable whatever their number."""
-    import jax
-
+    """Position to jerk (n, 4, 3) at `times` (n,), padded so that all lengths share few executables."""
     rows = pieces.padded_size(len(times))
-    filled = np.pad(times, (0, rows - len(times)), mode="edge")
-    found = np.asarray(_rows(path, filled), float)[: len(times)]
-    return np.array(found) if jax.config.read("jax_enable_x64") else found.copy()
+    padded = np.pad(times, (0, rows - len(times)), mode="edge")
+    return np.array(_derivatives(path, padded), float)[: len(times)]
 
 
-def _rows(path: Any, times: np.ndarray) -> Array:
+def _derivatives(path: Any, times: np.ndarray) -> Array:
     import equinox as eqx
     import jax
 
     return eqx.filter_jit(jax.vmap(lambda t: path.derivatives(t, 3)))(as_float(times))
 
 
-def _moving(known: MovingPolynomials) -> tuple[Any, Any, Any, Any]:
-    return known.x, np.zeros(1) if known.y is None else known.y, known.z, known.angle
+def _moving(polynomials: MovingPolynomials) -> tuple[Any, Any, Any, Any]:
+    """x, y, z and the angle of the moving basis."""
+    y = np.zeros(1) if polynomials.y is None else polynomials.y
+    return polynomials.x, y, polynomials.z, polynomials.angle
 
 
 def _deviations(moving: list[np.ndarray], edges: np.ndarray) -> np.ndarray:
     """A bound on the deviation [m] of septic interpolants between `edges`, segment by segment.
 
-    The error of Hermite interpolation with m states at each end is at most h^2m/(2^2m (2m)!)·max |r^(2m)|. The
-    derivative is a polynomial in the moving basis, whose length on a segment is at most the length of the sums of its
-    coefficients' magnitudes about the middle of the segment.
+    The error of Hermite interpolation with m derivatives (from order 0) at each end is at most
+    h^2m/(2^2m (2m)!)·max |r^(2m)|. The components of r^(2m) in the moving basis are polynomials. On a segment each is
+    bounded by its Taylor expansion about the middle.
     """
     x, y, z, angle = moving
-    turning = power.polyder(angle)
+    rate = power.polyder(angle)
     for _ in range(8):
         x, y = (
-            power.polysub(power.polyder(x), power.polymul(turning, y)),
-            power.polyadd(power.polyder(y), power.polymul(turning, x)),
+            power.polysub(power.polyder(x), power.polymul(rate, y)),
+            power.polyadd(power.polyder(y), power.polymul(rate, x)),
         )
         z = power.polyder(z)
     middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
-    sizes = [_largest(c, middle, half) for c in (x, y, z)]
-    eighth = np.sqrt(sum(size**2 for size in sizes))
-    return SLACK * (2 * half) ** 8 / (2.0**8 * math.factorial(8)) * eighth
+    bounds = [_bound(c, middle, half) for c in (x, y, z)]
+    eighth = np.sqrt(sum(bound**2 for bound in bounds))
+    return ROUNDING_FACTOR * (2 * half) ** 8 / (2.0**8 * math.factorial(8)) * eighth
 
 
-def _largest(c: np.ndarray, middle: np.ndarray, half: np.ndarray) -> np.ndarray:
+def _bound(c: np.ndarray, middle: np.ndarray, half: np.ndarray) -> np.ndarray:
     """A bound on the magnitude of a polynomial on intervals."""
-    found, derived = np.zeros_like(middle), c
+    bound, derivative = np.zeros_like(middle), c
     for k in range(len(c)):
-        found = found + np.abs(power.polyval(middle, derived)) * half**k / math.factorial(k)
-        derived = power.polyder(derived)
+        bound = bound + np.abs(power.polyval(middle, derivative)) * half**k / math.factorial(k)
+        derivative = power.polyder(derivative)
     rounding = 64 * np.finfo(float).eps * power.polyval(np.abs(middle) + half, np.abs(c))
-    return found + rounding
+    return bound + rounding
 
 
 def _times(values: ArrayInput) -> Any:
     times = as_float(values)
     if times.ndim != 1 or times.shape[0] < 2:
         raise ValueError(
-            f"the times of a route must be a vector of at least 2, but an array of shape {times.shape} was given"
+            f"the times of a route must be a vector of at least two, but an array of shape {times.shape} was given"
         )
     require_finite(times, "the times of a route")
-    known = concrete(times)
-    late = np.flatnonzero(~(np.diff(known) > 0)) if known is not None else np.zeros(0)
-    if known is not None and late.size:
-        k = int(late[0]) + 1
+    numbers = concrete(times)
+    if numbers is not None and not np.all(np.diff(numbers) > 0):
+        k = int(np.argmin(np.diff(numbers) > 0)) + 1
         raise ValueError(
-            f"the times of a route must increase strictly, but joint {k} has {known[k]:.17g} s after "
-            f"{known[k - 1]:.17g} s"
+            f"the times of a route must increase strictly, but joint {k} is at {numbers[k]:.17g} s, after "
+            f"{numbers[k - 1]:.17g} s"
         )
     return times
 

@@ -1,4 +1,4 @@
-"""Arc length along a route, and the time at which a length is covered, by quadrature in each segment."""
+"""Arc length along a route and its inverse, by quadrature in each segment."""
 
 from typing import Any
 
@@ -13,13 +13,13 @@ from qtraj.foundation.types import Scalar, Vec3
 from qtraj.path import pieces
 
 NODES, PANELS = 12, 8
-"""Gauss–Legendre nodes of a panel, and panels of a segment."""
+"""Gauss–Legendre nodes per panel, and panels per segment."""
 
 STEPS = 60
-"""Bisections that find the time of a length: to round-off."""
+"""Bisection steps for the time at an arc length: enough for round-off."""
 
-_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(NODES)
-PLACES = ((np.arange(PANELS)[:, None] + (_POINTS + 1) / 2) / PANELS).ravel()
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(NODES)
+POINTS = ((np.arange(PANELS)[:, None] + (_NODES + 1) / 2) / PANELS).ravel()
 WEIGHTS = np.tile(_WEIGHTS / (2 * PANELS), PANELS)
 
 
@@ -39,40 +39,40 @@ def until(starts: Array, c: Array, duration: Scalar, t: Scalar) -> Scalar:
 
 @jax.jit
 def inverse(starts: Array, c: Array, duration: Scalar, s: Scalar) -> Scalar:
-    """The time at which the length `s` is covered; differentiable where the route moves."""
+    """The time at which the arc length is `s`; differentiable where the speed is not zero."""
     each = lengths(starts, c, duration)
-    covered = jnp.concatenate([jnp.zeros((1,), each.dtype), jnp.cumsum(each)])
-    i = jnp.clip(jnp.searchsorted(covered, s, side="left") - 1, 0, starts.shape[0] - 1)
+    before = jnp.concatenate([jnp.zeros((1,), each.dtype), jnp.cumsum(each)])
+    i = jnp.clip(jnp.searchsorted(before, s, side="left") - 1, 0, starts.shape[0] - 1)
     i = jnp.minimum(i, jnp.sum(jnp.isfinite(starts), dtype=i.dtype) - 1)
-    piece, h, rest = c[i], pieces.durations(starts, duration)[i], s - covered[i]
+    piece, h, rest = c[i], pieces.durations(starts, duration)[i], s - before[i]
     fixed = stop_gradient((piece, h, rest))
 
     def halve(_: Any, bounds: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
         low, high = bounds
         middle = 0.5 * (low + high)
-        short = _length(fixed[0], middle) < fixed[2]
-        return jnp.where(short, middle, low), jnp.where(short, high, middle)
+        is_low = _length(fixed[0], middle) < fixed[2]
+        return jnp.where(is_low, middle, low), jnp.where(is_low, high, middle)
 
-    _, found = jax.lax.fori_loop(0, STEPS, halve, (jnp.zeros_like(fixed[1]), fixed[1]))
-    found = jnp.where(fixed[2] <= 0, 0.0, found)
-    # The value is known; a step of Newton's method that does not move it has the derivatives.
-    speed = _speed(fixed[0], found)
-    inside = (fixed[2] > 0) & (found < fixed[1]) & (speed > 0)
-    missing = _length(piece, found) - rest
-    change = jnp.where(inside, (missing - stop_gradient(missing)) / jnp.where(inside, speed, 1.0), 0.0)
-    return starts[i] + found - change
+    _, time = jax.lax.fori_loop(0, STEPS, halve, (jnp.zeros_like(fixed[1]), fixed[1]))
+    time = jnp.where(fixed[2] <= 0, 0.0, time)
+    # Bisection has no derivatives: a Newton step of value zero supplies them.
+    speed = _speed(fixed[0], time)
+    inside = (fixed[2] > 0) & (time < fixed[1]) & (speed > 0)
+    error = _length(piece, time) - rest
+    change = jnp.where(inside, (error - stop_gradient(error)) / jnp.where(inside, speed, 1.0), 0.0)
+    return starts[i] + time - change
 
 
 @jax.jit
 def lengths(starts: Array, c: Array, duration: Scalar) -> Float[Array, " rows"]:
-    """The length of each segment [m]; zero for those of the padding."""
+    """The length of each segment [m]; zero for padding."""
     return jax.vmap(_length)(c, pieces.durations(starts, duration))
 
 
 def _length(c: Float[Array, "terms 3"], h: Scalar) -> Scalar:
     """The length of a segment from its start to the local time `h`."""
-    places, weights = (jnp.asarray(x, h.dtype) for x in (PLACES, WEIGHTS))
-    return h * (weights @ jax.vmap(lambda x: _speed(c, h * x))(places))
+    points, weights = (jnp.asarray(x, h.dtype) for x in (POINTS, WEIGHTS))
+    return h * (weights @ jax.vmap(lambda x: _speed(c, h * x))(points))
 
 
 def _speed(c: Float[Array, "terms 3"], s: Scalar) -> Scalar:

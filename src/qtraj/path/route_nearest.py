@@ -1,4 +1,4 @@
-"""The point of a route that is nearest to a given one."""
+"""The point of a route nearest to a given point."""
 
 from typing import Any, NamedTuple
 
@@ -14,13 +14,14 @@ from qtraj.foundation.types import Scalar, Vec3
 from qtraj.path import pieces
 
 PARTS = 16
-"""Parts of a segment, in the best of which the nearest point is sought."""
+"""Intervals between the samples of a segment; the search refines the nearest sample."""
 
 STEPS = 8
+"""Newton steps."""
 
 
 class Nearest(NamedTuple):
-    """Where a route is nearest to a point: the `time` [s], the `position` (3,) there and the `distance` [m]."""
+    """The point of a route nearest to a given one: its `time` [s], `position` (3,) [m] and `distance` [m]."""
 
     time: Scalar
     position: Vec3
@@ -32,31 +33,32 @@ class Nearest(NamedTuple):
 
 @jax.jit
 def nearest(starts: Array, c: Array, duration: Scalar, point: Vec3) -> Nearest:
-    """The nearest point of a route; both about the route's origin."""
+    """The nearest point of a route; `point` and the result are relative to the route's origin."""
     fixed, target = stop_gradient((c, point))
     h = stop_gradient(pieces.durations(starts, duration))
     u = jnp.asarray(np.linspace(0.0, 1.0, PARTS + 1), c.dtype)
-    s = h[:, None] * u[None]  # (segments, places)
+    s = h[:, None] * u[None]  # (segments, samples)
     spread = jnp.broadcast_to(fixed[:, None], (*s.shape, *fixed.shape[1:]))
     offset = pieces.values(spread, s, 0)[0] - target[None, None]
     best = jnp.argmin(jnp.sum(offset**2, axis=-1), axis=1)
     middle = jnp.take_along_axis(s, best[:, None], axis=1)[:, 0]
     low, high = jnp.maximum(middle - h / PARTS, 0.0), jnp.minimum(middle + h / PARTS, h)
 
-    def improve(_: Any, s: Array) -> Array:
+    def newton(_: Any, s: Array) -> Array:
         r, v, a = pieces.values(fixed, s, 2)
-        away = r - target[None]
-        slope, bend = jnp.sum(away * v, axis=-1), jnp.sum(v * v + away * a, axis=-1)
-        step = jnp.where(bend > 0, -slope / jnp.where(bend > 0, bend, 1.0), -jnp.sign(slope) * h / PARTS)
+        offset = r - target[None]
+        gradient, hessian = jnp.sum(offset * v, axis=-1), jnp.sum(v * v + offset * a, axis=-1)
+        convex = hessian > 0
+        step = jnp.where(convex, -gradient / jnp.where(convex, hessian, 1.0), -jnp.sign(gradient) * h / PARTS)
         return jnp.clip(s + step, low, high)
 
-    refined = jax.lax.fori_loop(0, STEPS, improve, middle)
-    places = jnp.stack([middle, refined])
+    refined = jax.lax.fori_loop(0, STEPS, newton, middle)
+    times = jnp.stack([middle, refined])
     both = jnp.broadcast_to(fixed[None], (2, *fixed.shape))
-    squares = jnp.sum((pieces.values(both, places, 0)[0] - target[None, None]) ** 2, axis=-1)
+    squares = jnp.sum((pieces.values(both, times, 0)[0] - target[None, None]) ** 2, axis=-1)
     squares = jnp.where(jnp.isfinite(starts)[None], squares, jnp.inf)
-    at = jnp.argmin(squares)
-    row = at % starts.shape[0]
-    s = places.reshape(-1)[at]
+    best = jnp.argmin(squares)
+    row = best % starts.shape[0]
+    s = times.reshape(-1)[best]
     position = pieces.values(c[row], s, 0)[0]
     return Nearest(starts[row] + s, position, norm(position - point))

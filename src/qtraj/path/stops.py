@@ -1,4 +1,4 @@
-"""Where a route stands: the intervals in which its speed is below a threshold."""
+"""Stops of a route: the intervals in which its speed is at most a threshold."""
 
 from typing import NamedTuple
 
@@ -8,25 +8,25 @@ from jaxtyping import Float
 from qtraj.path import pieces
 
 SAMPLES = 33
-"""Instants of a segment at which its speed is looked at."""
+"""Instants of each segment at which the speed is sampled."""
 
 HALVINGS = 52
-"""Bisections that place the ends of an interval, and steps of the search for the lowest speed between two instants."""
+"""Bisection steps for the ends of an interval, and golden-section steps for the lowest speed between two samples."""
 
 GOLDEN = (5**0.5 - 1) / 2
 
 
 class Segments(NamedTuple):
-    """The known segments of a route: starts (n,) [s], coefficients (n, terms, 3) and durations (n,) [s]."""
+    """The unpadded segments of a route: starts (n,) [s], coefficients (n, terms, 3) and durations (n,) [s]."""
 
     starts: Float[np.ndarray, " n"]
     coefficients: Float[np.ndarray, "n terms 3"]
     durations: Float[np.ndarray, " n"]
 
     def rows(self, t: np.ndarray, order: int, side: str = "right") -> list[np.ndarray]:
-        """Value and derivatives, each (m, 3), at times (m,); `side` says which segment counts at a joint."""
-        place = np.searchsorted(self.starts, t, side=side) - 1  # type: ignore[call-overload]
-        i = np.clip(place, 0, len(self.starts) - 1)
+        """Value and derivatives, each (m, 3), at times (m,); `side` selects the segment at a joint."""
+        i = np.searchsorted(self.starts, t, side=side) - 1  # type: ignore[call-overload]
+        i = np.clip(i, 0, len(self.starts) - 1)
         return pieces.values(self.coefficients[i], t - self.starts[i], order)
 
     def speed_sq(self, t: np.ndarray) -> np.ndarray:
@@ -42,7 +42,8 @@ def fastest(segments: Segments) -> float:
 def stops(segments: Segments, threshold: float) -> list[tuple[float, float]]:
     """The intervals (start, end) [s] in which the speed is at most `threshold` [m/s], in order.
 
-    Sought between 33 instants of every segment, and wherever the velocity turns by a right angle or more between two.
+    The speed is sampled at 33 instants of every segment, and its minimum is located where the velocity changes its
+    direction by 90° or more between two samples.
     """
     t = _samples(segments)
     v = segments.rows(t, 1)[1]
@@ -56,24 +57,24 @@ def stops(segments: Segments, threshold: float) -> list[tuple[float, float]]:
     edges = np.flatnonzero(below[1:] != below[:-1])
     crossings = _crossings(segments, t[edges], t[edges + 1], below[edges], threshold)
     ends = [*([t[0]] if below[0] else []), *crossings, *([t[-1]] if below[-1] else [])]
-    found: list[tuple[float, float]] = []
+    intervals: list[tuple[float, float]] = []
     for start, end in zip(ends[::2], ends[1::2], strict=True):
-        if found and start <= found[-1][1]:
-            found[-1] = (found[-1][0], float(end))
+        if intervals and start <= intervals[-1][1]:
+            intervals[-1] = (intervals[-1][0], float(end))
         else:
-            found.append((float(start), float(end)))
-    return found
+            intervals.append((float(start), float(end)))
+    return intervals
 
 
 def _samples(segments: Segments) -> np.ndarray:
-    """The instants at which the speed is looked at: inside every segment and at all joints, each once."""
+    """The sampled instants: in every segment, and at each joint once."""
     u = np.linspace(0.0, 1.0, SAMPLES)[:-1]
     end = segments.starts[-1:] + segments.durations[-1:]
     return np.concatenate([(segments.starts[:, None] + segments.durations[:, None] * u).ravel(), end])
 
 
 def _lowest(segments: Segments, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Where the speed is lowest between two instants, by golden section."""
+    """The instants of the lowest speed between two samples, by golden section."""
     for _ in range(HALVINGS):
         a, b = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
         left = segments.speed_sq(a) < segments.speed_sq(b)
@@ -84,7 +85,7 @@ def _lowest(segments: Segments, low: np.ndarray, high: np.ndarray) -> np.ndarray
 def _crossings(
     segments: Segments, low: np.ndarray, high: np.ndarray, below: np.ndarray, threshold: float
 ) -> np.ndarray:
-    """Where the speed crosses the threshold between two instants; `below` says on which side it starts."""
+    """The instants at which the speed crosses the threshold between two samples; `below`: whether it starts below."""
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         same = (segments.speed_sq(middle) <= threshold**2) == below

@@ -120,7 +120,7 @@ class AbstractFrame(eqx.Module):
 def trihedral(
     path: "AbstractHodograph", t: ScalarLike, frame: "AbstractFrame | None" = None, axes: str = BODY
 ) -> "Trihedral":
-    """The trihedral of `path` at one instant `t` [s]: natural, for a route upright, or of another `frame`.
+    """The trihedral of `path` at one instant `t` [s]: of `frame`, by default upright for a route, else natural.
 
     `axes` are those of its rate and acceleration: "body", the trihedral's own, or "inertial", the world's.
 

@@ -1,7 +1,7 @@
-"""Layer 6: scenarios, what a command is to do, as TOML files. This module is the registry of their kinds.
+"""Layer 6: scenarios, the TOML files that commands read. This module is the registry of their kinds.
 
-A kind is a model of the keys, in a module that also says what comes of them; both are imported when they are needed.
-The commands take their help from the kinds, docs/scenarios.py the page of all keys.
+A kind has a model of its keys, in a module that also builds the task of the command and is imported when needed. The
+help of the commands, and the page that docs/scenarios.py writes, come from the kinds.
 """
 
 import importlib
@@ -11,14 +11,14 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 DATA = Path(__file__).parents[1] / "io" / "data"
-"""Where the embedded scenarios lie."""
+"""The folder of the embedded scenarios."""
 
 
 class Kind(NamedTuple):
     """A kind of scenario: the commands that read it, what it describes, its embedded file in `DATA`.
 
-    Its model and its builder are in the module `home`, under these names. `renamed`: old keys, with dots, that are
-    still read until 1.0, and their new names.
+    Its model and its builder are in the module `home`, under the names `model_name` and `builder_name`. `renamed`: old
+    keys, with dots, that are still read until 1.0, and their new names.
     """
 
     commands: tuple[str, ...]
@@ -31,27 +31,31 @@ class Kind(NamedTuple):
 
     @property
     def title(self) -> str:
-        """The commands as a text."""
+        """The commands in words."""
         return " and ".join(f"`qtraj {command}`" for command in self.commands)
 
     @property
     def embedded(self) -> Path:
-        """The scenario that runs where none is named."""
+        """The scenario that runs if no file is given."""
         return DATA / self.file
 
     @property
     def model(self) -> Any:
-        """The class of its keys, a `part.Part`."""
-        return getattr(importlib.import_module(f"{__name__}.{self.home}"), self.model_name)
+        """The model of its keys, a subclass of `part.Part`."""
+        return self._named(self.model_name)
 
     @property
     def build(self) -> Callable[..., Any]:
-        """What makes the task of the command from a `reader.ScenarioFile`."""
-        return getattr(importlib.import_module(f"{__name__}.{self.home}"), self.builder_name)
+        """The function that makes the task of a command from a `reader.ScenarioFile`."""
+        return self._named(self.builder_name)
+
+    def _named(self, name: str) -> Any:
+        return getattr(importlib.import_module(f"{__name__}.{self.home}"), name)
 
 
 KINDS = {
     "path": Kind(("tune", "evaluate"), "a path and its limits", "default.toml", "path", "PathScenario", "lay"),
+    "route": Kind(("route",), "a recorded drive", "route.toml", "route", "RouteScenario", "fit_recording"),
     "slew": Kind(("slew",), "a slew", "slew.toml", "slew", "SlewScenario", "slew_program"),
     "loop": Kind(
         ("simulate",),

@@ -1,6 +1,6 @@
 """Scenarios of `qtraj simulate`: their keys, and the closed loop that they describe."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import jax.numpy as jnp
@@ -24,14 +24,7 @@ from qtraj.path.frame_axes import MINIMIZING, NATURAL, THRUST_ALIGNED, UPRIGHT
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.thrust_aligned import ThrustAligned
 from qtraj.path.trihedral import AbstractFrame, Natural, Upright
-from qtraj.scenario.loop_parts import (
-    BASELINES,
-    ActuatorPart,
-    DisturbancePart,
-    ErrorPart,
-    FeedbackPart,
-    SensorPart,
-)
+from qtraj.scenario.loop_parts import BASELINES, ActuatorPart, DisturbancePart, ErrorPart, FeedbackPart, SensorPart
 from qtraj.scenario.part import (
     ANGLES,
     SECONDS,
@@ -51,16 +44,16 @@ from qtraj.scenario.reader import ScenarioFile, read_scenario
 from qtraj.scenario.slew import SlewPart
 
 FRAMES = {UPRIGHT: Upright, NATURAL: Natural, MINIMIZING: RotationMinimizing, THRUST_ALIGNED: ThrustAligned}
-MOST_SAMPLES = 100_000
+MAX_SAMPLES = 100_000
 SOURCES = "[program.slew], path = 'a path scenario or a saved path', or file = 'a saved program'"
 LONGER = 1e-9
-"""Relative: a duration so much longer than the program is that of the program, written with fewer digits."""
+"""Relative: a duration that exceeds the program's by less is the same duration, written with fewer digits."""
 
 
 class ProgramPart(Part):
-    """What the attitude shall be: a slew, the frame of a path, or a saved program."""
+    """The attitude program: a slew, the frame of a path, or a saved program."""
 
-    slew: SlewPart | None = key("a slew within limits, all of which it must keep", "a table [program.slew]", None)
+    slew: SlewPart | None = key("a slew that meets all its limits", "a table [program.slew]", None)
     path: Text | None = key(
         "a path whose frame is the program",
         "the name of a path scenario or a saved path, relative to the scenario",
@@ -92,8 +85,8 @@ class ProgramPart(Part):
     def _one(self) -> "ProgramPart":
         sources = self.given("slew", "path", "file")
         if len(sources) != 1:
-            found = f"there are several programs ({', '.join(sources)})" if sources else "there is no program"
-            raise ValueError(f"{found}: give one of {SOURCES}")
+            problem = f"there are several programs ({', '.join(sources)})" if sources else "there is no program"
+            raise ValueError(f"{problem}: give one of {SOURCES}")
         if self.path is None and (extra := self.given("frame", "up", "heading")):
             raise ValueError(f"the key '{extra[0]}' belongs to a path, and there is none")
         if self.up is not None and ((self.frame or "upright") != "upright" or not any(self.up)):
@@ -103,7 +96,7 @@ class ProgramPart(Part):
         return self
 
     def describe(self, program: AbstractProgram) -> str:
-        """What the program is, in words."""
+        """The program in words."""
         if self.path is not None:
             return f"{name_of(program.frame if isinstance(program, FrameProgram) else Upright())} frame of {self.path}"
         if self.file is not None:
@@ -111,7 +104,7 @@ class ProgramPart(Part):
         return "sequence of slews" if isinstance(program, SlewSequence) else "slew"
 
     def along(self, path: SpiralHelix, chosen: str | None, angles: str) -> FrameProgram:
-        """The frame of a path as a program; the frame that is `chosen` goes before the scenario's."""
+        """The frame of a path as a program; a `chosen` frame replaces that of the scenario."""
         name = (chosen or self.frame or UPRIGHT).replace("_", "-")
         frame: Frame = FRAMES[name]()
         if name == THRUST_ALIGNED and self.heading is not None:
@@ -131,17 +124,17 @@ class SimulationPart(Part):
     """Times and tolerances."""
 
     duration: Positive | None = key(
-        "time simulated; that of the program if left out, and longer only where the program comes to rest",
+        "simulated time; default: the duration of the program; longer only if the program ends at rest",
         SECONDS,
         None,
     )
-    samples: Annotated[int, Field(ge=2, le=MOST_SAMPLES)] = key(
-        "instants of the table; --samples goes before it",
-        f"a whole number from 2 to {MOST_SAMPLES}, the instants of the table",
+    samples: Annotated[int, Field(ge=2, le=MAX_SAMPLES)] = key(
+        "number of instants in the table; the option --samples overrides it",
+        f"a whole number from 2 to {MAX_SAMPLES}, the instants of the table",
         601,
     )
     settled: Positive | None = key(
-        "error within which the loop has settled; 1° if left out",
+        "angle of the error within which the loop has settled; default: 1°",
         "a positive finite angle, within which it has settled",
         None,
     )
@@ -154,15 +147,15 @@ class SimulationPart(Part):
 
 
 class LoopScenario(NamedPart):
-    """A body that a feedback law makes follow a program, with what disturbs, measures and acts."""
+    """A body that follows a program under a feedback law, with disturbance, sensor and actuator."""
 
     angles: Angles = key("the unit of angles", ANGLES)
-    program: ProgramPart = key("what the attitude shall be", "a table [program]")
+    program: ProgramPart = key("the attitude program", "a table [program]")
     law: FeedbackPart = key("the feedback", "a table [law]")
-    error: ErrorPart = key("how the body starts", "a table [error]", ErrorPart())
-    disturbance: DisturbancePart | None = key("what acts besides the command", "a table [disturbance]", None)
-    sensor: SensorPart | None = key("what the computer knows of the body; all if left out", "a table [sensor]", None)
-    actuator: ActuatorPart | None = key("what the body gets of a command; all if left out", "a table [actuator]", None)
+    error: ErrorPart = key("the initial error of the body", "a table [error]", ErrorPart())
+    disturbance: DisturbancePart | None = key("an external disturbance", "a table [disturbance]", None)
+    sensor: SensorPart | None = key("the sensor; default: exact and continuous", "a table [sensor]", None)
+    actuator: ActuatorPart | None = key("the actuator; default: no limit, continuous", "a table [actuator]", None)
     simulation: SimulationPart = key("times and tolerances", "a table [simulation]", SimulationPart())
 
     @model_validator(mode="after")
@@ -190,9 +183,10 @@ class LoopScenario(NamedPart):
 
 @dataclass(frozen=True)
 class LoopTask:
-    """A closed loop that is ready to run: the arguments of `qtraj.simulate`.
+    """A closed loop: the arguments of `qtraj.simulate`.
 
-    `times` (n,) [s] are the instants of the table; `renewals` [s] those of new commands, None for a continuous loop.
+    `times` (n,) [s] are the instants of the table; `renewals` [s] the instants of new commands, None for a continuous
+    command.
     """
 
     program: AbstractProgram
@@ -213,65 +207,54 @@ class LoopTask:
         return np.unique(self.program.switches) if isinstance(self.program, EulerTurn | SlewSequence) else None
 
 
-def prepare(given: ScenarioFile[LoopScenario], samples: int | None = None, frame: str | None = None) -> LoopTask:
-    """The closed loop of a scenario; `samples` and `frame` go before those that the scenario asks for.
+def prepare(loaded: ScenarioFile[LoopScenario], samples: int | None = None, frame: str | None = None) -> LoopTask:
+    """The closed loop of a scenario; `samples` and `frame` replace those of the scenario.
 
-    **Raises:** OSError for a file that cannot be read; ValueError for data that make no loop.
+    **Raises:** OSError for a file that cannot be read; ValueError for invalid data.
     """
-    scenario = given.scenario
+    scenario = loaded.scenario
     scale = radians(scenario.angles)
-    program = _program(given, frame)
+    program = _program(loaded, frame)
     times = _times(scenario, program, samples)
     with naming("[law]: "):
         law = scenario.law.law()
     quaternion, rate = scenario.error.state(scenario.angles, program(jnp.asarray(0.0)), law)
-    task = LoopTask(
-        program=program,
-        law=law,
-        quaternion=quaternion,
-        rate=rate,
-        times=times,
-        disturbance=None if scenario.disturbance is None else scenario.disturbance.disturbance(scale),
-        sensor=None if scenario.sensor is None else scenario.sensor.sensor(scale),
-        actuator=None if scenario.actuator is None else scenario.actuator.actuator(scale),
-        rtol=scenario.simulation.rtol,
-        atol=scenario.simulation.atol,
-    )
+    disturbance = scenario.disturbance and scenario.disturbance.disturbance(scale)
+    sensor = scenario.sensor and scenario.sensor.sensor(scale)
+    actuator = scenario.actuator and scenario.actuator.actuator(scale)
     sampled = scenario.sensor is not None and scenario.sensor.sampling is not None
     with naming(f"the key '{'sensor' if sampled else 'actuator'}.sampling': "):
-        loop = Loop(program, law, task.disturbance, task.sensor, task.actuator or Actuator())
-        renewals = renewal_instants(loop, jnp.asarray(times))
-    return replace(task, renewals=None if renewals is None else np.asarray(renewals))
+        instants = renewal_instants(Loop(program, law, disturbance, sensor, actuator or Actuator()), jnp.asarray(times))
+    renewals = None if instants is None else np.asarray(instants)
+    tolerances = (scenario.simulation.rtol, scenario.simulation.atol)
+    return LoopTask(program, law, quaternion, rate, times, disturbance, sensor, actuator, *tolerances, renewals)
 
 
-def _program(given: ScenarioFile[LoopScenario], frame: str | None) -> AbstractProgram:
-    part, angles = given.scenario.program, given.scenario.angles
+def _program(loaded: ScenarioFile[LoopScenario], frame: str | None) -> AbstractProgram:
+    part, angles = loaded.scenario.program, loaded.scenario.angles
     if frame is not None and part.path is None:
         raise ValueError(f"--frame {frame} belongs to a program along a path, [program] path, and there is none")
     if part.slew is not None:
         with naming("in [program.slew], "):
             return part.slew.program(angles, strict=True)
     if part.path is None:
-        return saved_program(given.beside(str(part.file)))
-    file = given.beside(part.path)
+        return saved_program(loaded.beside(str(part.file)))
+    file = loaded.beside(part.path)
     return part.along(saved_path(file) if is_saved(file) else lay(read_scenario(file, "path")).path, frame, angles)
 
 
 def _times(scenario: LoopScenario, program: AbstractProgram, samples: int | None) -> np.ndarray:
-    own = float(program.duration)
-    duration = scenario.simulation.duration
-    if duration is None:
-        if own <= 0:
-            raise ValueError("the program takes no time: give simulation.duration [s]")
-        duration = own
+    """The instants of the table; beyond its end a program is followed only if it rests there."""
+    end = float(program.duration)
+    duration = scenario.simulation.duration or end
+    if duration <= 0:
+        raise ValueError("the program takes no time: give simulation.duration [s]")
     moving = isinstance(program, EulerTurn) and float(program.profile.end_rate) != 0
-    if duration > own and (
-        moving or not isinstance(program, EulerTurn | SlewSequence)
-    ):  # which does not rest at its end
-        if duration > own * (1 + LONGER):
-            raise ValueError(
-                f"the key 'simulation.duration' holds {duration:.15g}, but expected no more than {own:.15g} s: this "
-                f"program ends there{', still turning' if moving else ''}"
-            )
-        duration = own
+    rests = isinstance(program, EulerTurn | SlewSequence) and not moving
+    if duration > end * (1 + LONGER) and not rests:
+        raise ValueError(
+            f"the key 'simulation.duration' holds {duration:.15g}, but expected no more than {end:.15g} s: this "
+            f"program ends there{', still turning' if moving else ''}"
+        )
+    duration = duration if rests else min(duration, end)
     return np.linspace(0.0, duration, scenario.simulation.samples if samples is None else samples)

@@ -1,4 +1,4 @@
-"""Tables of a closed loop: the law with its gains, how the body starts, what disturbs, measures and acts."""
+"""Tables of a closed loop: the law with its gains, the initial error, disturbance, sensor and actuator."""
 
 from typing import Annotated, Any, Literal
 
@@ -52,7 +52,7 @@ AXIS_LIMIT = "a positive finite number, or three of them with saturation = 'axis
 
 
 def _gain(value: Any) -> Any:
-    """A positive number, a row of numbers, or as many rows of as many numbers, stable or not."""
+    """A positive number, a list of numbers for a diagonal, or a square matrix; stability is not required."""
     rows = value if isinstance(value, list) else [value]
     square = all(isinstance(row, list) and len(row) == len(rows) for row in rows)
     entries = [entry for row in rows for entry in row] if square else rows
@@ -63,7 +63,7 @@ def _gain(value: Any) -> Any:
 
 
 def _numbers(value: Any, *sizes: int) -> list[Any]:
-    """A number, or rows of three, or as many numbers, in one list; an error for anything else."""
+    """A number, a list of one of these `sizes`, or rows of three, as one flat list; an error for anything else."""
     flat = value if isinstance(value, list) else [value]
     if flat and all(isinstance(row, list) and len(row) == 3 for row in flat):
         flat = [entry for row in flat for entry in row]
@@ -97,9 +97,9 @@ class WeightsPart(Part):
 class FeedbackPart(Part):
     """The feedback law and its gains, in one of several forms.
 
-    Of 'body', 'inertial' and 'additive' the error x obeys ẍ + k1ẋ + k2x = 0, of 'rate' ẋ + kx = 0; 'quaternion',
-    'geometric' and 'logarithmic' are established baselines. Gains: k1 and k2, or settling_time, or damping and
-    frequency, or [law.weights]; of 'rate' k or settling_time.
+    With 'body', 'inertial' and 'additive' the error x satisfies ẍ + k1ẋ + k2x = 0, with 'rate' ẋ + kx = 0. The laws
+    'quaternion', 'geometric' and 'logarithmic' are established baselines. The gains: k1 and k2, settling_time,
+    damping and frequency, or [law.weights]; for 'rate' k or settling_time.
     """
 
     kind: Literal["body", "inertial", "additive", "rate", "quaternion", "geometric", "logarithmic"] = key(
@@ -108,9 +108,11 @@ class FeedbackPart(Part):
     k1: Gain | None = key("gain on the rate of the error", f"{GAIN} [1/s]", None)
     k2: Gain | None = key("gain on the error", f"{GAIN} [1/s²]", None)
     k: Gain | None = key("gain of the rate law", f"{GAIN} [1/s]", None)
-    settling_time: Positive | None = key("critically damped: the time to 'residual'", SECONDS, None)
+    settling_time: Positive | None = key(
+        "settling time of a critically damped error, to the fraction 'residual'", SECONDS, None
+    )
     residual: Annotated[float, Field(gt=0, lt=1)] = key(
-        "part of the error left at settling_time", "a number between 0 and 1", 0.02
+        "fraction of the error at settling_time", "a number between 0 and 1", 0.02
     )
     damping: Positive | None = key("damping ratio", "a positive finite number, the damping ratio", None)
     frequency: Positive | None = key("natural frequency", "a positive finite number [1/s], undamped", None)
@@ -119,14 +121,14 @@ class FeedbackPart(Part):
     @model_validator(mode="after")
     def _one_form(self) -> "FeedbackPart":
         for a, b in (("k1", "k2"), ("damping", "frequency")):
-            if len(found := self.given(a, b)) == 1:
-                missing = b if found == [a] else a
+            if len(set_keys := self.given(a, b)) == 1:
+                missing = b if set_keys == [a] else a
                 raise ValueError(f"the key '{missing}' is missing: {a} and {b} belong together")
         forms = self.given(*GAINS)
         ways = "k or settling_time" if self.kind == "rate" else WAYS
         if len(forms) != 1:
-            found = f"there are several gains ({', '.join(forms)})" if forms else "there are no gains"
-            raise ValueError(f"{found}: give one of {ways}")
+            problem = f"there are several gains ({', '.join(forms)})" if forms else "there are no gains"
+            raise ValueError(f"{problem}: give one of {ways}")
         allowed = ("k", "settling_time") if self.kind == "rate" else ("k1", "settling_time", "damping", "weights")
         if forms[0] not in allowed:
             raise ValueError(f"the key '{forms[0]}' does not suit the kind '{self.kind}': give {ways}")
@@ -166,25 +168,25 @@ class FeedbackPart(Part):
 
 
 class ErrorPart(AttitudePart):
-    """How the body starts against the program, λ = λ⁰∘μ, in body axes; without an attitude on the program."""
+    """The initial error of the body, λ = λ⁰∘μ, in body axes; without an attitude the error is zero."""
 
     rate: Vector = key(
-        "the body's rate less the program's", f"{THREE}, angle per s: the body's less the program's", [0.0, 0.0, 0.0]
+        "the body's rate minus the program's", f"{THREE}, angle per s: the body's minus the program's", [0.0, 0.0, 0.0]
     )
     sign: Literal["auto", "near", "far"] = key(
-        "which of λ and −λ, two errors of one attitude: the better one, that with μ0 ≥ 0, or the other; not for the "
-        "baselines, which take both alike, and not 'far' with gauge = 'gibbs'",
+        "sign of λ, since λ and −λ are one attitude: the better one, the one with μ0 ≥ 0, or the other; not for the "
+        "baselines, which do not distinguish them, and not 'far' with gauge = 'gibbs'",
         "'auto', 'near' or 'far'",
         "auto",
     )
     gauge: Literal["unit", "gibbs"] = key(
-        "|λ| and ω0: 1 and 0, or such that the Gibbs vector of the error obeys the law's linear equation",
+        "|λ| and ω0: 1 and 0, or values for which the Gibbs vector of the error satisfies the law's linear equation",
         "'unit' or 'gibbs'",
         "unit",
     )
 
     def state(self, angles: str, start: Attitude, law: AbstractLaw) -> tuple[Quat, Quat]:
-        """λ and ω at the start."""
+        """The initial λ and ω."""
         mu = self.unit_quaternion(angles)
         mu = jnp.asarray([1.0, 0.0, 0.0, 0.0]) if mu is None else mu
         if self.gauge == "gibbs" and abs(float(mu[0])) < HALF_TURN:
@@ -193,7 +195,7 @@ class ErrorPart(AttitudePart):
 
 
 class DisturbancePart(Part):
-    """An acceleration or a torque in body axes, constant, or sin(2πt/period + phase) times it."""
+    """An acceleration or a torque in body axes, constant or multiplied by sin(2πt/period + phase)."""
 
     acceleration: Vector | None = key("angular acceleration", f"{THREE}, angle per s²", None)
     torque: Vector | None = key("torque, with inertia", f"{THREE} [N m]", None)
@@ -212,7 +214,7 @@ class DisturbancePart(Part):
         return self
 
     def disturbance(self, scale: float) -> AbstractDisturbance:
-        """What acts on the body; `scale` turns angles into radians."""
+        """The disturbance; `scale` converts angles to radians."""
         amplitude = self.torque if self.acceleration is None else [scale * x for x in self.acceleration]
         function: Any = jnp.asarray(amplitude, float)
         if self.period is not None:
@@ -224,23 +226,21 @@ class DisturbancePart(Part):
 
 
 class SensorPart(Part):
-    """What measures attitude and rate, or gyros alone, with which the on-board computer propagates λ."""
+    """A sensor of attitude and rate, or gyros with which the on-board computer propagates λ."""
 
-    kind: Literal["state", "gyros"] = key("what it is", "'state' or 'gyros'", "state")
-    sampling: Positive | None = key("sampling period; continuous without", SECONDS, None)
+    kind: Literal["state", "gyros"] = key("the kind of sensor", "'state' or 'gyros'", "state")
+    sampling: Positive | None = key("sampling period; default: continuous", SECONDS, None)
     rate_bias: Vector = key("bias of the rate", f"{THREE}, angle per s", [0.0, 0.0, 0.0])
     rate_noise: NotNegative = key(
         "standard deviation of the rate", "a finite number, not negative, angle per s and sample", 0.0
     )
     attitude_bias: Vector = key(
-        "bias of the attitude", f"{THREE}, angles: of gyros, at the start alone", [0.0, 0.0, 0.0]
+        "bias of the attitude", f"{THREE}, angles: of gyros, only at the start", [0.0, 0.0, 0.0]
     )
     attitude_noise: NotNegative = key(
-        "standard deviation of the attitude, of no gyros", "a finite angle, not negative, per sample", 0.0
+        "standard deviation of the attitude; not for gyros", "a finite angle, not negative, per sample", 0.0
     )
-    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = key(
-        "of the noise, which it determines", "a whole number from 0 to 2⁶³ − 1", 0
-    )
+    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = key("seed of the noise", "a whole number from 0 to 2⁶³ − 1", 0)
 
     @model_validator(mode="after")
     def _sampled(self) -> "SensorPart":
@@ -251,7 +251,7 @@ class SensorPart(Part):
         return self
 
     def sensor(self, scale: float) -> AbstractSensor:
-        """The sensor; `scale` turns angles into radians."""
+        """The sensor; `scale` converts angles to radians."""
         rate_bias, attitude_bias = (scale * np.array(bias) for bias in (self.rate_bias, self.attitude_bias))
         rate_noise, attitude_noise = scale * self.rate_noise, scale * self.attitude_noise
         random = jax.random.key(self.seed) if rate_noise or attitude_noise else None
@@ -261,13 +261,11 @@ class SensorPart(Part):
 
 
 class ActuatorPart(Part):
-    """Limit of the physical command, and how long a command is held."""
+    """The limit of the physical command, and its sampling."""
 
     limit: Annotated[Any, PlainValidator(_limit)] | None = key("limit of the command", AXIS_LIMIT, None)
-    saturation: Literal["norm", "axis"] = key(
-        "whether the length or each component is limited", "'norm' or 'axis'", "norm"
-    )
-    sampling: Positive | None = key("how long a command is held; continuous without", SECONDS, None)
+    saturation: Literal["norm", "axis"] = key("limit of the length or of each component", "'norm' or 'axis'", "norm")
+    sampling: Positive | None = key("sampling period of the command; default: continuous", SECONDS, None)
 
     @model_validator(mode="after")
     def _per_axis(self) -> "ActuatorPart":
@@ -276,6 +274,6 @@ class ActuatorPart(Part):
         return self
 
     def actuator(self, scale: float) -> Actuator:
-        """The actuator; `scale` turns angles into radians."""
+        """The actuator; `scale` converts angles to radians."""
         limit = None if self.limit is None else scale * np.asarray(self.limit, float)
         return Actuator(limit, self.saturation, self.sampling)

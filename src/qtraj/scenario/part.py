@@ -1,7 +1,7 @@
-"""What the keys of all scenario files are made of: kinds of values, and attitudes.
+"""Types of the keys of scenario files, and attitudes.
 
-The `title` of a key says what it means. Its `description` says what it may hold and completes the sentence
-"expected …", which is a message when the value is another. docs/scenarios.md is made of both.
+The `title` of a key is its meaning. Its `description` states the valid values and completes "expected …" in error
+messages. docs/scenarios.md contains both.
 """
 
 import math
@@ -18,7 +18,7 @@ from qtraj.foundation.types import Quat
 
 
 def _form(value: Any) -> str:
-    """Which form of a range a value has; anything else is judged as a pair."""
+    """The form of a range; invalid values are validated as a pair."""
     return "open" if isinstance(value, dict) and value and value.keys() <= {"min", "max"} else "pair"
 
 
@@ -35,7 +35,7 @@ Text = Annotated[str, Field(min_length=1)]
 Angles = Literal["deg", "rad"]
 
 RangeMap = dict[str, Annotated[Annotated[Pair, Tag("pair")] | Annotated[OpenPair, Tag("open")], Discriminator(_form)]]
-"""Lowest and highest values by name: [low, high], or {min = low}, {max = high} for one of them."""
+"""Ranges by name: [low, high], or only {min = low} or {max = high}."""
 
 SECONDS = "a positive finite number [s]"
 THREE = "three finite numbers [x, y, z]"
@@ -43,11 +43,11 @@ ANGLES = "'deg' or 'rad': the unit of every angle in this file, also in rates (p
 FORMS = ("quaternion", "euler", "rotation_vector", "gibbs")
 SEQUENCE = "three axes, fixed such as 'xyz' or moving such as 'ZYX', none twice in a row"
 LONGER = 1e-9
-"""Relative: a rotation vector may be this much longer than a half turn."""
+"""Relative: a rotation vector may exceed a half turn by this."""
 
 
 def key(title: str, description: str, *default: Any) -> Any:
-    """A key of a table: what it means, what it may hold, and its default; without a default it must be given."""
+    """A key of a table: its meaning, its valid values, and its default; without a default it is required."""
     return Field(*default, title=title, description=description)
 
 
@@ -62,22 +62,22 @@ class Part(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     def given(self, *names: str) -> list[str]:
-        """Those of the keys that are set."""
+        """The names of the keys that are set."""
         return [name for name in names if getattr(self, name) is not None]
 
 
 class NamedPart(Part):
-    """What every scenario may say about itself."""
+    """Name and description of a scenario."""
 
-    name: Text | None = key("a name for titles", "a text", None)
-    description: Text | None = key("what the scenario is about", "a text", None)
+    name: Text | None = key("name, for titles", "a text", None)
+    description: Text | None = key("description, for the output", "a text", None)
 
 
 class AttitudePart(Part):
     """An attitude, body to inertial, in one of four forms: quaternion, euler with sequence, rotation_vector, gibbs."""
 
     quaternion: Quaternion | None = key(
-        "its direction counts", "four finite numbers, scalar first, of any length but 0", None
+        "quaternion; its length is ignored", "four finite numbers, scalar first, of any length but 0", None
     )
     euler: Vector | None = key("Euler angles [angle]", "three finite angles in the order of 'sequence'", None)
     sequence: Text | None = key("axes of the Euler angles", SEQUENCE, None)
@@ -94,13 +94,13 @@ class AttitudePart(Part):
         if (self.euler is None) != (self.sequence is None):
             raise ValueError(f"euler and sequence belong together: give three angles, and as sequence {SEQUENCE}")
         if self.sequence is not None:
-            rotation.from_euler(self.sequence, jnp.zeros(3))  # its home knows which sequences there are
+            rotation.from_euler(self.sequence, jnp.zeros(3))  # raises for an unknown sequence
         if self.quaternion is not None and not any(self.quaternion):
             raise ValueError("the quaternion is zero, which is no attitude")
         return self
 
     def unit_quaternion(self, angles: str) -> Quat | None:
-        """The attitude; its quaternion keeps the sign that it was given. None where no form is given.
+        """The attitude as a unit quaternion, with the sign of the given one; None if no form is given.
 
         `angles`: "deg" or "rad".
         """
@@ -114,7 +114,7 @@ class AttitudePart(Part):
         return None if self.gibbs is None else _unit([1.0, *self.gibbs])
 
     def beyond_half_turn(self, angles: str) -> float | None:
-        """The length [rad] of a rotation vector above π, whose attitude a shorter one gives; else None."""
+        """The length [rad] of a rotation vector that is longer than a half turn; else None."""
         if self.rotation_vector is None:
             return None
         length = radians(angles) * math.hypot(*self.rotation_vector)
@@ -141,7 +141,7 @@ def radians(angles: str) -> float:
 
 
 def _unit(components: Sequence[float]) -> Quat:
-    """A quaternion of any length but 0 as one of length 1; the squares of its components may overflow or vanish."""
+    """The unit quaternion of components whose squares may overflow or underflow."""
     largest = max(map(abs, components))
     q = np.array([x / largest for x in components])
     return jnp.asarray(q / np.linalg.norm(q), float)

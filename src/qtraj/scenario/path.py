@@ -1,4 +1,4 @@
-"""Scenarios of `qtraj tune` and `qtraj evaluate`: their keys, and the path and the tuning that they describe."""
+"""Scenarios of `qtraj tune` and `qtraj evaluate`: their keys, and the path and the tuning problem that they define."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -38,26 +38,26 @@ from qtraj.scenario.reader import ScenarioFile
 class StatePart(Part):
     """A boundary state in world axes."""
 
-    position: Vector = key("where the vehicle is", f"{THREE} [m]")
-    velocity: Vector = key("how it moves", f"{THREE} [m/s]")
+    position: Vector = key("position", f"{THREE} [m]")
+    velocity: Vector = key("velocity", f"{THREE} [m/s]")
     acceleration: Vector | None = key(
-        "its acceleration, of a hermite path alone and at both ends: ρ, φ, h are then quintics", f"{THREE} [m/s²]", None
+        "acceleration, only of a hermite path and at both ends: ρ, φ, h are then quintics", f"{THREE} [m/s²]", None
     )
 
 
 class PlacementPart(Part):
-    """Where the axis of a path between two boundary states stands."""
+    """The axis of a path between two boundary states."""
 
-    origin: Vector = key("where the axis stands", f"{THREE} [m], a point of the axis")
+    origin: Vector = key("a point of the axis", f"{THREE} [m], a point of the axis")
     orientation: Quaternion | None = key(
-        "the direction of the axis; vertical if left out",
+        "the direction of the axis; default: vertical",
         "a quaternion of four finite numbers, scalar first, from the path's axes to the world's",
         None,
     )
 
 
 class LimitedPart(Part):
-    """Upper bounds on path quantities, anywhere on the path."""
+    """Upper bounds on path quantities, on the whole path."""
 
     def limits(self) -> dict[str, float]:
         """The limits that are set, by name."""
@@ -103,33 +103,47 @@ class VehiclePart(Part):
         return Vehicle(**self.model_dump())
 
 
+def require_limits(purpose: dict[str, str], limits: LimitedPart, vehicle: VehiclePart | None) -> None:
+    """Raise a ValueError for a purpose without its limit, or a limit without the vehicle that it needs."""
+    needing = [name for name in limits.limits() if QUANTITIES[name].needs_vehicle]
+    if needing and vehicle is None:
+        raise ValueError(f"limits.{needing[0]} needs a vehicle: give a table [vehicle] with its mass")
+    if extra := sorted(set(purpose) - set(limits.limits())):
+        raise ValueError(f"purpose.{extra[0]}: [limits] has no {extra[0]!r} that could have a purpose")
+
+
+def limits_with(limits: LimitedPart, vehicle: VehiclePart | None) -> Limits:
+    """The limits of a scenario, with its vehicle."""
+    return Limits(**limits.limits(), vehicle=None if vehicle is None else vehicle.vehicle())
+
+
 class PathScenario(NamedPart):
-    """A scenario: one path (a track, two boundary states, or a saved path), limits, and what tuning is to do."""
+    """A scenario: one path (a track, two boundary states, or a saved path), limits, and settings of the tuning."""
 
     track: TrackPart | None = key("the path from a recording", "a table [track]", None)
     fit: FitPart | None = key("how the recording is fitted", "a table [fit]", None)
-    start: StatePart | None = key("the path from two states: the first", "a table [start]", None)
-    end: StatePart | None = key("the path from two states: the last", "a table [end]", None)
-    path: Text | None = key("the path from a file", "the name of a saved path, relative to the scenario", None)
+    start: StatePart | None = key("the first of two boundary states", "a table [start]", None)
+    end: StatePart | None = key("the last of two boundary states", "a table [end]", None)
+    path: Text | None = key("a saved path", "the name of a saved path, relative to the scenario", None)
     placement: PlacementPart | None = key("the axis of a path from two states", "a table [placement]", None)
     duration: Positive | None = key(
-        "of a path from two states; if left out, that of their rates about the axis", SECONDS, None
+        "duration of a path between two states; default: from their rates about the axis", SECONDS, None
     )
-    turns: Wholes | None = key("of a path from two states: whole turns besides", "a whole number, 0 or more", None)
+    turns: Wholes | None = key("additional whole turns of a path between two states", "a whole number, 0 or more", None)
     limits: LimitsPart = key(  # pyright: ignore[reportInvalidTypeForm]
-        "what tuning must keep", "a table [limits]", LimitsPart()
+        "the limits of the tuned path", "a table [limits]", LimitsPart()
     )
     vehicle: VehiclePart | None = key(
         "the vehicle, for limits on friction, power and forces", "a table [vehicle]", None
     )
     purpose: dict[str, Text] = key(
-        "why there is a limit, for the tables", "a table [purpose] of texts, one for each limit", {}
+        "the reason of each limit, for the tables", "a table [purpose] of texts, one for each limit", {}
     )
-    tune: TunePart = key("what tuning is to do", "a table [tune]", TunePart())
+    tune: TunePart = key("settings of the tuning", "a table [tune]", TunePart())
 
     @property
     def motion(self) -> str:
-        """The motion of the tuned path: as given, or what suits its source."""
+        """The motion of the tuned path: as given, or the default for its source."""
         return self.tune.motion or ("uniform" if self.track is None else "hermite")
 
     @model_validator(mode="after")
@@ -158,22 +172,14 @@ class PathScenario(NamedPart):
         return self
 
     @model_validator(mode="after")
-    def _with_vehicle(self) -> "PathScenario":
-        needing = [name for name in self.limits.limits() if QUANTITIES[name].needs_vehicle]
-        if needing and self.vehicle is None:
-            raise ValueError(f"limits.{needing[0]} needs a vehicle: give a table [vehicle] with its mass")
-        return self
-
-    @model_validator(mode="after")
     def _purposes(self) -> "PathScenario":
-        if extra := sorted(set(self.purpose) - set(self.limits.limits())):
-            raise ValueError(f"purpose.{extra[0]}: [limits] has no {extra[0]!r} that could have a purpose")
+        require_limits(self.purpose, self.limits, self.vehicle)
         return self
 
 
 @dataclass(frozen=True)
 class PathTask:
-    """The path before tuning, and the arguments of `qtraj.tune` besides those that [tune] alone determines."""
+    """The path before tuning, and the arguments of `qtraj.tune` that do not depend on [tune] alone."""
 
     path: SpiralHelix
     start: BoundaryState
@@ -192,50 +198,43 @@ class PathTask:
     def tuning(self) -> dict[str, Any]:
         """The arguments of `qtraj.tune`."""
         names = ("start", "end", "limits", "objective", "motion", "duration", "turns", "turn", "starts")
-        given = {name: getattr(self, name) for name in names}
-        return given | {"placement": self.path.placement} | self.part.arguments()
+        arguments = {name: getattr(self, name) for name in names}
+        return arguments | {"placement": self.path.placement} | self.part.arguments()
 
 
 def lay(
-    given: ScenarioFile[PathScenario],
+    loaded: ScenarioFile[PathScenario],
     motion: str | None = None,
     objective: str | None = None,
     starts: int | None = None,
 ) -> PathTask:
-    """The path of a scenario and what tuning needs; what is given here goes before the scenario's own.
+    """The path of a scenario and its tuning problem; the arguments replace the values of the scenario.
 
-    **Raises:** OSError for a file that cannot be read; ValueError, naming the scenario, for data that make no path.
+    **Raises:** OSError for a file that cannot be read; ValueError, naming the scenario, for data that define no path.
     """
-    scenario = given.scenario
+    scenario = loaded.scenario
     chosen: dict[str, Any] = {
         "objective": objective or scenario.tune.objective,
         "motion": motion or scenario.motion,
         "starts": scenario.tune.starts if starts is None else starts,
-        "limits": _limits_of(given),
+        "limits": limits_with(scenario.limits, scenario.vehicle),
         "part": scenario.tune,
     }
-    with naming(f"{given.file}: "):
+    with naming(f"{loaded.file}: "):
         if scenario.track is not None:
-            track = scenario.track.read(given.beside)
+            track = scenario.track.read(loaded.beside)
             fitted = (scenario.fit or FitPart()).fit(track, chosen["motion"])
             return _along(fitted.path, track=track, fitted=fitted, **chosen)
         if scenario.path is not None:
-            return _along(saved_path(given.beside(scenario.path)), **chosen)
+            return _along(saved_path(loaded.beside(scenario.path)), **chosen)
         return _between(scenario, **chosen)
 
 
-def _limits_of(given: ScenarioFile[PathScenario]) -> Limits:
-    scenario = given.scenario
-    with naming(f"{given.file}: "):
-        vehicle = None if scenario.vehicle is None else scenario.vehicle.vehicle()
-        return Limits(**scenario.limits.limits(), vehicle=vehicle)
-
-
 def _along(path: SpiralHelix, part: TunePart, **chosen: Any) -> PathTask:
-    """The task of a path that is there already: its ends are the boundary states, its turn is kept."""
+    """The task of an existing path: its ends are the boundary states, and its turn is kept."""
     keeps = chosen["motion"] == "hermite" or chosen["objective"] == "smoothest"
     duration = part.duration or (float(path.duration) if keeps else None)
-    # Without its mismatch it has the structure of a tuned path, so that both share what is compiled.
+    # Without its mismatch it has the structure of a tuned path, so that both share executables.
     plain = SpiralHelix(path.radius, path.angle, path.height, path.duration, path.placement)
     states = sampled(plain)
     start, end = states.ends

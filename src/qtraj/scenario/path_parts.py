@@ -1,4 +1,4 @@
-"""Tables of a path scenario that say how a recording is read and fitted, and what tuning is to do."""
+"""Tables of a path scenario: how a recording is read and fitted, and the settings of the tuning."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -29,18 +29,18 @@ VARIABLES = "'start.V_rho', 'start.V_phi' (hermite), 'start.V_h', the same of 'e
 COUNT = "a whole number, 1 or more"
 OPTIONS = ("max_steps", "inner_steps", "learning_rate")
 LEARNING_RATE = 0.01
-"""Of "adam", where the scenario does not say."""
+"""Default of "adam"."""
 
 
 class AnglesPart(Part):
-    """What roll, pitch and heading of a recording mean; every key is needed, nothing is guessed."""
+    """The convention of the roll, pitch and heading of a recording; every key is required."""
 
     sequence: Text = key(
         "order of the rotations: x roll, y pitch, z heading; upper case about moving axes, lower about fixed ones",
         "three letters such as 'ZYX'",
     )
     heading: Literal["north-clockwise", "x-anticlockwise"] = key(
-        "from where and in which sense the heading counts", "'north-clockwise' or 'x-anticlockwise'"
+        "zero and sense of the heading", "'north-clockwise' or 'x-anticlockwise'"
     )
     unit: Angles = key("the unit of the columns", "'deg' or 'rad'")
     body: Literal["forward-right-down", "forward-left-up"] = key(
@@ -49,29 +49,27 @@ class AnglesPart(Part):
 
 
 class TrackPart(Part):
-    """A window of a recording, which a path is fitted to."""
+    """A window of a recording to which a path is fitted."""
 
     file: Text = key("the recording: CSV with a header, or TUM", "the name of a text file, relative to the scenario")
     window: Pair | None = key(
-        "the part of it that counts; all if left out",
+        "the part of the recording that is used; default: all",
         "two finite times [t0, t1] in seconds on the recording's own clock",
         None,
     )
     columns: dict[Literal["time", "position", "velocity", "attitude"], Text | list[Text]] | None = key(
-        "names of columns where they are not common ones",
+        "names of columns that are not recognised",
         "column names of 'time', 'position', 'velocity' or 'attitude'; an empty list leaves a part out",
         None,
     )
-    angles: AnglesPart | None = key(
-        "what its roll, pitch and heading mean, where the attitude is recorded so", "a table [track.angles]", None
-    )
+    angles: AnglesPart | None = key("convention of recorded roll, pitch and heading", "a table [track.angles]", None)
     projection: Literal["tangent-plane", "tangent_plane"] | None = key(
-        "how latitude, longitude and height become metres; the position is read in metres if left out",
+        "conversion of latitude, longitude and height to metres; default: positions are in metres",
         "'tangent-plane': east, north and up on the tangent plane of WGS 84",
         None,
     )
     origin: Vector | None = key(
-        "where the tangent plane touches; at the first sample of the file if left out",
+        "the origin of the tangent plane; default: the first sample of the file",
         "[latitude °, longitude °, height m]",
         None,
     )
@@ -88,7 +86,7 @@ class TrackPart(Part):
         return self
 
     def read(self, beside: Callable[[str], Path]) -> Track:
-        """The window of the recording, whose file lies `beside` the scenario."""
+        """The window of the recording; `beside` maps the name of its file to a path."""
         columns = None if self.columns is None else {name: chosen or None for name, chosen in self.columns.items()}
         angles = None if self.angles is None else AttitudeAngles(**self.angles.model_dump())
         origin = None if self.origin is None else (self.origin[0], self.origin[1], self.origin[2])
@@ -101,24 +99,24 @@ class FitPart(Part):
     """How the recording is fitted."""
 
     motion: Motion | None = key(
-        "of the angle: a polynomial, or at a constant rate; that of [tune] if left out", MOTION, None
+        "motion of the angle: a polynomial, or a constant rate; default: that of [tune]", MOTION, None
     )
     position_sigma: Positive | None = key(
-        f"standard deviation of a recorded position; {POSITION_SIGMA} if left out", "a positive finite number [m]", None
+        f"standard deviation of a recorded position; default: {POSITION_SIGMA}", "a positive finite number [m]", None
     )
     velocity_sigma: Positive | None = key(
-        f"standard deviation of a recorded velocity; {VELOCITY_SIGMA} if left out",
+        f"standard deviation of a recorded velocity; default: {VELOCITY_SIGMA}",
         "a positive finite number [m/s]",
         None,
     )
     radius_bounds: Annotated[list[Positive], Field(min_length=2, max_length=2)] | None = key(
-        f"least and largest radius about the axis; {BOUNDS[0]:g} and {BOUNDS[1]:g} mean radii if left out",
+        f"minimum and maximum radius about the axis; default: {BOUNDS[0]:g} and {BOUNDS[1]:g} mean radii",
         "two positive finite radii [low, high] [m]",
         None,
     )
 
     def fit(self, track: Track, motion: str) -> Fitted:
-        """The path that follows a recording, by the motion of the angle that stands here, else by `motion`."""
+        """The path fitted to a recording, with the motion of this table, else with `motion`."""
         settings = self.model_dump(exclude_none=True)
         if self.radius_bounds is not None:
             settings["radius_bounds"] = tuple(map(float, self.radius_bounds))
@@ -126,55 +124,53 @@ class FitPart(Part):
 
 
 class TunePart(Part):
-    """What is asked of the tuned path."""
+    """Settings of the tuning."""
 
     objective: Objective = key(
-        "what is sought within the limits: the least change of the boundary velocities (not of the path), the least "
-        "duration, or the least jerk",
+        "what is minimised: the change of the boundary velocities (not of the path), the duration, or the jerk",
         OBJECTIVE,
         "nearest",
     )
     motion: Motion | None = key(
-        "of the angle: at a constant rate, or a polynomial; if left out, 'hermite' of a [track] and 'uniform' of all "
-        "else",
+        "motion of the angle: a constant rate, or a polynomial; default: 'hermite' for a [track], else 'uniform'",
         MOTION,
         None,
     )
     duration: Positive | None = key(
-        "first one of a hermite path, held where the smoothest is sought; if left out, that of the given rates",
+        "initial duration of a hermite path, fixed for the objective 'smoothest'; default: from the given rates",
         SECONDS,
         None,
     )
-    turns: Wholes | None = key("whole turns about the axis besides", "a whole number, 0 or more", None)
+    turns: Wholes | None = key("additional whole turns about the axis", "a whole number, 0 or more", None)
     fixed: list[Text] = key(
-        f"variables that keep their given value: {VARIABLES}; and 'start.heading', 'end.heading'",
+        f"variables that keep their value: {VARIABLES}; and 'start.heading', 'end.heading'",
         'a list of names, as in fixed = ["end.V_h"]',
         [],
     )
     bounds: RangeMap = key(
-        "between which values a variable must stay; what is not named may go as far as the search does",
+        "ranges of variables; other variables are bounded only by the search",
         "a table [tune.bounds] of [low, high] in m/s or s: duration = [4.0, 8.0], or of one of them alone: "
         'duration = {max = 8.0}, or {min = 4.0}; a name with a dot stands in quotes: "end.V_h" = [-0.5, 0.5]',
         {},
     )
     corridor: Positive | None = key(
-        "largest distance from the given path, at equal parts of the durations and counted along the arc",
+        "maximum distance from the given path, at equal parts of the durations and counted along the arc",
         "a positive finite number [m]",
         None,
     )
-    starts: Counts = key("searches, from the given states and about them", COUNT, 8)
+    starts: Counts = key("number of searches, from the given states and around them", COUNT, 8)
     method: Method = key(
-        "how to search: sequential quadratic programming, much the fastest, or an augmented Lagrangian around an "
-        "optimiser of optax, for comparison",
+        "search method: sequential quadratic programming, which is by far the fastest, or an augmented Lagrangian with "
+        "an optimiser of optax, for comparison",
         METHOD,
         "sqp",
     )
     max_steps: Counts | None = key(
-        "steps of 'sqp', or rounds of the others, after which a search ends; 300 if left out", COUNT, None
+        "maximum number of steps of 'sqp', or of rounds of the others; default: 300", COUNT, None
     )
-    inner_steps: Counts | None = key("steps of 'lbfgs' or 'adam' in one round; 200 if left out", COUNT, None)
+    inner_steps: Counts | None = key("steps of 'lbfgs' or 'adam' in one round; default: 200", COUNT, None)
     learning_rate: Positive | None = key(
-        "of 'adam', in reference speeds; 0.01 if left out", "a positive finite number", None
+        "learning rate of 'adam', in reference speeds; default: 0.01", "a positive finite number", None
     )
 
     @model_validator(mode="after")
@@ -192,12 +188,12 @@ class TunePart(Part):
 
     @property
     def ranges(self) -> dict[str, tuple[float | None, float | None]]:
-        """Lowest and highest value of each bounded variable by its name, None for none."""
+        """Lower and upper bound of each bounded variable by name; None for no bound."""
         given = self.bounds.items()
         return {name: (x.get("min"), x.get("max")) if isinstance(x, dict) else (x[0], x[1]) for name, x in given}
 
     def arguments(self) -> dict[str, Any]:
-        """The arguments of `qtraj.tune` that stand here alone."""
+        """The arguments of `qtraj.tune` that depend only on this table."""
         options = self.options
         rate = options.pop("learning_rate", LEARNING_RATE)
         method = _adam(rate) if self.method == "adam" else self.method
@@ -212,7 +208,7 @@ class TunePart(Part):
 
 @lru_cache(maxsize=8)
 def _adam(learning_rate: float) -> Any:
-    """One optimiser for each rate, so that its compiled search serves again."""
-    import optax  # here, for most scenarios do without
+    """One optimiser for each rate, so that its compiled search is reused."""
+    import optax  # here, because most scenarios do not need it
 
     return optax.adam(learning_rate)

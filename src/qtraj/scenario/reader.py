@@ -1,4 +1,4 @@
-"""Reading scenario files, and one message for what is wrong in one: file, key, value, what was expected."""
+"""Reads scenario files. An error is one message with the file, the key, its value, and the expected value."""
 
 import difflib
 import hashlib
@@ -17,7 +17,7 @@ from qtraj.scenario import KINDS, Kind
 
 HASH_DIGITS = 16
 LIKE = 0.7
-"""Keys less alike than this, from 0 to 1, are not taken for one another: 'duration' is no 'acceleration' (0.6)."""
+"""Minimum similarity, from 0 to 1, of a suggested key: 'duration' and 'acceleration' have 0.6."""
 
 PATHS = ("track", "start", "path")
 """A path scenario has one of these, although no single one is required."""
@@ -28,9 +28,9 @@ S = TypeVar("S", bound=BaseModel)
 
 @dataclass(frozen=True)
 class ScenarioFile(Generic[S]):
-    """A scenario with the file it stands in; `hash` is the SHA-256 of the file's bytes, 16 hexadecimal digits.
+    """A scenario and its file; `hash` has the first 16 hexadecimal digits of the SHA-256 of the file's bytes.
 
-    `warnings` name the keys that have new names.
+    `warnings` list the keys that have been renamed.
     """
 
     file: Path
@@ -39,15 +39,15 @@ class ScenarioFile(Generic[S]):
     warnings: tuple[str, ...] = ()
 
     def beside(self, name: str) -> Path:
-        """The file of this name, relative to the scenario's own folder."""
+        """The file with this name, relative to the folder of the scenario."""
         return self.file.parent / name
 
 
 def read_scenario(file: Path | str | None, kind: str) -> ScenarioFile[Any]:
-    """The scenario in a TOML file, of a kind in `qtraj.scenario.KINDS`; without a file the embedded one.
+    """The scenario in a TOML file, of a kind in `qtraj.scenario.KINDS`; the embedded one if `file` is None.
 
-    **Raises:** OSError where the file cannot be read; ValueError with one message that names the file and, for bad
-    syntax, line and column, else the key, what it holds and what was expected, or for which command the file is.
+    **Raises:** OSError if the file cannot be read. ValueError with a message that names the file and: line and column
+    of a syntax error; or the key, its value and the expected value; or the command that reads such a file.
     """
     known = KINDS[kind]
     path = known.embedded if file is None else Path(file)
@@ -97,7 +97,7 @@ def _parse(path: Path, content: bytes, kind: Kind) -> dict[str, Any]:
 
 
 def _misplaced(data: Mapping[str, Any], kind: Kind) -> str | None:
-    """What a file is, and who reads it, where its first level shows that it is no scenario of this kind; else None."""
+    """The message for a file that is a saved object or a scenario of another kind; else None."""
     if "format" in data and "type" in data:
         return (
             f"this is a saved {data['type']}, not a scenario: `qtraj simulate` follows a saved program, with file = "
@@ -115,17 +115,17 @@ def _fits(data: Mapping[str, Any], kind: Kind) -> bool:
 
 
 def _recorded(file: Path, kind: Kind) -> str:
-    """What to do with a recording that was given in place of a scenario of this kind."""
+    """The message for a recording that was given instead of a scenario of this kind."""
     what, table = "this is a recording, not a scenario", f'file = "{file.name}" under [track]'
     if kind is KINDS["path"]:
-        return f"{what}: write a .toml file with {table}, and with [limits]"
+        return f"{what}: write a .toml file with {table}, and with [limits]; `qtraj route` reads a whole recording"
     return f"{what}: {KINDS['path'].title} read one, from a .toml file with {table}"
 
 
 def explain(error: ValidationError, root: type[BaseModel]) -> str:
-    """The first fault that pydantic found in a `root`, in the words of this project, and how many more there are."""
+    """The message for a validation error of a `root` model: its first error, and the number of further ones."""
     faults = error.errors(include_url=False)
-    first = min(faults, key=lambda fault: fault["type"] == "missing")  # a misspelt key before the key that it misses
+    first = min(faults, key=lambda fault: fault["type"] == "missing")  # a misspelt key comes before the missing key
     keys = {_dotted(_within(fault["loc"], root)) for fault in faults}
     more = f" (and {len(keys) - 1} more)" if len(keys) > 1 else ""
     return f"{_fault(dict(first), root)}{more}"
@@ -149,14 +149,14 @@ def _unknown(where: Location, root: type[BaseModel]) -> str:
     for step in where[:-1]:
         model = _table(model, step) or model
     known, name = list(model.model_fields), str(where[-1])
-    begun = [key for key in known if key.startswith(name)]  # what was probably meant begins so, or has similar letters
+    begun = [key for key in known if key.startswith(name)]  # the intended key starts alike, or has similar letters
     near = difflib.get_close_matches(name, begun or known, n=1, cutoff=0.0 if begun else LIKE)
     hint = f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(known)}"
     return f"unknown key '{_dotted(where)}'; {hint}"
 
 
 def _within(location: Location, root: type[BaseModel]) -> Location:
-    """A location without pydantic's own marks, such as the member of a union or '[key]'."""
+    """A location without the steps that pydantic adds, such as the member of a union or '[key]'."""
     model: type[BaseModel] | None = root
     kept: list[int | str] = []
     for step in location:
@@ -189,8 +189,7 @@ def _table(model: type[BaseModel], key: int | str) -> type[BaseModel] | None:
 
 def _expected(location: Location, root: type[BaseModel]) -> str:
     """The description of the key at a location, or of the nearest key above it."""
-    model = root
-    description = "another value"
+    model, description = root, "another value"
     for step in location:
         if isinstance(step, int):
             continue
@@ -200,6 +199,6 @@ def _expected(location: Location, root: type[BaseModel]) -> str:
         description = field.description or description
         inner = _table(model, step)
         if inner is None:
-            break  # what stands below a plain value, as in [tune.bounds], may have the name of a key beside it
+            break  # below a plain value, as in [tune.bounds], names are not keys of the model
         model = inner
     return description

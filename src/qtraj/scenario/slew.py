@@ -32,36 +32,36 @@ KIND = "'time_optimal', 's_curve', 'cubic', 'quintic' or 'septic'"
 LIMITS = ("max_rate", "max_acceleration", "max_jerk")
 END_RATES = ("start_rate", "end_rate")
 NEEDED = {"time_optimal": ("max_acceleration",), "s_curve": ("max_acceleration", "max_jerk")}
-"""Of laws that no duration alone determines."""
+"""Required limits of laws for which a duration is not enough."""
 JERKY = ("time_optimal", "cubic")
-"""Laws whose acceleration jumps, within the slew or at its ends: no jerk limit holds."""
+"""Laws whose acceleration jumps, within the slew or at its ends, so that a jerk limit is impossible."""
 
 
 class SlewLawPart(Part):
-    """How the angle of each slew proceeds in time.
+    """The profile of the angle of each slew.
 
     A time_optimal slew needs max_acceleration, an s_curve max_acceleration and max_jerk; the polynomials (cubic,
-    quintic, septic) need a limit or a duration. With limits alone the slew takes the least time within them.
+    quintic, septic) need a limit or a duration. Without a duration the slew takes the minimum time within its limits.
     """
 
     kind: Literal["time_optimal", "s_curve", "cubic", "quintic", "septic"] = key("the law", KIND, "time_optimal")
     max_rate: Positive | None = key("limit of the rate", "a positive finite number, angle per s", None)
     max_acceleration: Positive | None = key("limit of the acceleration", "a positive finite number, angle per s²", None)
     max_jerk: Positive | None = key(
-        "limit of the jerk, of laws whose acceleration does not jump: s_curve, quintic, septic",
+        "limit of the jerk, for laws with a continuous acceleration: s_curve, quintic, septic",
         "a positive finite number, angle per s³",
         None,
     )
     duration: Positive | None = key(
-        "what each slew takes; a polynomial is then made without its limits, and judged by them",
+        "duration of each slew; the limits of a polynomial are then only checked",
         "a positive finite number [s], of each slew",
         None,
     )
     start_rate: Number | None = key(
-        "rate at which a time_optimal slew starts; 0 if left out", "a finite number, angle per s along the slew", None
+        "initial rate of a time_optimal slew; default: 0", "a finite number, angle per s along the slew", None
     )
     end_rate: Number | None = key(
-        "rate at which a time_optimal slew ends; 0 if left out", "a finite number, angle per s along the slew", None
+        "final rate of a time_optimal slew; default: 0", "a finite number, angle per s along the slew", None
     )
 
     @model_validator(mode="after")
@@ -89,11 +89,11 @@ class SlewLawPart(Part):
         return self
 
     def limits(self, angles: str) -> dict[str, float]:
-        """The limits that are given, by name, in radians."""
+        """The given limits by name, in radians."""
         return {name: radians(angles) * getattr(self, name) for name in self.given(*LIMITS)}
 
     def law(self, angles: str, limited: bool = False) -> AbstractProfile:
-        """The law; a polynomial of fixed duration without its limits, which are judged afterwards, unless `limited`."""
+        """The law; a polynomial of fixed duration has its limits only if `limited`, and else they are checked later."""
         more: dict[str, Any] = {} if self.duration is None else {"duration": self.duration}
         if limited or self.duration is None or self.kind in NEEDED:
             more |= self.limits(angles)
@@ -104,14 +104,14 @@ class SlewLawPart(Part):
 
 
 class BodyPart(Part):
-    """The body that turns: its inertia, and how much torque there is."""
+    """The body: its inertia, and its torque limit."""
 
     inertia: Positive | Vector | list[Vector] = key(
         "moment of inertia of a spherical body, principal moments, or the tensor, in body axes [kg m²]",
         "a positive number, three of them, or three rows of three",
     )
     max_torque: Positive | Vector | None = key(
-        "limit of the torque [N m]: of its length, or of each component in body axes; the slew slows to keep it",
+        "limit of the torque [N m]: of its length, or of each component in body axes; the slew is slowed to meet it",
         "a positive number, or three of them",
         None,
     )
@@ -128,12 +128,14 @@ class BodyPart(Part):
 
 
 class SlewPart(Part):
-    """A slew from [start] to [end], by way of any [[via]], under a [law]: the shorter way about a fixed axis each."""
+    """A slew from [start] to [end], through any [[via]], under a [law], each the shorter way about a fixed axis."""
 
     start: KnownAttitudePart = key("the first attitude", "a table [start] with an attitude")
-    via: list[KnownAttitudePart] = key("attitudes in between, at rest at each", "tables [[via]], an attitude each", [])
+    via: list[KnownAttitudePart] = key(
+        "attitudes in between, at which the body rests", "tables [[via]], an attitude each", []
+    )
     end: KnownAttitudePart = key("the last attitude", "a table [end] with an attitude")
-    law: SlewLawPart = key("how the angle proceeds", "a table [law]")
+    law: SlewLawPart = key("the profile of the angle", "a table [law]")
     body: BodyPart | None = key("the body, for torques and their limit", "a table [body]", None)
 
     @model_validator(mode="after")
@@ -147,9 +149,9 @@ class SlewPart(Part):
         return {"start": self.start} | {f"via[{k}]": part for k, part in enumerate(self.via)} | {"end": self.end}
 
     def program(self, angles: str, strict: bool = False) -> EulerTurn | SlewSequence:
-        """One slew, or a sequence by way of [[via]], slowed to its torque limit.
+        """One slew, or a sequence through [[via]], slowed down to its torque limit.
 
-        With a duration or end rates of its own it is judged by its limits afterwards; if `strict` it must keep them.
+        The limits of a slew with a duration or end rates are checked later, or here if `strict`.
 
         **Raises:** ValueError for a duration in which no such slew is possible.
         """
@@ -159,7 +161,7 @@ class SlewPart(Part):
             if strict and law.limits(angles) and law.duration is not None:
                 limited = law.law(angles, limited=True)
                 for angle in np.atleast_1d(program.angle if isinstance(program, EulerTurn) else program.angles):
-                    limited.profile(angle)  # names the limit that would be broken
+                    limited.profile(angle)  # raises, naming the limit that would be broken
             body = self.body
             if body is None or body.max_torque is None or (law.given("duration", *END_RATES) and not strict):
                 return program
@@ -172,15 +174,15 @@ class SlewPart(Part):
 
 
 class SlewScenario(NamedPart, SlewPart):
-    """A slew from [start] to [end], by way of any [[via]], under a [law]: the shorter way about a fixed axis each."""
+    """A slew from [start] to [end], through any [[via]], under a [law], each the shorter way about a fixed axis."""
 
     angles: Angles = key("the unit of angles", ANGLES)
 
 
-def slew_program(given: ScenarioFile[SlewScenario]) -> EulerTurn | SlewSequence:
+def slew_program(loaded: ScenarioFile[SlewScenario]) -> EulerTurn | SlewSequence:
     """The program of a scenario.
 
     **Raises:** ValueError, naming the scenario, for a duration in which no such slew is possible.
     """
-    with naming(f"{given.file}: "):
-        return given.scenario.program(given.scenario.angles)
+    with naming(f"{loaded.file}: "):
+        return loaded.scenario.program(loaded.scenario.angles)

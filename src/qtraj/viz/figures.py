@@ -12,6 +12,7 @@ from qtraj.viz.loops_figure import loops_figure
 from qtraj.viz.orientation_figure import orientation_figure
 from qtraj.viz.precision_figure import precision_figure
 from qtraj.viz.profiles_figure import profiles_figure
+from qtraj.viz.route_figure import route_figure
 from qtraj.viz.simulation_figure import simulation_figure
 from qtraj.viz.slew_figure import slew_figure
 from qtraj.viz.space import path_figure
@@ -25,6 +26,7 @@ __all__ = [
     "path_figure",
     "precision_figure",
     "profiles_figure",
+    "route_figure",
     "save",
     "simulation_figure",
     "slew_figure",

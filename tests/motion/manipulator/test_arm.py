@@ -1,4 +1,4 @@
-"""A serial arm: kinematics by homogeneous matrices, its law by the closed form and by a loop of SciPy's."""
+"""Serial arms: kinematics against homogeneous matrices, control against the closed form and a SciPy loop."""
 
 import jax
 import jax.numpy as jnp
@@ -19,11 +19,11 @@ DH[:, 1] = [-RIGHT, RIGHT, 0.0, -RIGHT, RIGHT, 0.0]
 DH[[0, 1, 5], 2] = [0.412, 0.154, 0.263]
 DH[2, 3] = -RIGHT
 CLOSED = 1e-8
-"""The gripper's error against the closed form of a free body, at the default tolerances."""
+"""Tolerance of the gripper's error against the closed form of a free body, with default tolerances."""
 
 
 def homogeneous(q):
-    """The gripper's frame by Denavit–Hartenberg matrices, and the frames of all joints before it."""
+    """The frame of the gripper from Denavit–Hartenberg matrices, and the frames of all joints."""
     frame, before = np.eye(4), []
     for k, (a, alpha, d, theta) in enumerate(DH):
         before.append(frame)
@@ -61,10 +61,10 @@ def test_pose_and_jacobian_against_homogeneous_matrices():
         np.testing.assert_allclose(arm.bias(q, jnp.asarray(q_dot)), slope @ q_dot, atol=1e-8)
 
 
-def test_an_arm_may_be_made_inside_a_trace():
+def test_an_arm_can_be_made_inside_a_trace():
     inside = jax.jit(lambda q: qt.stanford_arm().pose(q)[0])(jnp.asarray(JOINTS))
     np.testing.assert_allclose(inside, homogeneous(JOINTS)[0][:3, 3], atol=1e-14)
-    with pytest.raises(ValueError, match="must be known, not traced"):
+    with pytest.raises(ValueError, match="must be concrete, but a traced array"):
         jax.jit(lambda rows: qt.Arm.from_dh(rows).home_position)(jnp.asarray(DH))
 
 
@@ -93,7 +93,7 @@ START = homogeneous(JOINTS)[0][:3, 3]
 
 
 def circle(t):
-    """Where the gripper shall be, near its first position."""
+    """The path of the gripper, near its initial position."""
     return START + 0.1 * jnp.stack([jnp.sin(0.8 * t), 1 - jnp.cos(0.8 * t), 0.3 * jnp.sin(0.5 * t) + 0.2])
 
 
@@ -131,7 +131,7 @@ def test_pose_against_an_independent_loop():
     np.testing.assert_allclose(motion.joint_rates, expected[:, 6:12], rtol=0, atol=1e-6)
 
 
-def test_the_position_has_a_linear_error_too():
+def test_the_position_has_a_linear_error():
     path, k = qt.Curve(circle, 4.0), 1.5
     motion = qt.simulate_arm(qt.stanford_arm(), program(), LAW, JOINTS, np.zeros(6), TIMES, path, gains=(2 * k, k * k))
     x = np.asarray(motion.position[0] - circle(0.0))
@@ -142,8 +142,8 @@ def test_the_position_has_a_linear_error_too():
     np.testing.assert_allclose(motion.distance, np.linalg.norm(expected, axis=1), atol=CLOSED)
 
 
-def test_a_singular_wrist_stays_finite_and_is_said():
-    """The fifth joint at zero: three wrist axes in a plane. The arm passes, and the result says what was missed."""
+def test_a_singular_wrist():
+    """The fifth joint at zero: three wrist axes in a plane. Accelerations stay finite; the result has the deviation."""
     joints, path = JOINTS.copy(), qt.Curve(circle, 4.0)
     joints[4] = 1e-3
     start = qt.stanford_arm().pose(jnp.asarray(joints))[1]
@@ -166,11 +166,11 @@ def test_a_singular_wrist_stays_finite_and_is_said():
     assert motion.smallest[0] < 0.01
     assert np.abs(motion.joint_accelerations).max() < 50.0
     assert motion.missed.max() > 1e-3
-    assert "The gripper lacked up to" in motion.result
+    assert "acceleration deviated from the command by up to" in motion.result
 
 
 def test_redundant_joints_come_to_rest():
-    """Four joints for an attitude: the gripper follows, and the motion that it does not feel dies out."""
+    """Four joints for an attitude: the gripper follows, and joint motion that does not move it decays."""
     arm = qt.Arm([qt.Joint(axis) for axis in ([0, 0, 1.0], [0, 1.0, 0], [1.0, 0, 0], [0, 0, 1.0])], [0.0, 0, 1.0])
     joints, rates = np.array([0.2, 0.5, -0.3, 0.4]), np.array([0.5, 0.1, -0.4, -0.6])
     start = arm.pose(jnp.asarray(joints))[1]
@@ -181,7 +181,7 @@ def test_redundant_joints_come_to_rest():
     assert motion.angle[-1] < 1e-4
 
 
-def test_storing_batches_and_what_is_refused(tmp_path):
+def test_storage_batches_and_invalid_arguments(tmp_path):
     arm, turn = qt.stanford_arm(), program()
     many = jax.vmap(lambda q: qt.simulate_arm(arm, turn, LAW, q, RATES, [0.0, 0.5]))(jnp.stack([JOINTS, JOINTS + 0.1]))
     assert many.joints.shape == (2, 2, 6)
@@ -193,12 +193,12 @@ def test_storing_batches_and_what_is_refused(tmp_path):
     for call, expected in (
         (lambda: qt.Joint([0.0, 0, 0]), "must not be zero"),
         (lambda: qt.Joint([0.0, 0, 1], kind="ball"), "'revolute' or 'prismatic', but 'ball'"),
-        (lambda: qt.Arm([], [0.0, 0, 1]), "one after the other"),
+        (lambda: qt.Arm([], [0.0, 0, 1]), "non-empty sequence of Joint"),
         (lambda: qt.Arm.from_dh(np.zeros((2, 3))), r"rows \(n, 4\)"),
-        (lambda: qt.Arm.from_dh(np.zeros((2, 4)), ["revolute"]), "as many kinds"),
-        (lambda: qt.simulate_arm(3.0, turn, LAW, JOINTS, RATES, TIMES), "the arm must be one such as"),
-        (lambda: qt.simulate_arm(arm, 3.0, LAW, JOINTS, RATES, TIMES), "the program must be one"),
-        (lambda: qt.simulate_arm(arm, turn, qt.RateLaw(1.0), JOINTS, RATES, TIMES), "from the state alone"),
+        (lambda: qt.Arm.from_dh(np.zeros((2, 4)), ["revolute"]), "one entry for each of 2 rows"),
+        (lambda: qt.simulate_arm(3.0, turn, LAW, JOINTS, RATES, TIMES), "the arm must be an Arm"),
+        (lambda: qt.simulate_arm(arm, 3.0, LAW, JOINTS, RATES, TIMES), "the program must be a program"),
+        (lambda: qt.simulate_arm(arm, turn, qt.RateLaw(1.0), JOINTS, RATES, TIMES), "have no memory"),
         (lambda: qt.simulate_arm(arm, turn, LAW, JOINTS[:5], RATES, TIMES), r"the joints must have shape \(6,\)"),
         (lambda: qt.simulate_arm(short, turn, LAW, [0, 0, 0], [0, 0, 0], TIMES, qt.Curve(circle, 4.0)), "6 joints"),
         (lambda: qt.Damping(-1.0), "threshold of damping must be positive"),

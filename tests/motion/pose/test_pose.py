@@ -32,7 +32,7 @@ def matrix(position, q):
 
 
 def test_dual_quaternions_are_homogeneous_matrices():
-    """Composition, the way back, points, and the derivative, of any length of λ."""
+    """Composition, inverse, points and the derivative, for any length of λ."""
     (r1, r2, x), (q1, q2) = jnp.asarray(RNG.normal(size=(3, 3))), jnp.asarray(RNG.normal(size=(2, 4)))
     a, b = dual.from_pose(r1, q1), dual.from_pose(r2, q2)
     position, q = dual.to_pose(dual.product(a, b))
@@ -50,7 +50,7 @@ def test_dual_quaternions_are_homogeneous_matrices():
 
 
 def test_the_errors_of_both_are_exactly_linear():
-    """Against matrix exponentials of SciPy, and `closed_pose`; the dual error holds both."""
+    """Against SciPy's matrix exponentials and `closed_pose`; the dual error contains both errors."""
     both = program()
     motion = qt.simulate_pose(both, LAW, POSITION, VELOCITY, QUATERNION, RATE, TIMES)
     assert motion.successful
@@ -73,8 +73,8 @@ def test_the_errors_of_both_are_exactly_linear():
     np.testing.assert_allclose(motion.distance, np.linalg.norm(expected, axis=1), atol=CLOSED)
 
 
-def test_against_an_independent_loop_with_what_disturbs():
-    """SciPy, rotation matrices, a constant push and twist; what is left at rest is push/k2."""
+def test_disturbed_motion_against_an_independent_loop():
+    """SciPy with rotation matrices and constant disturbances; the position error at rest is push/k2."""
     both, push, twist = program(), np.array([0.3, -0.2, 0.1]), np.array([0.02, 0.03, -0.01])
     on_time = jax.jit(lambda t: both(t))
 
@@ -105,7 +105,7 @@ def test_against_an_independent_loop_with_what_disturbs():
     np.testing.assert_allclose(motion.velocity, expected[:, 11:], atol=1e-7)
 
 
-def test_signs_stores_and_what_is_refused(tmp_path):
+def test_signs_storage_and_invalid_arguments(tmp_path):
     both, state = program(), (POSITION, VELOCITY, QUATERNION, RATE, [0.0, 0.5])
     near = qt.simulate_pose(both, LAW, *state)
     far = qt.simulate_pose(both, LAW, POSITION, VELOCITY, -QUATERNION, RATE, [0.0, 0.5])
@@ -115,7 +115,7 @@ def test_signs_stores_and_what_is_refused(tmp_path):
     for call, expected in (
         (lambda: qt.PoseProgram(both, both.attitude), "the path must be a hodograph"),
         (lambda: qt.PoseProgram(both.path, both.path), "the attitude must be a program"),
-        (lambda: qt.PoseLaw(qt.RateLaw(1.0), 1.0, 1.0), "from the state alone"),
+        (lambda: qt.PoseLaw(qt.RateLaw(1.0), 1.0, 1.0), "have no memory"),
         (lambda: qt.PoseLaw(LAW.attitude, [1.0, 2.0], 1.0), "k1 must be a scalar"),
         (lambda: qt.simulate_pose(both.path, LAW, *state), "must be a PoseProgram"),
         (lambda: qt.simulate_pose(both, LAW.attitude, *state), "must be a PoseLaw"),

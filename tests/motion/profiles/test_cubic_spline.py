@@ -1,4 +1,4 @@
-"""Cubic splines in a given time: limits, continuity, and the optimum against a discretised one by SciPy."""
+"""Cubic splines in a given time: limits, continuity, and comparison with a discrete optimum from SciPy."""
 
 import jax
 import jax.numpy as jnp
@@ -24,7 +24,7 @@ ROUND_OFF = 1e-12
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_it_keeps_its_limits_its_ends_and_its_time(name):
+def test_limits_ends_and_duration(name):
     angle, time, rate, acceleration = CASES[name]
     profile = qt.CubicSpline(time, rate, acceleration).profile(angle)
     np.testing.assert_allclose(profile.duration, time, rtol=1e-15)
@@ -47,8 +47,8 @@ def test_it_keeps_its_limits_its_ends_and_its_time(name):
     np.testing.assert_allclose(jax.vmap(jax.grad(profile.angle))(t), near(t)[:, 1], atol=1e-12)
 
 
-def test_the_turn_that_a_single_cubic_refuses():
-    """90° in 2.8 s at 0.8 rad/s and 2 rad/s²; 2.3635 s is the least time, with that of the time-optimal turn."""
+def test_a_slew_that_is_impossible_with_a_single_cubic():
+    """90° in 2.8 s within 0.8 rad/s and 2 rad/s²; the minimum time is 2.3635 s, that of the time-optimal slew."""
     with pytest.raises(ValueError, match="needs at least"):
         qt.Cubic(2.8, 0.8, 2.0).profile(QUARTER)
     assert qt.CubicSpline(2.8, 0.8, 2.0).profile(QUARTER).feasible
@@ -62,7 +62,7 @@ def test_the_turn_that_a_single_cubic_refuses():
 
 
 def cost(profile):
-    """∫Φ̈² dt from the pieces: of a quadratic function Simpson's rule is exact."""
+    """∫Φ̈² dt over the pieces; Simpson's rule is exact for quadratic functions."""
     total = 0.0
     for start, width in zip(np.asarray(profile.starts), np.asarray(profile.widths), strict=True):
         if width > 1e-9:
@@ -73,7 +73,7 @@ def cost(profile):
 
 
 @pytest.mark.parametrize("name", ["free", "rate", "acceleration", "both", "rate alone"])
-def test_none_is_gentler(name):
+def test_no_slew_has_a_smaller_cost(name):
     """Against SciPy's optimum over accelerations that are linear between 31 nodes."""
     angle, time, rate, acceleration = CASES[name]
     nodes = 31
@@ -115,7 +115,7 @@ def test_none_is_gentler(name):
     np.testing.assert_allclose(best, found.fun, rtol=0.02)
 
 
-def test_it_is_differentiable_and_a_law_as_others(tmp_path):
+def test_derivatives_and_storage(tmp_path):
     def there(angle, time, rate):
         return qt.CubicSpline(time, rate, 2.0).profile(angle).angle(0.7)
 
@@ -137,7 +137,7 @@ def test_it_is_differentiable_and_a_law_as_others(tmp_path):
     assert traced(2.4)
 
 
-def test_single_precision_and_what_is_refused():
+def test_single_precision_and_invalid_arguments():
     profile = qt.CubicSpline(np.float32(2.4), np.float32(0.8), np.float32(2.0)).profile(np.float32(QUARTER))
     assert profile.angle(1.0).dtype == np.float32
     np.testing.assert_allclose(profile.angle(np.float32(1.2)), QUARTER / 2, rtol=1e-6)

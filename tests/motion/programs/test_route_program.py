@@ -1,4 +1,4 @@
-"""Frames along routes: continuous over joints, rotation minimising, held at stops, and facing ahead in reverse."""
+"""Frames along routes: continuity at joints, rotation-minimizing frames, stops, and driving in reverse."""
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +27,7 @@ def winding(orders=3, count=9):
 
 
 def reversing():
-    """Ahead along x and back along a bend: the velocity passes through zero at t = 2 without a rest."""
+    """Forwards along x and back along a bend: the velocity is zero only at t = 2."""
     t = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
     x, v = 0.25 * t**2 * (4 - t) * 0 + 4 * t - t**2, 4 - 2 * t
     y = np.where(t > 2, 0.02 * (t - 2) ** 4, 0.0)
@@ -39,7 +39,7 @@ def reversing():
 
 
 def stopping(change=0.2, wait=5.0):
-    """East to a stop, a wait, and on in a direction that differs by `change`, uphill."""
+    """East to a stop, a wait, and on uphill in a direction that differs by `change`."""
     far = np.array([np.cos(change), np.sin(change), 0.1])
     start, stop = np.array([-6.0, 0, 0]), np.zeros(3)
     position = [start, stop, stop, 6 * far]
@@ -52,7 +52,7 @@ def attitudes(program, times):
 
 
 def consistent(program, times, tolerance):
-    """The rate is the one that turns the attitude, and the acceleration is its derivative, by central differences."""
+    """Rate and acceleration agree with central differences of the attitude and the rate."""
     h = 1e-5
     q, before, after = (np.asarray(attitudes(program, t).quaternion) for t in (times, times - h, times + h))
     turn = Rotation.from_quat(before, scalar_first=True).inv() * Rotation.from_quat(after, scalar_first=True)
@@ -66,7 +66,7 @@ def consistent(program, times, tolerance):
 
 @pytest.mark.parametrize("frame", [None, qt.Upright(), qt.RotationMinimizing()], ids=str)
 @pytest.mark.parametrize("orders", [3, 4])
-def test_at_joints_the_rate_is_continuous_and_of_septics_the_acceleration_too(frame, orders):
+def test_the_rate_is_continuous_at_joints_and_for_septics_the_acceleration(frame, orders):
     route = winding(orders)
     program = qt.FrameProgram(route, frame)
     joints = np.asarray(route.times)[1:-1]
@@ -127,7 +127,7 @@ def test_heading_is_held_through_a_stop():
     heading = np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))
     standing = (t > 4.2) & (t < 6.8)
     assert heading.min() > -0.55
-    assert heading.max() < 0.35  # no excursion while it waits
+    assert heading.max() < 0.35  # no overshoot during the wait
     arrival, departure = heading[np.searchsorted(t, [3.0, 8.0])]
     assert arrival - 0.1 <= heading[standing].min()
     assert heading[standing].max() <= departure + 0.1
@@ -163,9 +163,7 @@ def test_reversing_is_recognised():
     inner = np.min(np.abs(t[:, None] - np.concatenate([starts, route.times])), axis=1) > 1e-3
     consistent(program, t[inner], 1e-6)
     ahead = qt.evaluate(route, t, ("quaternion",), frame=qt.Upright(), continuous=True).quaternion
-    assert (
-        np.min(np.abs(np.sum(np.asarray(ahead)[1:] * np.asarray(ahead)[:-1], axis=1))) < 0.1
-    )  # the tangent turns about
+    assert np.min(np.abs(np.sum(np.asarray(ahead)[1:] * np.asarray(ahead)[:-1], axis=1))) < 0.1  # the tangent reverses
 
 
 def test_a_driving_frame_is_stored_and_has_its_own_up(tmp_path):
@@ -180,7 +178,7 @@ def test_a_driving_frame_is_stored_and_has_its_own_up(tmp_path):
     np.testing.assert_allclose(left @ [0.1, -0.2, 2.0], 0, rtol=0, atol=1e-12)
 
 
-def test_a_route_that_never_moves_stands():
+def test_a_route_that_never_moves():
     still = qt.Route([0.0, 1.0], np.ones((2, 3)), np.zeros((2, 3)), np.zeros((2, 3)))
     at = qt.FrameProgram(still)(0.5)
     assert np.all(np.isfinite(np.asarray(at.quaternion)))
@@ -202,14 +200,14 @@ def test_inside_a_trace_a_route_is_upright_and_differentiable():
     assert float(slope) == pytest.approx(float(known), rel=1e-5)
 
 
-def test_what_cannot_be_followed_is_refused():
+def test_invalid_arguments():
     with pytest.raises(ValueError, match="the route stops at t = 3"):
         qt.FrameProgram(stopping(), qt.RotationMinimizing())
     with pytest.raises(ValueError, match="one Route was expected"):
         qt.Driving.along(qt.SpiralHelix([1.0], [0.0, 1.0], [0.0], 1.0))
     with pytest.raises(ValueError, match="hold_below must be positive"):
         qt.Driving.along(winding(), hold_below=-1.0)
-    with pytest.raises(ValueError, match=r"make it by Driving\.along"):
+    with pytest.raises(ValueError, match=r"Use Driving\.along"):
         qt.Driving([0.0], [1.0, 1.0], np.zeros((1, 2, 6)))
 
 

@@ -1,4 +1,4 @@
-"""A rigid body under the law: against SciPy, conserved momentum, energy balance, and the error equation's residual."""
+"""A rigid body under a law: SciPy, conservation of momentum, energy balance, and the residual of the error equation."""
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +19,7 @@ ASSUMED = np.array([2.5, 2.2, 3.6])
 EXTERNAL = np.array([0.05, -0.08, 0.03])
 PYRAMID = np.array([[1.0, 0, 1], [0, 1, 1], [-1, 0, 1], [0, -1, 1]])
 LOOP = 1e-8
-"""The loop against SciPy."""
+"""Tolerance against SciPy."""
 
 
 def product(p, q):
@@ -27,7 +27,7 @@ def product(p, q):
 
 
 def scipy_body(program, wheels, limit, momentum_limit, momentum):
-    """Independently: the law, the motors, Euler's equations and the wheels, in NumPy under SciPy's DOP853."""
+    """An independent simulation: law, motors, Euler's equations and wheels in NumPy, integrated by SciPy's DOP853."""
     columns = None if wheels is None else (wheels / np.linalg.norm(wheels, axis=1, keepdims=True)).T
     on_time = jax.jit(lambda t: program(t))
 
@@ -76,8 +76,8 @@ def test_against_an_independent_simulation(wheels):
         assert np.isclose(np.linalg.norm(solution.body.torque, axis=1).max(), 3.0)
 
 
-def test_a_body_that_is_known_obeys_exactly():
-    """With the right inertia and no external torque Euler's equations give the command, and the closed form holds."""
+def test_an_exact_inertia_gives_the_closed_form():
+    """With the exact inertia and no external torque the acceleration is the command, and the closed form applies."""
     wheels = qt.ReactionWheels(PYRAMID, momentum=[0.5, -0.2, 0.1, 0.3])
     for body in (qt.RigidBody(INERTIA), qt.RigidBody(INERTIA, wheels=wheels)):
         solution = qt.simulate(ThreeAxis(), LAW, START, RATE, TIMES, body=body)
@@ -89,7 +89,7 @@ def test_a_body_that_is_known_obeys_exactly():
 
 
 @pytest.mark.parametrize("kind", ["body", "inertial", "additive"])
-def test_the_residual_is_what_the_error_equation_leaves(kind):
+def test_the_residual_of_the_error_equation(kind):
     """ẍ + K1ẋ + K2x of the simulated error by finite differences."""
     law, step = qt.AccelerationLaw(2.0, 1.5, kind), 1e-3
     body = qt.RigidBody(INERTIA, ASSUMED, EXTERNAL)
@@ -119,8 +119,8 @@ def test_wheels_conserve_momentum_and_balance_energy():
     np.testing.assert_allclose(energy[-1] - energy[0], simpson, rtol=1e-8)
 
 
-def test_a_wheel_at_its_momentum_is_not_driven_further():
-    """A steady torque fills the wheels; from then on the body is lost, and the result says so."""
+def test_a_wheel_at_its_maximum_momentum():
+    """A constant torque saturates the wheels; after that the control fails, and the result says so."""
     wheels = qt.ReactionWheels(np.eye(3), max_momentum=0.3)
     body = qt.RigidBody(INERTIA, torque=[0.0, 0.0, 0.1], wheels=wheels)
     times = np.linspace(0.0, 8.0, 33)
@@ -131,11 +131,11 @@ def test_a_wheel_at_its_momentum_is_not_driven_further():
     assert np.isclose(momentum[-1, 2], 0.3, atol=1e-4)
     before, after = solution.angle[8], solution.angle[-1]
     assert after > 10 * before
-    assert "the body missed the law by up to" in solution.result.lower()
+    assert "the acceleration deviated from the law by up to" in solution.result.lower()
 
 
-def test_sampled_orders_are_held():
-    """Between two samples the torque is constant, so that a free body turns on under it (thrusters)."""
+def test_sampled_torques_are_held():
+    """Between two samples the torque of thrusters is constant."""
     body = qt.RigidBody(INERTIA, ASSUMED)
     actuator = qt.Actuator(sampling=0.5)
     solution = qt.simulate(ThreeAxis(), LAW, START, RATE, [0.0, 0.2, 0.5, 0.7], actuator=actuator, body=body)
@@ -151,27 +151,27 @@ def test_sampled_orders_are_held():
     np.testing.assert_allclose(solution.rate[2, 1:], expected, atol=1e-9)
 
 
-def test_derivatives_in_the_inertia_pass_through():
-    def off(scale):
+def test_derivatives_in_the_inertia():
+    def final_angle(scale):
         body = qt.RigidBody(INERTIA, ASSUMED * scale, EXTERNAL)
         return qt.simulate(Rest(), LAW, START, RATE, [0.0, 3.0], body=body, rtol=1e-12).angle[-1]
 
-    central = (off(1.001) - off(0.999)) / 0.002
-    np.testing.assert_allclose(jax.grad(off)(jnp.asarray(1.0)), central, rtol=1e-4)
+    central = (final_angle(1.001) - final_angle(0.999)) / 0.002
+    np.testing.assert_allclose(jax.grad(final_angle)(jnp.asarray(1.0)), central, rtol=1e-4)
 
 
-def test_what_is_refused(tmp_path):
+def test_invalid_arguments(tmp_path):
     for call, expected in (
         (lambda: qt.ReactionWheels(np.eye(3)[:2]), "at least three wheels"),
         (lambda: qt.ReactionWheels([[1.0, 0, 0], [0, 1, 0], [1, 1, 0]]), "must span the space"),
         (lambda: qt.ReactionWheels(np.eye(3), max_torque=-1.0), "max_torque must be positive"),
-        (lambda: qt.ReactionWheels(np.eye(3), max_momentum=[1.0, 2.0]), "one for each of 3 wheels"),
+        (lambda: qt.ReactionWheels(np.eye(3), max_momentum=[1.0, 2.0]), r"must be a scalar or have shape \(3,\)"),
         (lambda: qt.ReactionWheels(np.eye(3), momentum=[1.0, 2.0]), "the momenta of 3 wheels"),
         (lambda: qt.RigidBody(-1.0), "symmetric with positive"),
         (lambda: qt.RigidBody(1.0, wheels=np.eye(3)), "wheels must be ReactionWheels"),
-        (lambda: qt.RigidBody(1.0, wheels=qt.ReactionWheels(np.eye(3)), max_torque=1.0), "a limit of their own"),
+        (lambda: qt.RigidBody(1.0, wheels=qt.ReactionWheels(np.eye(3)), max_torque=1.0), "max_torque limits thrusters"),
         (lambda: qt.simulate(Rest(), LAW, START, RATE, TIMES, body=3.0), "the body must be an object such as"),
-        (lambda: qt.simulate(Rest(), qt.RateLaw(1.0), START, RATE, TIMES, body=qt.RigidBody(1.0)), "a rate law moves"),
+        (lambda: qt.simulate(Rest(), qt.RateLaw(1.0), START, RATE, TIMES, body=qt.RigidBody(1.0)), "a rate law cannot"),
     ):
         with pytest.raises(ValueError, match=expected):
             call()

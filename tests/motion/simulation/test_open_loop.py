@@ -1,4 +1,4 @@
-"""Open-loop control: the acceleration of a program reproduces it, and corrects nothing."""
+"""Open-loop control: the acceleration of a program reproduces it, without correcting errors."""
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +11,7 @@ import qtraj as qt
 from ..rigs import Rest, ThreeAxis
 
 REPRODUCED = 1e-9
-"""λ and ω over a program of a few seconds at the default tolerances, errors added up twice."""
+"""Tolerance of λ and ω over a program of a few seconds, with default tolerances and double integration."""
 START, END = [0.9, 0.1, -0.3, 0.2], [0.2, 0.8, 0.4, -0.5]
 
 
@@ -45,7 +45,7 @@ def test_the_acceleration_of_a_program_reproduces_it(name, axes):
 
 
 def test_against_scipy_off_the_program():
-    """From another state, in both axes and with a disturbance: SciPy integrates the components one by one."""
+    """From another state, in both axes and with a disturbance: SciPy integrates the components."""
     program, start, rate = ThreeAxis(), np.array([0.8, 0.4, -0.2, 0.5]), np.array([0.1, 0.3, -0.2, 0.4])
     push = np.array([0.02, -0.01, 0.03])
     times = np.linspace(0.0, 3.0, 7)
@@ -75,8 +75,8 @@ def test_against_scipy_off_the_program():
         np.testing.assert_allclose(solution.rate, expected[:, 4:], rtol=0, atol=1e-8)
 
 
-def test_nothing_corrects_an_error():
-    """An error of attitude stays, one of rate grows with time, and a disturbance with its square."""
+def test_errors_are_not_corrected():
+    """An attitude error remains; a rate error causes one that grows with time, a disturbance one with its square."""
     program, times = programs()["smooth turn"], jnp.linspace(0.0, 2.5, 6)
     first, off = program(0.0), qt.rotation.from_rotation_vector(jnp.asarray([0.2, -0.1, 0.3]))
     left = qt.open_loop(program, times, qt.quaternion.product(off, first.quaternion))
@@ -90,7 +90,7 @@ def test_nothing_corrects_an_error():
     assert closed.angle[-1] < 0.02 * pushed.angle[-1]
 
 
-def test_derivatives_and_batches_pass_through():
+def test_derivatives_and_batches():
     def missed(end, lag):
         turn = qt.EulerTurn(START, end, qt.Septic(duration=2.5))
         motion = qt.open_loop(turn, [0.0, 2.5], rate=jnp.zeros(4).at[3].set(lag), rtol=1e-12)
@@ -105,7 +105,7 @@ def test_derivatives_and_batches_pass_through():
     np.testing.assert_allclose(many[1], missed(end, 0.01), rtol=1e-12)
 
 
-def test_what_is_refused():
+def test_invalid_arguments():
     for arguments, expected in (
         ((lambda t: t, [0.0, 1.0]), "a program such as"),
         ((Rest(), [0.0, 1.0], None, None, "world"), "axes must be 'body' or 'inertial'"),

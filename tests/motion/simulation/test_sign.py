@@ -15,7 +15,7 @@ LAW = qt.AccelerationLaw(2.0, 1.0)
 STILL = np.zeros(4)
 TIMES = np.linspace(0.0, 12.0, 121)
 LOOP = 1e-8
-"""The loop against SciPy."""
+"""Tolerance against SciPy."""
 NOISE = 0.1
 """Of the attitude [rad] per sample: μ0 near a half turn moves by half of that."""
 
@@ -27,13 +27,13 @@ def tilted(angle, axis=(1.0, -2.0, 2.0)):
 
 
 def turned_through(solution):
-    """The angle that the body has turned through in all [rad], by the trapezoidal rule."""
+    """The total angle through which the body rotates [rad], by the trapezoidal rule."""
     return np.trapezoid(np.linalg.norm(solution.rate[:, 1:], axis=-1), solution.times)
 
 
 @pytest.mark.parametrize("law", [LAW, qt.AccelerationLaw(2.0, 1.0, "additive"), qt.RateLaw(1.0)])
 def test_both_signs_of_one_attitude_move_alike(law):
-    """By default; as given, the other one goes the long way round."""
+    """With the default sign; with "as given", the farther one takes the long way round."""
     start = tilted(np.radians(33.0))
     near, far = (qt.simulate(Rest(), law, sign * start, STILL, TIMES) for sign in (1.0, -1.0))
     np.testing.assert_array_equal(near.quaternion, far.quaternion)
@@ -46,7 +46,7 @@ def test_both_signs_of_one_attitude_move_alike(law):
     assert np.nanmax(np.abs(around.command)) > 20 * np.max(np.abs(near.command))
 
 
-def test_the_sign_is_chosen_for_each_element_of_a_batch_and_leaves_derivatives_alone():
+def test_the_sign_is_chosen_for_each_element_of_a_batch_without_changing_derivatives():
     start = tilted(np.radians(33.0))
 
     def off(scale, sign):
@@ -65,7 +65,7 @@ def test_another_sign_is_refused():
 
 
 def hybrid(law, half_width, period, start, rate, looks):
-    """Independently: SciPy flows between looks, with the sign changed by Mayhew's rule. λ without its sign, h."""
+    """An independent loop: SciPy integrates between updates of h by Mayhew's rule. Returns λ without sign, and h."""
     k1, k2 = 2.0, 1.0
 
     def product(p, q):
@@ -93,7 +93,7 @@ def hybrid(law, half_width, period, start, rate, looks):
 
 @pytest.mark.parametrize("kind", ["linear", "feedback"])
 def test_the_hysteretic_loop_against_an_independent_one(kind):
-    """A body thrown past a half turn: the sign stays until μ0 < −δ, then changes once."""
+    """A body that rotates beyond a half turn: the sign stays until μ0 < −δ, then changes once."""
     inner = LAW if kind == "linear" else qt.QuaternionFeedback(2.0, 1.0)
     law = qt.HystereticLaw(inner, 0.3, sampling=0.05)
     start, rate = tilted(np.radians(150.0), (0, 0, 1.0)), np.array([0.0, 0.0, 0.3, 6.0])
@@ -103,11 +103,11 @@ def test_the_hysteretic_loop_against_an_independent_one(kind):
     np.testing.assert_allclose(solution.quaternion, signs[:, None] * expected[:, :4], rtol=0, atol=LOOP)
     np.testing.assert_allclose(solution.rate, expected[:, 4:], rtol=0, atol=LOOP)
     wrapped = qt.simulate(Rest(), inner, start, rate, 0.05 * np.arange(120))
-    assert np.abs(wrapped.rate - solution.rate).max() > 0.1  # without the memory it is another motion
+    assert np.abs(wrapped.rate - solution.rate).max() > 0.1  # without memory the motion differs
 
 
 def noisy(law, seed):
-    """A body near a half turn, whose attitude is measured with noise ten times a second."""
+    """A body near a half turn; its attitude is measured with noise ten times per second."""
     sensor = qt.Sensor(attitude_noise=NOISE, key=jax.random.key(seed), sampling=0.1)
     return qt.simulate(Rest(), law, tilted(np.radians(179.9)), STILL, TIMES, sensor=sensor, rtol=1e-8, atol=1e-10)
 
@@ -118,7 +118,7 @@ def sign_changes(solution):
 
 
 def test_noise_does_not_make_the_sign_chatter():
-    """The nearer sign at each sample changes again and again near a half turn; with hysteresis it never does."""
+    """Near a half turn the nearer sign changes repeatedly; with hysteresis the sign does not change."""
     chattering = [sign_changes(noisy(qt.HystereticLaw(qt.QuaternionFeedback(2.0, 1.0), 0.0), k)) for k in range(4)]
     calm = [sign_changes(noisy(qt.HystereticLaw(qt.QuaternionFeedback(2.0, 1.0), 0.25), k)) for k in range(4)]
     linear = [sign_changes(noisy(qt.HystereticLaw(LAW), k)) for k in range(4)]
@@ -127,7 +127,7 @@ def test_noise_does_not_make_the_sign_chatter():
 
 
 def test_without_half_width_it_is_the_established_feedback():
-    """δ = 0 takes the nearer sign anew at each sample, as `QuaternionFeedback` does by itself."""
+    """δ = 0 uses the nearer sign at each sample, like `QuaternionFeedback`."""
     alone, wrapped = (
         noisy(law, 1)
         for law in (qt.QuaternionFeedback(2.0, 1.0), qt.HystereticLaw(qt.QuaternionFeedback(2.0, 1.0), 0.0))
@@ -136,7 +136,7 @@ def test_without_half_width_it_is_the_established_feedback():
 
 
 def test_it_does_not_unwind():
-    """On the far sign a plain law turns the body nearly once round; the hysteretic one changes the sign at once."""
+    """From the farther sign a law without memory rotates the body by nearly 360°; a hysteretic law does not."""
     start = -tilted(np.radians(20.0))
     plain = qt.simulate(Rest(), LAW, start, STILL, TIMES, sign="as given", max_steps=512)
     smart = qt.simulate(Rest(), qt.HystereticLaw(LAW, sampling=0.1), start, STILL, TIMES, sign="as given")
@@ -145,7 +145,7 @@ def test_it_does_not_unwind():
 
 
 def test_between_changes_the_error_is_linear():
-    """From each change on the closed form holds: here from the first instant, on a moving program."""
+    """After each change the closed form applies: here from the first instant, on a moving program."""
     program, times = ThreeAxis(), np.linspace(0.0, 6.0, 25)
     start, rate = jnp.asarray([0.9, 0.7, -0.5, 0.6]), jnp.asarray([0.1, 0.6, -0.4, 0.9])
     solution = qt.simulate(program, qt.HystereticLaw(LAW, sampling=0.1), -start, rate, times)
@@ -153,8 +153,8 @@ def test_between_changes_the_error_is_linear():
     np.testing.assert_allclose(solution.error, closed.error, atol=1e-9)
 
 
-def test_what_a_hysteretic_law_refuses(tmp_path):
-    with pytest.raises(ValueError, match="acts through an AccelerationLaw or a QuaternionFeedback"):
+def test_invalid_arguments_of_a_hysteretic_law(tmp_path):
+    with pytest.raises(ValueError, match="needs an AccelerationLaw or a QuaternionFeedback"):
         qt.HystereticLaw(qt.GeometricFeedback(2.0, 1.0))
     with pytest.raises(ValueError, match=r"in \[0, 1\), but 1.0 was given"):
         qt.HystereticLaw(LAW, 1.0)

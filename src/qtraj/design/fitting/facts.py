@@ -100,7 +100,7 @@ def fact_rows(fit: Mapping[str, Any]) -> list[tuple[str, str]]:
         rows.append(("velocities", "not recorded: those of the fitted path"))
     if fit["attitude_rms"] is not None:
         rms, maximum, yaw, pitch, roll = (degrees(fit[name]) for name in _ATTITUDE)
-        rows.append(("recorded attitude", f"off the frame by {rms:.2f}° RMS, {maximum:.2f}° at most"))
+        rows.append(("recorded attitude", f"differs from the frame by {rms:.2f}° RMS, {maximum:.2f}° at most"))
         rows.append(("mounting", f"yaw {yaw:.2f}°, pitch {pitch:.2f}°, roll {roll:.2f}° (Z-Y-X)"))
     return rows
 

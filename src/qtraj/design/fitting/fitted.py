@@ -17,8 +17,11 @@ from qtraj.foundation.outcome import AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.motion.attitude_residual import AttitudeResidual
+from qtraj.motion.programs.frame_program import FrameProgram
+from qtraj.motion.programs.rotation_minimizing import Frame
 from qtraj.path.residual import Residual
 from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.trihedral import Upright
 
 
 @storable
@@ -63,6 +66,13 @@ class Fitted(AbstractOutcome):
         self.radius_bounds = as_float(radius_bounds)
         self.relative_rms, self.relative_speed = as_float(relative_rms), as_float(relative_speed)
         self.attitude = attitude
+
+    def program(self, frame: Frame | None = None) -> FrameProgram:
+        """The attitude program along the path: upright as a vehicle on wheels (the default), or of another frame.
+
+        The default of `FrameProgram` and `evaluate` is the natural frame, which flips where the bend changes sides.
+        """
+        return FrameProgram(self.path, Upright() if frame is None else frame)
 
     def explain(self, at: tuple[int, ...]) -> str:
         """The result in words, and what to do."""

@@ -26,11 +26,11 @@ class FittedRoute(AbstractOutcome):
     - `path`: the `Route`; its time 0 is the first sample.
     - `residual`: the differences between the route and the samples that are not outliers.
     - `prediction_error` [m]: the root mean square distance of every other sample from a route fitted to the rest.
-    - `stretch_error` [m]: the same for whole intervals that were left out.
+    - `stretch_error` [m]: the root mean square distance of samples in whole intervals from a route fitted to the rest.
     - `smoothing` [s⁵]: the weight of ∫|r⃛|²dt, relative to the sum of squared distances.
     - `outliers` (k,): the indices of samples that were left out.
-    - `stops` (m, 2), `gaps` (j, 2) [s]: the intervals of stops, and those without samples for longer than a few joints,
-      where the route is a guess.
+    - `stops` (m, 2) [s]: the intervals of stops.
+    - `gaps` (j, 2) [s]: the intervals without samples over several segments, where the route is a guess.
     - `position_sigma` [m]: the standard deviation of the residuals per axis.
     - `information` (6, 3 n): the diagonals of the normal matrix, in units of position_sigma^-2, for `covariance()`.
     - `attitude`: for a recording with attitudes, their difference from the route's upright frame, and the mounting of
@@ -81,8 +81,8 @@ class FittedRoute(AbstractOutcome):
     def covariance(self) -> Float[np.ndarray, "n 3 3"]:
         """The covariance of position, velocity and acceleration at each joint, the same for x, y and z (SI units).
 
-        It assumes independent errors of the samples. With errors that are correlated over k samples it is larger, about
-        k times. At the ends of a stop velocity and acceleration are exactly zero.
+        It assumes independent errors. If the errors of k successive samples are correlated, it is about k times larger.
+        At the ends of a stop the velocity and acceleration are exactly zero.
         """
         sigma = float(np.asarray(self.position_sigma))
         return sigma**2 * covariances(np.asarray(self.information, float))
@@ -92,15 +92,16 @@ class FittedRoute(AbstractOutcome):
         code = ResultCode(int(np.asarray(self.code)))
         if code != ResultCode.successful:
             return code.text
-        rms, predicted = float(self.residual.distance_rms), float(self.prediction_error)
+        rms, prediction = float(self.residual.distance_rms), float(self.prediction_error)
         texts = [
-            f"{self.path.segments} segments follow the recording to {rms:.3g} m RMS and predict {predicted:.3g} m."
+            f"{self.path.segments} segments follow the recording to {rms:.3g} m RMS; samples that are left out are "
+            f"predicted to {prediction:.3g} m RMS."
         ]
         if len(self.outliers):
-            texts.append(f"{len(self.outliers)} outliers are left out.")
+            texts.append(f"Outliers that were left out: {len(self.outliers)}.")
         if len(self.gaps):
             longest = float(np.max(np.diff(np.asarray(self.gaps), axis=1)))
-            texts.append(f"{len(self.gaps)} gaps of up to {longest:.3g} s are bridged by a guess.")
+            texts.append(f"Gaps that were bridged by a guess: {len(self.gaps)}, the longest of {longest:.3g} s.")
         return " ".join(texts)
 
     def record(self) -> Record:
@@ -110,21 +111,21 @@ class FittedRoute(AbstractOutcome):
             **path.variables,
             **{f"residual_{name}": quantity for name, quantity in residual.variables.items()},
             "prediction_error": Quantity(
-                self.prediction_error, "m", "root mean square at every other sample, left out"
+                self.prediction_error, "m", "root mean square at every other sample, which was left out"
             ),
-            "stretch_error": Quantity(self.stretch_error, "m", "root mean square in stretches that were left out"),
+            "stretch_error": Quantity(self.stretch_error, "m", "root mean square in intervals that were left out"),
             "smoothing": Quantity(self.smoothing, "s5", "weight of the squared jerk"),
-            "position_sigma": Quantity(self.position_sigma, "m", "standard deviation of the samples, each axis"),
-            "result": Quantity(np.asarray(self.result), "", "what was fitted"),
+            "position_sigma": Quantity(self.position_sigma, "m", "standard deviation of the samples per axis"),
+            "result": Quantity(np.asarray(self.result), "", "the result in words"),
         }
         if len(self.outliers):
-            variables["outlier"] = Quantity(self.outliers, "1", "number of a sample that was left out", ("outlier_",))
-        for name, meaning in (("stops", "where the vehicle stands"), ("gaps", "where nothing is recorded")):
+            variables["outlier"] = Quantity(self.outliers, "1", "index of a sample that was left out", ("outlier_",))
+        for name, meaning in (("stops", "intervals of stops"), ("gaps", "intervals without samples")):
             if len(getattr(self, name)):
                 variables[name] = Quantity(getattr(self, name), "s", meaning, (name[:-1], "bound"))
         if self.attitude is not None:
-            known = self.attitude.record().variables
-            variables |= {f"attitude_{name}": quantity for name, quantity in known.items()}
+            attitude = self.attitude.record().variables
+            variables |= {f"attitude_{name}": quantity for name, quantity in attitude.items()}
         counts = f"{len(self.stops)} stops, {len(self.outliers)} outliers"
         rms = f"RMS {extent(self.residual.distance_rms, 'm')}, predicted {extent(self.prediction_error, 'm')}"
         return Record(f"{self.path.segments} segments: {rms}; {counts}", variables, attributes={"frame": "world"})

@@ -1,8 +1,8 @@
-"""How smooth a route shall be: chosen by what it predicts of stretches of a recording that are left out.
+"""Chooses the smoothing of a fitted route by cross-validation over intervals of the recording.
 
-The errors of a recording hang together in time, so a sample is predicted best by a route that follows its neighbours'
-errors: leaving out single samples chooses no smoothing at all. Of a whole stretch nothing is known but the motion. What
-is predicted are the recorded velocities there, or where none are recorded the positions.
+The errors of a recording are correlated in time: the best prediction of a single sample follows the errors of its
+neighbours, so leaving out single samples would choose hardly any smoothing. Therefore whole intervals are left out. The
+score is the error of the predicted velocities there, or of the positions if no velocities are recorded.
 """
 
 from typing import NamedTuple
@@ -10,23 +10,32 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from qtraj.design.fitting.route_system import Rows, System, of_jerk, of_samples, of_stops, predicted, rows, solved
+from qtraj.design.fitting.route_system import (
+    Design,
+    System,
+    design,
+    jerk_system,
+    predict,
+    sample_system,
+    solve,
+    stop_system,
+)
 
-STRETCH, STEPS = 1.5, 4
-"""A stretch that is left out lasts so many seconds, and at least so many steps of time."""
+INTERVAL, STEPS = 1.5, 4
+"""Length of an interval that is left out: in seconds, and at least this many time steps of the recording."""
 
 FOLDS, PERIOD = 2, 5
-"""Every fifth stretch is left out, twice with other stretches."""
+"""Number of folds; each leaves out every fifth interval."""
 
 DECADES = 12
-"""The search for the smoothing takes at most so many steps, of a factor of ten."""
+"""Maximum number of steps in the search for the smoothing; each is a factor of ten."""
 
-HELD = 1e8
-"""The weight of what is held at a stop, in weights of all samples."""
+STOP_WEIGHT = 1e8
+"""Weight of the equations of a stop, relative to the sum of the weights of all samples."""
 
 
 class Recording(NamedTuple):
-    """The samples that count: times (n,) [s], positions (n, 3) about a point of their own, velocities, weights (n,)."""
+    """Samples: times (n,) [s], positions (n, 3) relative to the first, velocities (n, 3), weights (n,)."""
 
     times: Float[np.ndarray, " n"]
     positions: Float[np.ndarray, "n 3"]
@@ -35,107 +44,108 @@ class Recording(NamedTuple):
 
     @property
     def step(self) -> float:
-        """The median step of time [s]."""
+        """The median time step [s]."""
         return float(np.median(np.diff(self.times)))
 
 
-class Setting(NamedTuple):
-    """The systems of a recording on some knots; `left_out` are pairs (samples, their system) for each fold."""
+class Problem(NamedTuple):
+    """The least-squares problem of a recording on some knots, without the smoothing.
+
+    `positions` and `velocities` are design matrices; `samples`, `jerk` and `stops` are systems; `folds` are pairs of
+    the samples that a fold leaves out and their system.
+    """
 
     knots: Float[np.ndarray, " m"]
-    at: Rows
-    slopes: Rows | None
-    whole: System
+    positions: Design
+    velocities: Design | None
+    samples: System
     jerk: System
-    held: System
-    left_out: list[tuple[Bool[np.ndarray, " n"], System]]
+    stops: System
+    folds: list[tuple[Bool[np.ndarray, " n"], System]]
+
+    def system(self, smoothing: float) -> System:
+        """The normal equations of all samples."""
+        return self.samples.plus(self.jerk, smoothing).plus(self.stops)
 
     def states(self, smoothing: float, without: System | None = None) -> Float[np.ndarray, "m 3 3"]:
-        """The joint states for a smoothing, perhaps without some samples."""
-        system = self.whole.plus(self.jerk, smoothing).plus(self.held)
-        return solved(system if without is None else system.plus(without, -1.0))
+        """The joint states, optionally without the samples of a system."""
+        system = self.system(smoothing)
+        return solve(system if without is None else system.plus(without, -1.0))
 
 
-def setting(recording: Recording, knots: np.ndarray, standing: np.ndarray, folds: list[np.ndarray]) -> Setting:
-    """The systems on `knots`; `standing` (m − 1,) says in which segments the vehicle stands."""
-    count, at = len(knots), rows(knots, recording.times)
-    slopes = None if recording.velocities is None else rows(knots, recording.times, 1)
+def problem(recording: Recording, knots: np.ndarray, is_stop: np.ndarray, folds: list[np.ndarray]) -> Problem:
+    """The least-squares problem on `knots`, with stops in the segments where `is_stop` (m − 1,)."""
+    positions = design(knots, recording.times)
+    velocities = None if recording.velocities is None else design(knots, recording.times, 1)
 
-    def of(some: np.ndarray) -> System:
-        part = Rows(at.segment[some], at.factors[some])
-        return of_samples(count, part, recording.positions[some], recording.weights[some])
+    def system(samples: np.ndarray) -> System:
+        at, weights = positions.part(samples), recording.weights[samples]
+        return sample_system(len(knots), at, recording.positions[samples], weights)
 
+    stops = stop_system(knots, is_stop, STOP_WEIGHT * float(recording.weights.sum()))
     everything = np.ones(len(recording.times), bool)
-    return Setting(
-        knots,
-        at,
-        slopes,
-        of(everything),
-        of_jerk(knots),
-        of_stops(knots, standing, HELD * float(recording.weights.sum())),
-        [(fold, of(fold)) for fold in folds],
-    )
+    parts = [(fold, system(fold)) for fold in folds]
+    return Problem(knots, positions, velocities, system(everything), jerk_system(knots), stops, parts)
 
 
-def stretches(times: np.ndarray, step: float) -> list[Bool[np.ndarray, " n"]]:
-    """Which samples are left out in each fold; the ends of the recording never are."""
-    length = max(STRETCH, STEPS * step)
+def folds(times: np.ndarray, step: float) -> list[Bool[np.ndarray, " n"]]:
+    """The samples that each fold leaves out; both ends of the recording are never left out."""
+    length = max(INTERVAL, STEPS * step)
     period = PERIOD * length
     inner = (times > times[0] + length) & (times < times[-1] - length)
     phases = [(times - times[0] - fold * period / FOLDS) % period for fold in range(FOLDS)]
-    return [found for found in (inner & (phase < length) for phase in phases) if found.any()]
+    return [fold for fold in (inner & (phase < length) for phase in phases) if fold.any()]
 
 
-def score(recording: Recording, of: Setting, smoothing: float) -> float:
-    """The mean square of what is predicted wrongly in the stretches that are left out: velocities, or positions."""
+def score(recording: Recording, of: Problem, smoothing: float) -> float:
+    """The mean square error of the velocities, or else the positions, in the intervals that are left out."""
     errors = []
-    for fold, system in of.left_out:
+    for fold, system in of.folds:
         states = of.states(smoothing, system)
-        if recording.velocities is None or of.slopes is None:
-            at, known = of.at, recording.positions
+        if recording.velocities is None or of.velocities is None:
+            at, recorded = of.positions, recording.positions
         else:
-            at, known = of.slopes, recording.velocities
-        part = Rows(at.segment[fold], at.factors[fold])
-        squares = np.sum((predicted(part, states) - known[fold]) ** 2, axis=1)
+            at, recorded = of.velocities, recording.velocities
+        squares = np.sum((predict(at.part(fold), states) - recorded[fold]) ** 2, axis=1)
         errors.append(squares * (recording.weights[fold] > 0))
     return float(np.mean(np.concatenate(errors)))
 
 
-def best_smoothing(recording: Recording, of: Setting, start: float) -> tuple[float, float]:
-    """The smoothing with the least score, and the score: bracketed by factors of ten, then by a parabola."""
-    known = {k: score(recording, of, start * 10.0**k) for k in (-1, 0, 1)}
+def best_smoothing(recording: Recording, of: Problem, start: float) -> tuple[float, float]:
+    """The smoothing with the smallest score, and that score: a bracket of powers of ten, then a parabola."""
+    scores = {k: score(recording, of, start * 10.0**k) for k in (-1, 0, 1)}
     for _ in range(DECADES):
-        best = min(known, key=lambda k: known[k])
-        if best - 1 in known and best + 1 in known:
+        best = min(scores, key=lambda k: scores[k])
+        if best - 1 in scores and best + 1 in scores:
             break
-        new = best - 1 if best - 1 not in known else best + 1
-        known[new] = score(recording, of, start * 10.0**new)
-    best = min(known, key=lambda k: known[k])
-    if best - 1 not in known or best + 1 not in known:
-        return start * 10.0**best, known[best]
-    low, middle, high = (np.log(known[best + k]) for k in (-1, 0, 1))
-    bend = low + high - 2 * middle
-    move = 0.0 if bend <= 0 else float(np.clip(0.5 * (low - high) / bend, -0.5, 0.5))
-    return start * 10.0 ** (best + move), known[best]
+        new = best - 1 if best - 1 not in scores else best + 1
+        scores[new] = score(recording, of, start * 10.0**new)
+    best = min(scores, key=lambda k: scores[k])
+    if best - 1 not in scores or best + 1 not in scores:
+        return start * 10.0**best, scores[best]
+    low, middle, high = (np.log(scores[best + k]) for k in (-1, 0, 1))
+    curvature = low + high - 2 * middle
+    shift = 0.0 if curvature <= 0 else float(np.clip(0.5 * (low - high) / curvature, -0.5, 0.5))
+    return start * 10.0 ** (best + shift), scores[best]
 
 
-def within(recording: Recording, of: Setting, start: float, tolerance: float) -> float:
-    """The largest smoothing with which the positions are met to a root mean square of `tolerance` [m].
+def largest_smoothing(recording: Recording, of: Problem, start: float, tolerance: float) -> float:
+    """The largest smoothing for which the root mean square of the distances is at most `tolerance` [m].
 
-    **Raises:** ValueError where even next to no smoothing leaves more.
+    **Raises:** ValueError if it is larger even for a negligible smoothing.
     """
 
     def rms(power: float) -> float:
-        offsets = predicted(of.at, of.states(start * 10.0**power)) - recording.positions
+        offsets = predict(of.positions, of.states(start * 10.0**power)) - recording.positions
         weights = recording.weights
         return float(np.sqrt(np.sum(weights * np.sum(offsets**2, axis=1)) / np.sum(weights)))
 
     low, high = -DECADES / 2, DECADES / 2
-    least = rms(low)
-    if least > tolerance:
+    min_rms = rms(low)
+    if min_rms > tolerance:
         raise ValueError(
-            f"these knots follow the recording to {least:.3g} m RMS at best, not to {tolerance:.3g} m: "
-            "pass a larger tolerance or more knots"
+            f"a route with these knots follows the recording to {min_rms:.3g} m RMS at best, but the tolerance is "
+            f"{tolerance:.3g} m: pass a larger tolerance or more knots"
         )
     for _ in range(24):
         middle = 0.5 * (low + high)

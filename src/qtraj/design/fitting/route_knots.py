@@ -1,51 +1,51 @@
-"""Where the joints of a fitted route stand, and where the vehicle stands still."""
+"""Places the joints of a fitted route, and detects stops."""
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from qtraj.path.track import STANDSTILL
 
-SLOW = 0.005
-"""A vehicle that stands is slower than this part of its largest speed."""
+STOP_SPEED = 0.005
+"""Maximum speed at a stop, relative to the largest speed."""
 
-LEAST_STOP = 1.0
-"""[s] A stop lasts at least so long, and at least a few steps of time."""
+MIN_STOP, MIN_STEPS = 1.0, 4
+"""Minimum duration of a stop: in seconds, and in time steps of the recording."""
 
-NEAR = 0.2
-"""Joints nearer to a stop than this part of their spacing are left out."""
+MIN_DISTANCE = 0.2
+"""Joints closer to a stop than this, relative to the spacing of the joints, are removed."""
 
 
-def standing(
+def find_stops(
     times: Float[np.ndarray, " n"], positions: Float[np.ndarray, "n 3"], speeds: Float[np.ndarray, " n"], step: float
 ) -> list[tuple[float, float]]:
-    """The intervals (start, end) [s] in which a vehicle stands: it is slow, and stays within `STANDSTILL` [m]."""
-    slow = np.concatenate([[False], speeds <= SLOW * speeds.max(), [False]])
+    """The intervals (start, end) [s] of stops: the vehicle is slow and stays within `STANDSTILL` [m]."""
+    slow = np.concatenate([[False], speeds <= STOP_SPEED * speeds.max(), [False]])
     edges = np.flatnonzero(slow[1:] != slow[:-1])
-    found = []
+    intervals = []
     for first, last in zip(edges[::2], edges[1::2] - 1, strict=True):
         part = positions[first : last + 1]
-        still = np.linalg.norm(part - part.mean(axis=0), axis=1).max() <= STANDSTILL
-        if still and times[last] - times[first] >= max(LEAST_STOP, 4 * step):
-            found.append((float(times[first]), float(times[last])))
-    return found
+        stays = np.linalg.norm(part - part.mean(axis=0), axis=1).max() <= STANDSTILL
+        if stays and times[last] - times[first] >= max(MIN_STOP, MIN_STEPS * step):
+            intervals.append((float(times[first]), float(times[last])))
+    return intervals
 
 
-def even(duration: float, spacing: float) -> Float[np.ndarray, " m"]:
-    """Knots at equal steps of about `spacing` [s]."""
+def equal_knots(duration: float, spacing: float) -> Float[np.ndarray, " m"]:
+    """Knots from 0 to the duration at equal intervals of about `spacing` [s]."""
     return np.linspace(0.0, duration, max(1, round(duration / spacing)) + 1)
 
 
 def with_stops(
     knots: Float[np.ndarray, " m"], stops: list[tuple[float, float]]
 ) -> tuple[Float[np.ndarray, " k"], Bool[np.ndarray, " segments"]]:
-    """Knots at the ends of stops and none within or next to them, and which segments are stops."""
-    near = NEAR * float(np.median(np.diff(knots)))
+    """`knots` with the ends of stops in place of those inside or close to a stop, and which segments are stops."""
+    near = MIN_DISTANCE * float(np.median(np.diff(knots)))
     ends = np.array(stops).ravel()
     kept = np.ones(len(knots), bool)
     for start, end in stops:
         kept &= (knots < start - near) | (knots > end + near)
     first, last = knots[0], knots[-1]
-    found = np.unique(np.concatenate([[first], knots[kept], ends, [last]]))
-    held = np.zeros(len(found) - 1, bool)
-    held[np.searchsorted(found, np.array([start for start, _ in stops], float))] = True
-    return found, held
+    result = np.unique(np.concatenate([[first], knots[kept], ends, [last]]))
+    is_stop = np.zeros(len(result) - 1, bool)
+    is_stop[np.searchsorted(result, np.array([start for start, _ in stops], float))] = True
+    return result, is_stop

@@ -1,76 +1,98 @@
-"""Samples that are no measurement: positions that are wrong by far more than the others."""
+"""Finds outliers: samples whose distance from the route is far larger than those of the others."""
 
 from typing import Any
 
 import numpy as np
 
 from qtraj.design.fitting.route_choice import Recording
-from qtraj.design.fitting.route_knots import even
-from qtraj.design.fitting.route_system import of_jerk, of_samples, predicted, rows, solved
+from qtraj.design.fitting.route_knots import equal_knots
+from qtraj.design.fitting.route_system import design, jerk_system, predict, sample_system, solve
 from qtraj.foundation.arrays import as_float, concrete, require_positive
 
 SPACING, STEPS = 1.0, 2
-"""Knots stand so many seconds apart at first, and at least so many steps of time."""
+"""Initial spacing of the knots: in seconds, and at least this many time steps of the recording."""
 
 SMOOTHING = 1e-4
-"""The first smoothing to try [s⁶], divided by the median step of time [s]."""
+"""Initial smoothing [s⁶], to be divided by the median time step [s]."""
 
-FAR = 10.0
-"""A sample farther from the route than so many times the upper quartile of all distances is an outlier."""
+OUTLIER_RATIO = 10.0
+"""A sample is an outlier if its distance from the route exceeds this multiple of the upper quartile."""
 
-ROUNDS, NARROWER = 12, 0.3
-"""Searches for outliers; by the second the bound is narrower in each, until it is `FAR`."""
+MIN_JUMP = 0.5
+"""Outliers jump by at least this part of their largest distance from one sample to the next."""
 
-ENDS = 1e-6
-"""Of the duration: as well must given knots begin and end with the recording."""
+MAX_ROUNDS, REDUCTION = 12, 0.3
+"""Maximum number of fits, and the factor by which the bound decreases from one to the next."""
 
-LEAST = 1e-8
-"""[m] Of noiseless samples this stands for the quartile: rounding."""
+END_TOLERANCE = 1e-6
+"""Relative to the duration: tolerance on the first and the last of the user's knots."""
+
+MIN_QUARTILE = 1e-8
+"""[m] Lower bound on the quartile: rounding errors of noiseless samples are no outliers."""
 
 
 def without_outliers(recording: Recording, knots: Any) -> tuple[Recording, float, np.ndarray | None]:
-    """The recording with outliers weighing nothing; the spacing of knots to begin with; and the knots if given.
+    """The recording with weight 0 for outliers; the initial spacing of the knots; the user's knots, or None.
 
-    First a bound far above all others is laid, then it comes down: so the worst samples go before they can bend the
-    route towards them.
+    The bound on the distance decreases from fit to fit. So the worst samples are removed first, before they pull the
+    route away from good ones.
     """
     duration = float(recording.times[-1])
-    spacing, given = max(SPACING, STEPS * recording.step), None
+    spacing, user_knots = max(SPACING, STEPS * recording.step), None
     if knots is not None:
-        asked = np.asarray(concrete(knots), float)
-        if asked.ndim == 0:
-            require_positive(as_float(asked), "knots", "s")
-            spacing = min(float(asked), duration)
-            given = even(duration, spacing)
+        values = np.asarray(concrete(knots), float)
+        if values.ndim == 0:
+            require_positive(as_float(values), "knots", "s")
+            spacing = min(float(values), duration)
+            user_knots = equal_knots(duration, spacing)
         else:
-            given = _knots(asked, duration)
-            spacing = float(np.median(np.diff(given)))
-    grid = even(duration, spacing) if given is None else given
-    at, jerk, bound = rows(grid, recording.times), of_jerk(grid), np.inf
-    rest = jerk.plus(jerk, SMOOTHING / recording.step - 1.0)
-    for _ in range(ROUNDS):
-        states = solved(of_samples(len(grid), at, recording.positions, recording.weights).plus(rest))
-        away = np.linalg.norm(predicted(at, states) - recording.positions, axis=1)
-        counted = recording.weights > 0
-        least = bound_of(away[counted])
-        bound = max(least, NARROWER * min(bound, away[counted].max()))
-        weights = (away <= bound).astype(float)
-        if bound == least and np.array_equal(weights, recording.weights):
+            user_knots = _checked_knots(values, duration)
+            spacing = float(np.median(np.diff(user_knots)))
+    grid = equal_knots(duration, spacing) if user_knots is None else user_knots
+    at, jerk, bound = design(grid, recording.times), jerk_system(grid), np.inf
+    for _ in range(MAX_ROUNDS):
+        samples = sample_system(len(grid), at, recording.positions, recording.weights)
+        states = solve(samples.plus(jerk, SMOOTHING / recording.step))
+        residuals = predict(at, states) - recording.positions
+        inliers = np.linalg.norm(residuals[recording.weights > 0], axis=1)
+        final_bound = outlier_bound(inliers)
+        bound = max(final_bound, REDUCTION * min(bound, inliers.max()))
+        weights = (~outliers(residuals, bound)).astype(float)
+        if bound == final_bound and np.array_equal(weights, recording.weights):
             break
         recording = recording._replace(weights=weights)
-    return recording, spacing, given
+    return recording, spacing, user_knots
 
 
-def bound_of(away: np.ndarray) -> float:
-    """The distance from which on samples are outliers [m]."""
-    return FAR * max(float(np.quantile(away, 0.75)), LEAST)
+def outlier_bound(distances: np.ndarray) -> float:
+    """The distance above which a sample is an outlier [m], from the distances of all samples that count."""
+    return OUTLIER_RATIO * max(float(np.quantile(distances, 0.75)), MIN_QUARTILE)
 
 
-def _knots(asked: np.ndarray, duration: float) -> np.ndarray:
-    inner = asked.ndim == 1 and len(asked) > 1 and np.all(np.diff(asked) > 0)
-    if not inner or abs(asked[0]) > ENDS * duration or abs(asked[-1] - duration) > ENDS * duration:
+def outliers(residuals: np.ndarray, bound: float) -> np.ndarray:
+    """Whether each sample is an outlier (n,), from the differences between route and samples (n, 3) [m].
+
+    Consecutive samples above the bound are outliers only if they jump away from their neighbours. Otherwise they are a
+    motion that the route does not follow yet, such as a swerve between two knots.
+    """
+    distances = np.linalg.norm(residuals, axis=1)
+    steps = np.linalg.norm(np.diff(residuals, axis=0), axis=1)
+    above = np.concatenate([[False], distances > bound, [False]])
+    marked = np.zeros(len(distances), bool)
+    for start, end in zip(
+        np.flatnonzero(~above[:-1] & above[1:]), np.flatnonzero(above[:-1] & ~above[1:]), strict=True
+    ):
+        jump = steps[max(start - 1, 0) : end].max()
+        marked[start:end] = jump >= MIN_JUMP * distances[start:end].max()
+    return marked
+
+
+def _checked_knots(times: np.ndarray, duration: float) -> np.ndarray:
+    increasing = times.ndim == 1 and len(times) > 1 and np.all(np.diff(times) > 0)
+    tolerance = END_TOLERANCE * duration
+    if not increasing or abs(times[0]) > tolerance or abs(times[-1] - duration) > tolerance:
         raise ValueError(
             f"knots must be a spacing [s], or times that increase from 0 to the duration {duration:.9g} s, "
-            f"but {asked.tolist() if asked.size < 8 else f'{asked.size} numbers'} was given"
+            f"but {times.tolist() if times.size < 8 else f'an array of {times.size} numbers'} was given"
         )
-    return np.concatenate([[0.0], asked[1:-1], [duration]])
+    return np.concatenate([[0.0], times[1:-1], [duration]])

@@ -1,20 +1,20 @@
-"""The normal equations of a route through recorded positions: banded, because a sample touches two joints only.
+"""Banded normal equations of a route that is fitted to recorded positions.
 
-Unknown are position, velocity and acceleration at the joints. A sample between two of them is the sum of six Hermite
-polynomials; the squares of the jerk of a segment are a quadratic form of the same six numbers. So the matrix has five
-diagonals beside its main one, and is shared by x, y and z.
+The unknowns are position, velocity and acceleration at the joints. The route at a sample is a combination of the six
+states at the ends of its segment, with Hermite polynomials as factors. The integral of the squared jerk over a segment
+is a quadratic form of the same six states. So the matrix has five diagonals beside the main one; x, y and z share it.
 """
 
 import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from qtraj.path import pieces
 
 WIDTH = 6
-"""Unknowns that a segment touches: the states at both its ends."""
+"""The states at both ends of a segment, per axis."""
 
 
 def _basis() -> np.ndarray:
@@ -40,15 +40,19 @@ def _jerk_form() -> np.ndarray:
 JERK = _jerk_form()
 
 
-class Rows(NamedTuple):
-    """What each sample is made of: the segment it lies in and the factors of the six states at its ends."""
+class Design(NamedTuple):
+    """The design matrix: for each sample, its segment and the factors of the six states at the segment's ends."""
 
     segment: Int[np.ndarray, " n"]
     factors: Float[np.ndarray, "n 6"]
 
+    def part(self, samples: Bool[np.ndarray, " n"]) -> "Design":
+        """The rows of some samples."""
+        return Design(self.segment[samples], self.factors[samples])
 
-def rows(knots: Float[np.ndarray, " m"], times: Float[np.ndarray, " n"], order: int = 0) -> Rows:
-    """The factors of positions (order 0) or velocities (order 1) at `times`."""
+
+def design(knots: Float[np.ndarray, " m"], times: Float[np.ndarray, " n"], order: int = 0) -> Design:
+    """The design matrix of positions (order 0) or velocities (order 1) at `times`."""
     i = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, len(knots) - 2)
     h = (knots[1:] - knots[:-1])[i]
     u = (times - knots[i]) / h
@@ -57,28 +61,28 @@ def rows(knots: Float[np.ndarray, " m"], times: Float[np.ndarray, " n"], order: 
         np.multiply(powers[:, k - 1], u, out=powers[:, k])
     factors = BASIS[:, order:] * (np.arange(order, WIDTH) if order else 1)
     values = powers @ factors.T
-    return Rows(i, values * _scales(h) / (h[:, None] if order else 1))
+    return Design(i, values * _scales(h) / (h[:, None] if order else 1))
 
 
 def _scales(h: np.ndarray) -> np.ndarray:
-    """The factors that turn states into lengths, (n, 6)."""
+    """The factors (n, 6) that convert position, velocity and acceleration to lengths."""
     one, square = np.ones_like(h), h * h
     return np.stack([one, h, square, one, h, square], axis=1)
 
 
 class System(NamedTuple):
-    """The matrix, upper diagonals in rows (6, unknowns), and the right-hand sides (unknowns, 3)."""
+    """Normal equations: the upper diagonals of the matrix (6, unknowns) and the right-hand sides (unknowns, 3)."""
 
     matrix: Float[np.ndarray, "6 unknowns"]
     right: Float[np.ndarray, "unknowns 3"]
 
     def plus(self, other: "System", factor: float = 1.0) -> "System":
-        """The sum with a multiple of another system."""
+        """The sum of this system and `factor` times another one."""
         return System(self.matrix + factor * other.matrix, self.right + factor * other.right)
 
 
-def of_samples(count: int, at: Rows, values: Float[np.ndarray, "n 3"], weights: Float[np.ndarray, " n"]) -> System:
-    """The normal equations of samples with weights, on `count` knots."""
+def sample_system(count: int, at: Design, values: Float[np.ndarray, "n 3"], weights: Float[np.ndarray, " n"]) -> System:
+    """The normal equations of weighted samples on `count` knots."""
     segments = count - 1
     weighted = at.factors * weights[:, None]
     blocks = np.empty((segments, WIDTH, WIDTH))
@@ -88,10 +92,10 @@ def of_samples(count: int, at: Rows, values: Float[np.ndarray, "n 3"], weights: 
             blocks[:, j, k] = np.bincount(at.segment, weighted[:, j] * at.factors[:, k], segments)
         for axis in range(values.shape[1]):
             sides[:, j, axis] = np.bincount(at.segment, weighted[:, j] * values[:, axis], segments)
-    return System(_banded(blocks), _stacked(sides))
+    return System(_banded(blocks), _assembled(sides))
 
 
-def of_jerk(knots: Float[np.ndarray, " m"]) -> System:
+def jerk_system(knots: Float[np.ndarray, " m"]) -> System:
     """The normal equations of ∫ |r'''|² dt."""
     h = knots[1:] - knots[:-1]
     scales = _scales(h)
@@ -99,59 +103,58 @@ def of_jerk(knots: Float[np.ndarray, " m"]) -> System:
     return System(_banded(blocks), np.zeros((3 * len(knots), 3)))
 
 
-def of_stops(knots: Float[np.ndarray, " m"], standing: np.ndarray, weight: float) -> System:
-    """Rest at both ends of the segments that are `standing` (m − 1,), and one position, with a weight."""
+def stop_system(knots: Float[np.ndarray, " m"], is_stop: np.ndarray, weight: float) -> System:
+    """Weighted equations of rest and of equal positions at both ends of the segments where `is_stop` (m − 1,)."""
     matrix = np.zeros((WIDTH, 3 * len(knots)))
-    for end in (np.append(standing, False), np.append(False, standing)):
+    for end in (np.append(is_stop, False), np.append(False, is_stop)):
         matrix[-1, ::3][end] += weight
         matrix[-1, 1::3][end] += weight
         matrix[-1, 2::3][end] += weight
-    matrix[-4, 3::3][standing] -= weight
+    matrix[-4, 3::3][is_stop] -= weight
     return System(matrix, np.zeros((3 * len(knots), 3)))
 
 
-def solved(system: System) -> Float[np.ndarray, "knots 3 3"]:
-    """The joint states (knots, order, axis).
+def solve(system: System) -> Float[np.ndarray, "knots 3 3"]:
+    """The joint states (knots, order, axis) that satisfy the normal equations.
 
     **Raises:** numpy.linalg.LinAlgError where the samples do not determine them.
     """
     from scipy.linalg import solveh_banded
 
-    found = solveh_banded(system.matrix, system.right, check_finite=False)
-    return found.reshape(-1, 3, system.right.shape[1])
+    solution = solveh_banded(system.matrix, system.right, check_finite=False)
+    return solution.reshape(-1, 3, system.right.shape[1])
 
 
-def predicted(at: Rows, states: Float[np.ndarray, "knots 3 3"]) -> Float[np.ndarray, "n 3"]:
-    """What the samples are on the route with these joint states."""
+def predict(at: Design, states: Float[np.ndarray, "knots 3 3"]) -> Float[np.ndarray, "n 3"]:
+    """The positions or velocities (n, 3) at the samples, of the route with these joint states."""
     both = np.concatenate([states[:-1], states[1:]], axis=1)[at.segment]
     return np.einsum("nk,nka->na", at.factors, both)
 
 
 def covariances(matrix: Float[np.ndarray, "6 unknowns"]) -> Float[np.ndarray, "knots 3 3"]:
-    """The blocks (3, 3) of the inverse of a banded matrix that belong to one joint each (Takahashi's recursion)."""
+    """The diagonal blocks (3, 3) of the inverse of a banded matrix, one per joint (Takahashi's recursion)."""
     count = matrix.shape[1] // 3
-    whole = np.zeros((count, 3, 6))
+    blocks = np.zeros((count, 3, 6))
     for d in range(WIDTH):
         for r in range(3):
             if r + d < WIDTH:
                 column = matrix[WIDTH - 1 - d, r + d :: 3]
-                whole[: len(column), r, r + d] = column
-    own = np.triu(whole[:, :, :3]) + np.swapaxes(np.triu(whole[:, :, :3], 1), 1, 2)
-    beside = whole[:-1, :, 3:]
-    pivots, ratios = np.empty_like(own), np.empty_like(beside)
-    pivots[0] = own[0]
+                blocks[: len(column), r, r + d] = column
+    diagonal = np.triu(blocks[:, :, :3]) + np.swapaxes(np.triu(blocks[:, :, :3], 1), 1, 2)
+    upper = blocks[:-1, :, 3:]
+    pivots, ratios = np.empty_like(diagonal), np.empty_like(upper)
+    pivots[0] = diagonal[0]
     for i in range(1, count):
-        ratios[i - 1] = np.linalg.solve(pivots[i - 1], beside[i - 1])
-        pivots[i] = own[i] - beside[i - 1].T @ ratios[i - 1]
-    inverses = np.linalg.inv(pivots)
-    found = inverses.copy()
+        ratios[i - 1] = np.linalg.solve(pivots[i - 1], upper[i - 1])
+        pivots[i] = diagonal[i] - upper[i - 1].T @ ratios[i - 1]
+    result = np.linalg.inv(pivots)
     for i in range(count - 2, -1, -1):
-        found[i] += ratios[i] @ found[i + 1] @ ratios[i].T
-    return found
+        result[i] += ratios[i] @ result[i + 1] @ ratios[i].T
+    return result
 
 
 def _banded(blocks: Float[np.ndarray, "segments 6 6"]) -> np.ndarray:
-    """Upper triangles of blocks that overlap by three, as diagonals."""
+    """The upper diagonals of a matrix of blocks (6, 6) that overlap by three."""
     segments = len(blocks)
     matrix = np.zeros((WIDTH, 3 * (segments + 1)))
     for j in range(WIDTH):
@@ -160,8 +163,9 @@ def _banded(blocks: Float[np.ndarray, "segments 6 6"]) -> np.ndarray:
     return matrix
 
 
-def _stacked(sides: Float[np.ndarray, "segments 6 3"]) -> np.ndarray:
-    found = np.zeros((len(sides) + 1, 3, sides.shape[2]))
-    found[:-1] += sides[:, :3]
-    found[1:] += sides[:, 3:]
-    return found.reshape(-1, sides.shape[2])
+def _assembled(sides: Float[np.ndarray, "segments 6 3"]) -> np.ndarray:
+    """The right-hand sides of segments that share their joints."""
+    result = np.zeros((len(sides) + 1, 3, sides.shape[2]))
+    result[:-1] += sides[:, :3]
+    result[1:] += sides[:, 3:]
+    return result.reshape(-1, sides.shape[2])

@@ -1,4 +1,4 @@
-"""Limits judged on a whole route, segment by segment."""
+"""Certifies limits on a route, segment by segment, and locates the intervals of violation."""
 
 from typing import Any
 
@@ -18,78 +18,78 @@ from qtraj.path.stops import Segments
 from qtraj.path.vehicle import RoadParameters
 
 INSTANTS = 65
-"""Instants of a broken segment between which the ends of intervals are sought."""
+"""Sampled instants of a segment with a broken limit, between which the ends of the intervals are searched."""
 
 HALVINGS = 50
+"""Bisection steps for the ends of an interval."""
 
 
 def certify_route(route: Route, limits: Limits) -> RouteCertificate:
-    """What is known of `route` against `limits`; see `certify`.
+    """The certificate of one `route` for `limits`; see `certify`.
 
-    **Raises:** ValueError for many routes or inside a trace, whose segments are not known.
+    **Raises:** ValueError for a batch of routes or inside a trace.
     """
     if route.duration.ndim or any(isinstance(x, Tracer) for x in jax.tree.leaves((route, limits))):
         raise ValueError(
-            "limits are judged on one route whose numbers are known: call certify outside jit, grad and vmap, once for "
-            "each route"
+            "certify accepts one route with concrete values: call it outside jit, grad and vmap, once for each route"
         )
-    given = {name: float(np.asarray(x)) for name, x in limits.given().items()}
+    bounds_by_name = {name: float(np.asarray(x)) for name, x in limits.given().items()}
     count = route.segments
     starts, c = np.asarray(route.starts)[:count], np.asarray(route.coefficients)[:count]
     segments = Segments(starts, c, np.diff(np.asarray(route.times)))
-    names, bounds = tuple(given), np.array([*given.values()])
+    names, bounds = tuple(bounds_by_name), np.array([*bounds_by_name.values()])
     if not names:
-        none, each = np.zeros(0), np.zeros((count, 0))
-        return RouteCertificate(
-            Certificate((), none, none, none, none), Certificate((), each, each, each, each), starts
-        )
+        no_limits, no_findings = np.zeros(0), np.zeros((count, 0))
+        whole = Certificate((), *[no_limits] * 4)
+        return RouteCertificate(whole, Certificate((), *[no_findings] * 4), starts)
     road = limits.road() if limits.needs_vehicle else None
-    found = findings(segments, given, road)
-    times = found.times + starts[:, None]
-    codes, column = worst(found.codes), np.arange(len(names))
-    rank = np.where(found.codes == codes[None], found.values, -np.inf)
-    place = np.argmax(np.where(np.isnan(rank), np.inf, rank), axis=0)
-    whole = Certificate(names, codes, times[place, column], found.values[place, column], bounds)
-    parts = Certificate(names, found.codes, times, found.values, np.broadcast_to(bounds, found.codes.shape))
-    spans, numbers = [], []
+    results = findings(segments, bounds_by_name, road)
+    times = results.times + starts[:, None]
+    codes, column = worst(results.codes), np.arange(len(names))
+    candidates = np.where(results.codes == codes[None], results.values, -np.inf)
+    row = np.argmax(np.where(np.isnan(candidates), np.inf, candidates), axis=0)
+    whole = Certificate(names, codes, times[row, column], results.values[row, column], bounds)
+    parts = Certificate(names, results.codes, times, results.values, np.broadcast_to(bounds, results.codes.shape))
+    broken, broken_limits = [], []
     for k, name in enumerate(names):
-        some = np.flatnonzero(found.codes[:, k] == BROKEN)
-        own = _intervals(segments, name, bounds[k], road, some, found.times[some, k])
-        spans += own
-        numbers += [k] * len(own)
-    return RouteCertificate(whole, parts, starts, spans, numbers)
+        rows = np.flatnonzero(results.codes[:, k] == BROKEN)
+        intervals = _intervals(segments, name, bounds[k], road, rows, results.times[rows, k])
+        broken += intervals
+        broken_limits += [k] * len(intervals)
+    return RouteCertificate(whole, parts, starts, broken, broken_limits)
 
 
 def _intervals(
-    segments: Segments, name: str, bound: float, road: RoadParameters | None, some: np.ndarray, seen: np.ndarray
+    segments: Segments, name: str, bound: float, road: RoadParameters | None, rows: np.ndarray, peaks: np.ndarray
 ) -> list[tuple[float, float]]:
-    """The intervals in which `some` segments exceed a bound; it is seen to be exceeded at a local time of each."""
-    if not some.size:
+    """The intervals in which the segments `rows` exceed a bound, as they do at their local times `peaks`."""
+    if not rows.size:
         return []
-    c, h = segments.coefficients[some], segments.durations[some]
-    s = np.sort(np.concatenate([h[:, None] * np.linspace(0.0, 1.0, INSTANTS), seen[:, None]], axis=1), axis=1)
-    above = _exceeds(c, s, name, bound, road) | (s == seen[:, None])
+    c, h = segments.coefficients[rows], segments.durations[rows]
+    s = np.sort(np.concatenate([h[:, None] * np.linspace(0.0, 1.0, INSTANTS), peaks[:, None]], axis=1), axis=1)
+    above = _exceeds(c, s, name, bound, road) | (s == peaks[:, None])
     row, left = np.nonzero(above[:, 1:] != above[:, :-1])
     low, high, first = s[row, left], s[row, left + 1], above[row, left]
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         same = _exceeds(c[row], middle[:, None], name, bound, road)[:, 0] == first
         low, high = np.where(same, middle, low), np.where(same, high, middle)
-    found: list[tuple[float, float]] = []
-    for i, start in enumerate(segments.starts[some]):
+    intervals: list[tuple[float, float]] = []
+    for i, start in enumerate(segments.starts[rows]):
         inner = start + np.where(first, low, high)[row == i]
         edges = [*([start] if above[i, 0] else []), *inner, *([start + h[i]] if above[i, -1] else [])]
         for a, b in zip(edges[::2], edges[1::2], strict=True):
-            if found and a <= found[-1][1]:
-                found[-1] = (found[-1][0], float(b))
+            if intervals and a <= intervals[-1][1]:
+                intervals[-1] = (intervals[-1][0], float(b))
             else:
-                found.append((float(a), float(b)))
-    return found
+                intervals.append((float(a), float(b)))
+    return intervals
 
 
 def _exceeds(c: np.ndarray, s: np.ndarray, name: str, bound: float, road: RoadParameters | None) -> np.ndarray:
     """Whether a quantity is above its bound at local times (segments, instants)."""
     entry = quantity(name)
-    spread = np.broadcast_to(c[:, None], (*s.shape, *c.shape[1:]))
-    rows: list[Any] = [(r[..., 0], r[..., 1], r[..., 2]) for r in pieces.values(spread, s, max(entry.order, 1))]
-    return np.asarray(entry.exceeds(Invariants(rows, vehicle=road, root=np.sqrt), bound))
+    c_at_each = np.broadcast_to(c[:, None], (*s.shape, *c.shape[1:]))
+    derivatives = pieces.values(c_at_each, s, max(entry.order, 1))
+    components: list[Any] = [(r[..., 0], r[..., 1], r[..., 2]) for r in derivatives]
+    return np.asarray(entry.exceeds(Invariants(components, vehicle=road, root=np.sqrt), bound))

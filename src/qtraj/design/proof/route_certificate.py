@@ -1,4 +1,4 @@
-"""Certificates of routes: on the whole route, on each segment, and where limits are broken."""
+"""Certificates of routes: for the whole route, for each segment, and the intervals in which limits are broken."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from qtraj.foundation.types import ArrayInput
 
 @storable
 class RouteCertificate(AbstractOutcome):
-    """The findings on each limit of a route; `certify(route, limits)` returns it.
+    """The findings on the limits of a route, as `certify(route, limits)` returns them.
 
     - `whole`: the `Certificate` of the route, with the worst finding of all segments for each limit.
     - `segments`: a batch of certificates, one for each segment, with times of the route.
@@ -52,12 +52,12 @@ class RouteCertificate(AbstractOutcome):
 
     @property
     def status(self) -> dict[str, Any]:
-        """The finding on each limit on the whole route, by its name."""
+        """The finding on each limit for the whole route, by name."""
         return self.whole.status
 
     @property
     def worst(self) -> dict[str, tuple[Any, Any, Any]]:
-        """(time [s], value, limit) at the largest value of each, by its name."""
+        """(time [s], value, limit) at the largest value of each quantity, by name."""
         return self.whole.worst
 
     @property
@@ -85,26 +85,26 @@ class RouteCertificate(AbstractOutcome):
         return self.whole.margin(name)
 
     def margins(self, name: str) -> Float[np.ndarray, " segments"]:
-        """The same for each segment; NaN where the quantity is undefined."""
+        """`margin` of each segment; NaN where the quantity is undefined."""
         _, values, limits = self.segments.worst[name]
         return np.asarray(limits - values)
 
     def intervals(self, name: str) -> list[tuple[float, float]]:
         """The intervals (start, end) [s] in which a limit is broken, in order.
 
-        Their ends are the sign changes of the limit's polynomial inequality, searched between 65 instants of a broken
-        segment, one of which is the instant of its largest value.
+        Their ends are sign changes of the limit's polynomial inequality. They are searched between 65 equally spaced
+        instants of each segment that breaks the limit, and the instant of its largest value.
         """
         k = self.names.index(name)
-        chosen = np.asarray(self.broken)[np.asarray(self.broken_limits) == k]
-        return [(float(a), float(b)) for a, b in chosen]
+        intervals = np.asarray(self.broken)[np.asarray(self.broken_limits) == k]
+        return [(float(a), float(b)) for a, b in intervals]
 
     def describe(self, name: str) -> str:
-        """The largest value of one quantity, and its limit, in words."""
+        """The largest value of a quantity and its limit, in words."""
         return self.whole.describe(name)
 
     def findings(self, at: tuple[int, ...] = ()) -> Sequence[Finding]:
-        """The finding on each limit, on the whole route or, with `at` = (i,), on segment i."""
+        """The finding on each limit, for the whole route or, with `at` = (i,), for segment i."""
         return self.segments.findings(at) if at else self.whole.findings()
 
     @property
@@ -117,19 +117,17 @@ class RouteCertificate(AbstractOutcome):
         return self.whole.explain(at)
 
     def record(self) -> Record:
-        """The findings on the whole route; those on segments and intervals have the prefixes `segment_`, `broken_`."""
+        """The findings for the whole route, for segments (prefix `segment_`), and the intervals (prefix `broken_`)."""
         whole, parts = self.whole.record(), self.segments.record()
         variables = dict(whole.variables)
         for name in ("status", "worst_value", "worst_time"):
-            given = parts.variables[name]
-            variables[f"segment_{name}"] = given._replace(axes=("segment", "limit"))
+            variables[f"segment_{name}"] = parts.variables[name]._replace(axes=("segment", "limit"))
         variables["segment_start"] = Quantity(self.starts, "s", "time at which a segment starts", ("segment",))
         if len(self.broken):
             names = np.array(self.names, dtype=str)[np.asarray(self.broken_limits)]
-            variables["broken_limit"] = Quantity(names, "", "the limit that is broken in an interval", ("interval",))
-            ends = (("start", self.broken[:, 0]), ("end", self.broken[:, 1]))
-            for name, values in ends:
-                variables[f"broken_{name}"] = Quantity(values, "s", f"{name} of that interval", ("interval",))
+            variables["broken_limit"] = Quantity(names, "", "the limit that is broken in the interval", ("interval",))
+            for k, name in enumerate(("start", "end")):
+                variables[f"broken_{name}"] = Quantity(self.broken[:, k], "s", f"{name} of the interval", ("interval",))
         where = f"; {extent(len(self.broken))} intervals with a broken limit" if len(self.broken) else ""
         summary = f"{len(self.starts)} segments: {self.whole.summary}{where}"
         return Record(summary, variables, whole.coordinates, whole.attributes)

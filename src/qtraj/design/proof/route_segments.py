@@ -1,10 +1,10 @@
-"""The findings on each segment of a route, segments standing for paths; where one starts or ends at a stop, too.
+"""The findings on each segment of a route, including segments that start or end at a stop.
 
-At a stop the velocity vanishes, and with it what most quantities divide by. A segment whose velocity vanishes at an end
-to the order m is r' = u^m·q there, with u the time from that end, and q has the direction of r'. So the upright and the
-natural frame turn as on a path with the velocity q; and across and along the path the acceleration is r'' against the
-direction of q. Both are judged with q in the place of r', which does not vanish. The curvature has no such form: it
-grows without bound at a stop, unless the path is straight there.
+At a stop the velocity vanishes, and most quantities divide by it. If the velocity of a segment has a zero of order m at
+an end, then r' = u^m·q with the time u from that end, where q has the direction of r' and does not vanish. So the
+upright and the natural frame rotate as on a path with velocity q, and the lateral and longitudinal acceleration are the
+components of r'' relative to the direction of q. These quantities are certified with q in place of r'. The curvature
+has no such form: at a stop it grows without bound, unless the path is straight there.
 """
 
 from collections.abc import Sequence
@@ -28,137 +28,149 @@ from qtraj.path.stops import Segments
 from qtraj.path.vehicle import RoadParameters
 
 DIRECTIONS = ("slope", "angular_rate", "angular_acceleration", "yaw_rate", "yaw_acceleration")
-"""What depends on the direction of the velocity alone."""
+"""Quantities that depend only on the direction of the velocity."""
 
-ACROSS = (
+COMPONENTS = (
     "lateral_acceleration",
     "longitudinal_acceleration",
     *(name for name, entry in QUANTITIES.items() if entry.needs_vehicle),
 )
-"""What is the acceleration against that direction, and the speed."""
+"""Components of the acceleration relative to that direction, and forces, which depend on the speed as well."""
 
 MAX_ORDER = 8
-"""The highest order to which a velocity vanishes whose forces are known; it is never reached in practice."""
+"""The highest order of a zero of the velocity for which forces are computed; lower ones occur in practice."""
 
-ROUNDED = 3
-"""Roundings of each coefficient of Q, the integral of q."""
+N_ROUNDINGS = 3
+"""Rounding operations in each coefficient of Q, the integral of q."""
 
 BLOCK_SIZE = 64
-"""Segments that are judged at once, small enough for the processor's cache."""
+"""Segments that are processed together, few enough for the processor's cache."""
 
-VANISHES = 64 * float(np.finfo(float).eps)
-"""A velocity or acceleration at an end below this part of the segment's size is zero to rounding."""
+ZERO = 64 * float(np.finfo(float).eps)
+"""A velocity or acceleration at an end counts as zero below this fraction of the segment's size."""
 
 
-class Found(NamedTuple):
-    """Codes, times since the segment's start [s] and values, a row for each segment, a column for each limit."""
+class SegmentFindings(NamedTuple):
+    """Codes, times [s] since the segment's start, and values; one row per segment, one column per limit."""
 
     codes: Int[np.ndarray, "segments limits"]
     times: Float[np.ndarray, "segments limits"]
     values: Float[np.ndarray, "segments limits"]
 
 
-def findings(segments: Segments, limits: dict[str, float], road: RoadParameters | None) -> Found:
-    """The findings on every segment against `limits`, by name; `road` are the numbers of a vehicle if they need one."""
-    names = tuple(limits)
-    table = np.array([limits.get(entry.name, 1.0) for entry in LIMITS])
-    given = [entry for entry in LIMITS if entry.name in names]
-    order = [entry.name for entry in given]
-    columns = np.array([k for k, entry in enumerate(LIMITS) if entry.name in names])
+def findings(segments: Segments, limits: dict[str, float], road: RoadParameters | None) -> SegmentFindings:
+    """The findings on every segment, in the order of the registry; `limits` are bounds by name.
+
+    `road` are the numbers of the vehicle if a limit needs one.
+    """
+    entries = [entry for entry in LIMITS if entry.name in limits]
+    names = [entry.name for entry in entries]
+    bounds = np.array([limits.get(entry.name, 1.0) for entry in LIMITS])
+    columns = np.array([k for k, entry in enumerate(LIMITS) if entry.name in limits])
     c, h = segments.coefficients, segments.durations
-    still: Any = ~c[:, 1:].any(axis=(1, 2))
-    groups = _stopping(c, h, still)
+    parked: Any = ~c[:, 1:].any(axis=(1, 2))
+    groups = _stopping(c, h, parked)
     directions = c.copy()
-    directions[still, 1] = 1.0 / h[still, None]  # any straight, whose proofs are short
-    for _, stop, about in groups:
-        directions[stop] = _integrals(about)
-    moving = np.zeros(len(h), int)
-    found = Found(
-        *(np.array(x[:, columns]) for x in _judged(directions, directions, h, table, road, names, False, moving))
-    )
-    found.codes[still], found.times[still], found.values[still] = PROVED, 0.0, 0.0
-    free = tuple(entry.name for entry in given if entry.divisor is None)
-    somewhere = (*DIRECTIONS, *ACROSS)
-    nowhere = _places(order, [entry.name for entry in given if entry.divisor and entry.name not in somewhere])
-    for end, stop, about in groups:
-        # About the end the time runs backwards: the direction of the velocity is the opposite one.
-        own = -directions[stop] if end else directions[stop]
-        for chosen, path, along, keeps in (
-            (free, c[stop], c[stop], False),
-            (tuple(name for name in order if name in ACROSS), about, own, True),
-        ):
+    directions[parked, 1] = 1.0 / h[parked, None]  # a straight line, which is cheap to certify
+    for group in groups:
+        directions[group.rows] = _integrals(group.coefficients)
+    first = _judged(directions, directions, h, bounds, names, road)
+    result = SegmentFindings(*(np.array(x[:, columns]) for x in first))
+    result.codes[parked], result.times[parked], result.values[parked] = PROVED, 0.0, 0.0
+    without_divisor = [entry.name for entry in entries if entry.divisor is None]
+    components = [name for name in names if name in COMPONENTS]
+    defined = (*without_divisor, *DIRECTIONS, *COMPONENTS)
+    undefined = _places(names, [name for name in names if name not in defined])
+    for at_end, rows, coefficients in groups:
+        durations = h[rows, None]
+        of_path = (without_divisor, c[rows], c[rows], False)
+        # Time is counted back from the end, so the velocity has the opposite direction.
+        direction = -directions[rows] if at_end else directions[rows]
+        of_acceleration = (components, coefficients, direction, True)
+        for chosen, path, direction, keep_acceleration in (of_path, of_acceleration):
             if chosen:
-                again = _judged(path, along, h[stop], table, road, chosen, keeps, _order(about))
-                places = _places(order, chosen)
-                rows, from_columns = np.ix_(stop, places), columns[places]
-                found.codes[rows], found.values[rows] = again.codes[:, from_columns], again.values[:, from_columns]
-                times = again.times[:, from_columns]
-                found.times[rows] = h[stop, None] - times if end and keeps else times
-        if end:
-            turned = np.ix_(stop, _places(order, [name for name in order if name in DIRECTIONS]))
-            found.times[turned] = h[stop, None] - found.times[turned]
-        gone = np.ix_(stop, nowhere)
-        found.codes[gone], found.values[gone] = UNDEFINED, np.nan
-        found.times[gone] = h[stop, None] if end else 0.0
-    return found
+                orders = _order(coefficients)
+                update = _judged(path, direction, h[rows], bounds, chosen, road, keep_acceleration, orders)
+                places = _places(names, chosen)
+                cells, source = np.ix_(rows, places), columns[places]
+                result.codes[cells], result.values[cells] = update.codes[:, source], update.values[:, source]
+                times = update.times[:, source]
+                result.times[cells] = durations - times if at_end and keep_acceleration else times
+        if at_end:  # the times of these were counted from the end
+            cells = np.ix_(rows, _places(names, [name for name in names if name in DIRECTIONS]))
+            result.times[cells] = durations - result.times[cells]
+        cells = np.ix_(rows, undefined)
+        result.codes[cells], result.values[cells] = UNDEFINED, np.nan
+        result.times[cells] = durations if at_end else 0.0
+    return result
 
 
 def _places(order: list[str], names: Sequence[str]) -> np.ndarray:
-    """Where names stand in an order."""
+    """The indices of `names` in `order`."""
     return np.array([order.index(name) for name in names], np.intp)
 
 
-def _stopping(c: np.ndarray, h: np.ndarray, still: np.ndarray) -> list[tuple[bool, np.ndarray, np.ndarray]]:
-    """Segments that stop at their start, and at their end: which, and their coefficients in the time from there."""
+class _Stopping(NamedTuple):
+    """The segments `rows` that stop at their start, or at their end; `coefficients` in the time from that end."""
+
+    at_end: bool
+    rows: np.ndarray
+    coefficients: np.ndarray
+
+
+def _stopping(c: np.ndarray, h: np.ndarray, parked: np.ndarray) -> list[_Stopping]:
+    """The moving segments that stop at one end."""
     groups = []
-    at_start = _vanishing(c, h) & ~still
-    candidates = np.flatnonzero(~still & (_end_speeds(c, h) <= _sizes(c, h) / h * 1e3 * VANISHES))
-    turned = np.array([_exactly_reversed(c[i], h[i]) for i in candidates]).reshape(-1, *c.shape[1:])
+    at_start = _vanishing(c, h) & ~parked
+    candidates = np.flatnonzero(~parked & (_end_speeds(c, h) <= _sizes(c, h) / h * 1e3 * ZERO))
+    reversed_c = np.array([_exactly_reversed(c[i], h[i]) for i in candidates]).reshape(-1, *c.shape[1:])
+    stops_at_end = _vanishing(reversed_c, h[candidates])
     at_end = np.zeros(len(c), bool)
-    ends = _vanishing(turned, h[candidates])
-    at_end[candidates[ends]] = True
-    one, other = np.flatnonzero(at_start & ~at_end), candidates[ends & ~at_start[candidates]]
-    if one.size:
-        groups.append((False, one, _without_rounding(c[one], h[one])))
-    if other.size:
-        groups.append((True, other, _without_rounding(turned[ends & ~at_start[candidates]], h[other])))
+    at_end[candidates[stops_at_end]] = True
+    starting, only_end = np.flatnonzero(at_start & ~at_end), stops_at_end & ~at_start[candidates]
+    ending = candidates[only_end]
+    if starting.size:
+        groups.append(_Stopping(False, starting, _without_rounding(c[starting], h[starting])))
+    if ending.size:
+        groups.append(_Stopping(True, ending, _without_rounding(reversed_c[only_end], h[ending])))
     return groups
 
 
 def _sizes(c: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """The sizes of segments [m] by their coefficients."""
+    """The sizes of segments [m]: sums of the magnitudes of their terms at the end."""
     powers = h[:, None, None] ** np.arange(c.shape[1])[None, :, None]
     return np.sum(np.abs(c[:, 1:]) * powers[:, 1:], axis=(1, 2))
 
 
 def _end_speeds(c: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """The speeds at the ends of segments [m/s]."""
     k = np.arange(1, c.shape[1])
     return np.linalg.norm(np.sum(c[:, 1:] * (k * h[:, None] ** (k - 1))[..., None], axis=1), axis=-1)
 
 
 def _vanishing(c: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """Whether the velocity at the start is zero to rounding."""
-    return np.linalg.norm(c[:, 1], axis=-1) * h <= VANISHES * _sizes(c, h)
+    """Whether the velocity at the start is zero up to rounding."""
+    return np.linalg.norm(c[:, 1], axis=-1) * h <= ZERO * _sizes(c, h)
 
 
 def _without_rounding(c: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """The coefficients with those of the velocity, and of a vanishing acceleration after it, exactly zero."""
+    """The coefficients with exact zeros for the velocity, and for an acceleration that is zero up to rounding."""
     c, sizes = c.copy(), _sizes(c, h)
     c[:, 1] = 0.0
-    rest = np.linalg.norm(c[:, 2], axis=-1) * h**2 <= VANISHES * sizes
-    c[rest, 2] = 0.0
+    unaccelerated = np.linalg.norm(c[:, 2], axis=-1) * h**2 <= ZERO * sizes
+    c[unaccelerated, 2] = 0.0
     return c
 
 
 def _integrals(c: np.ndarray) -> np.ndarray:
-    """Coefficients of Q with Q' = q = r'/u^m, of segments whose first coefficients vanish."""
-    found = np.zeros_like(c)
+    """Coefficients of Q with Q' = q = r'/u^m, for segments whose first m coefficients of r' are zero."""
+    result = np.zeros_like(c)
     for i, row in enumerate(c):
         powers = np.flatnonzero(row[1:].any(axis=-1)) + 1
         m = int(powers[0]) - 1 if powers.size else 0
         k = np.arange(m + 1, c.shape[1])
-        found[i, 1 : c.shape[1] - m] = row[m + 1 :] * (k / (k - m))[:, None]
-    return found
+        result[i, 1 : c.shape[1] - m] = row[m + 1 :] * (k / (k - m))[:, None]
+    return result
 
 
 def _order(c: np.ndarray) -> np.ndarray:
@@ -168,64 +180,65 @@ def _order(c: np.ndarray) -> np.ndarray:
 
 
 def _exactly_reversed(c: np.ndarray, h: float) -> np.ndarray:
-    """The coefficients in the time from the end, each rounded once."""
-    span, found = Fraction(float(h)), np.zeros_like(c)
+    """The coefficients in the time before the end, each rounded once."""
+    duration, result = Fraction(float(h)), np.zeros_like(c)
     for axis in range(c.shape[1]):
         terms = [Fraction(float(x)) for x in c[:, axis]]
         for k in range(len(terms) - 1):
             for i in range(len(terms) - 2, k - 1, -1):
-                terms[i] += span * terms[i + 1]
-        found[:, axis] = [float(x) * (-1) ** k for k, x in enumerate(terms)]
-    return found
+                terms[i] += duration * terms[i + 1]
+        result[:, axis] = [float(x) * (-1) ** k for k, x in enumerate(terms)]
+    return result
 
 
 def _judged(
     c: np.ndarray,
     directions: np.ndarray,
     h: np.ndarray,
-    table: np.ndarray,
+    bounds: np.ndarray,
+    names: Sequence[str],
     road: RoadParameters | None,
-    names: tuple[str, ...],
-    keeps: bool,
-    orders: np.ndarray,
+    keep_acceleration: bool = False,
+    orders: int | np.ndarray = 0,
 ) -> Findings:
-    """Findings (rows, LIMIT_COUNT) on segments whose velocity has the direction of the derivative of `directions`.
+    """Findings (rows, LIMIT_COUNT) on segments `c`, with the derivative of `directions` in place of the velocity.
 
-    With `keeps` the acceleration is that of `c`, and not the second derivative of `directions`, and the velocity is
-    u^order times that of `directions`.
+    The higher derivatives are also those of `directions`, or with `keep_acceleration` those of `c`. The velocity is
+    then u^order times that derivative, with u the time from the stop.
     """
-    index, count = indices(names)
-    keep = np.full(len(h), keeps)
-    rows = tuple(np.ascontiguousarray(x) for x in (c, directions, h, keep, orders * keeps))
-    blocks = cores.split(np.arange(len(h)), BLOCK_SIZE)
+    index, count = indices(tuple(names))
+    keep = np.full(len(h), keep_acceleration)
+    orders = np.broadcast_to(np.asarray(orders) * keep_acceleration, len(h))
+    segments = tuple(np.ascontiguousarray(x) for x in (c, directions, h, keep, orders))
     numbers = None if road is None else RoadParameters(*(np.asarray(x, float) for x in road))
-    calls = [(cores.take(rows, block, BLOCK_SIZE), table, numbers, index, count) for block in blocks]
-    found: Any = None
-    for block, answers in zip(blocks, cores.map_blocks(_compiled, calls), strict=True):
-        found = cores.allocate(len(h), answers) if found is None else found
-        cores.put(found, block, answers)
-    return found
+    blocks = cores.split(np.arange(len(h)), BLOCK_SIZE)
+    calls = [(cores.take(segments, block, BLOCK_SIZE), bounds, numbers, index, count) for block in blocks]
+    result: Any = None
+    for block, block_result in zip(blocks, cores.map_blocks(_compiled, calls), strict=True):
+        result = cores.allocate(len(h), block_result) if result is None else result
+        cores.put(result, block, block_result)
+    return result
 
 
 @jax.jit
-def _compiled(rows: Any, table: Array, road: RoadParameters | None, index: Array, count: Array) -> Findings:
-    c, directions, h, keeps, orders = rows
-    path, known = _parts(c, h), _parts(directions, h)
-    later = zip(path.derivatives[1:], known.derivatives[1:], strict=True)
-    kept = [jax.tree.map(lambda a, b: jnp.where(keeps, a, b), p, q) for p, q in later]
-    length = jnp.where(keeps, path.length, known.length)
-    pace = None if road is None else _pace(orders, known.unit, known.length / length)
-    known = PathDerivatives([known.derivatives[0], *kept], length, known.unit, pace)
+def _compiled(segments: Any, bounds: Array, road: RoadParameters | None, index: Array, count: Array) -> Findings:
+    c, directions, h, keep, orders = segments
+    path, direction = _derivatives(c, h), _derivatives(directions, h)
+    pairs = zip(path.derivatives[1:], direction.derivatives[1:], strict=True)
+    higher = [jax.tree.map(lambda a, b: jnp.where(keep, a, b), p, q) for p, q in pairs]
+    length = jnp.where(keep, path.length, direction.length)
+    pace = None if road is None else _pace(orders, direction.unit, direction.length / length)
+    combined = PathDerivatives([direction.derivatives[0], *higher], length, direction.unit, pace)
 
-    def along(s: Array, order: int, upright: bool) -> Invariants:
-        derivatives = [None, *(Vectors(*r.at(s)) for r in known.derivatives[:order])]
+    def evaluate(s: Array, order: int, upright: bool) -> Invariants:
+        derivatives = [None, *(Vectors(*r.at(s)) for r in combined.derivatives[:order])]
         return Invariants(derivatives, pace=1 if pace is None else pace.at(s)[0])
 
-    limits = jnp.broadcast_to(table[:, None], (LIMIT_COUNT, h.shape[0]))
+    limits = jnp.broadcast_to(bounds[:, None], (LIMIT_COUNT, h.shape[0]))
     upright = jnp.ones(h.shape, bool)
     vehicle = None if road is None else RoadParameters(*(jnp.broadcast_to(x, h.shape) for x in road))
-    found = judge(along, Scale(known.length, known.unit), limits, upright, known, index, count, vehicle)
-    return jax.tree.map(lambda x: x[:LIMIT_COUNT].T, found)
+    result = judge(evaluate, Scale(combined.length, combined.unit), limits, upright, combined, index, count, vehicle)
+    return jax.tree.map(lambda x: x[:LIMIT_COUNT].T, result)
 
 
 def _pace(orders: Int[Array, " rows"], unit: Array, ratio: Array) -> CellPolynomial:
@@ -236,15 +249,15 @@ def _pace(orders: Int[Array, " rows"], unit: Array, ratio: Array) -> CellPolynom
     return cell_polynomial(c, 64 * float(jnp.finfo(c.dtype).eps) * jnp.sum(jnp.abs(c[0]), axis=0))
 
 
-def _parts(c: Float[Array, "rows terms 3"], h: Float[Array, " rows"]) -> PathDerivatives:
+def _derivatives(c: Float[Array, "rows terms 3"], h: Float[Array, " rows"]) -> PathDerivatives:
     x, y, z = (c[:, :, k].T for k in range(3))
-    # Where a segment begins does not count, and must not coarsen what does.
+    # No limit depends on the start position, and its size would only increase rounding errors.
     x, y = x.at[0].set(0.0), y.at[0].set(0.0)
-    return path_derivatives(MovingPolynomials(x, y, z, jnp.zeros_like(x[:1])), h, ROUNDED)
+    return path_derivatives(MovingPolynomials(x, y, z, jnp.zeros_like(x[:1])), h, N_ROUNDINGS)
 
 
 def worst(codes: Int[np.ndarray, "segments limits"]) -> Int[np.ndarray, " limits"]:
-    """The code of the whole of each limit: the worst of its segments."""
+    """The code of each limit for the whole route: the worst of all segments."""
     rank = np.array([0, 1, 4, 2, 3])  # proved, sampled, broken, undecided, undefined
-    place = np.argmax(rank[codes], axis=0)
-    return codes[place, np.arange(codes.shape[1])]
+    row = np.argmax(rank[codes], axis=0)
+    return codes[row, np.arange(codes.shape[1])]

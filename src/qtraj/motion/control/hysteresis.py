@@ -1,10 +1,10 @@
 """A feedback that remembers the sign of its error quaternion and changes it with hysteresis.
 
-λ and −λ are one attitude. A law that chooses the nearer one at every instant is discontinuous at half turns: noise
-can keep the body there. A law that never changes its sign takes the long way round (it unwinds) once the body is beyond
-a half turn. Mayhew, Sanfelice and Teel (IEEE Trans. Automatic Control 56, 2011, 2555–2566) keep a sign h = ±1 and
-replace it by −h only where hμ0 < −δ|μ|: noise that changes μ0/|μ| by less than 2δ cannot cause repeated switching, and
-no rotation is longer than 2 arccos(−δ).
+λ and −λ are the same attitude. A law that uses the nearer of the two at every instant is discontinuous at half turns,
+where noise can trap the body. A law that never changes the sign takes the long way round (unwinding) if the body is
+beyond a half turn. Mayhew, Sanfelice and Teel (IEEE Trans. Automatic Control 56, 2011, 2555–2566) store a sign h = ±1
+and replace it by −h only if hμ0 < −δ|μ|. Then noise that changes μ0/|μ| by less than 2δ cannot cause repeated
+switching, and no rotation is longer than 2 arccos(−δ).
 """
 
 from __future__ import annotations
@@ -22,20 +22,21 @@ from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw
 from qtraj.motion.simulation.actuator import Sampling, sampling_instants
 
 HALF_WIDTH = 0.25
-"""Switches at 2 arccos(−0.25) = 209° from the program; noise of μ0 up to 0.5 from one side to the other is ignored."""
+"""Default δ: the sign changes at 2 arccos(−0.25) = 209° from the program; changes of μ0/|μ| below 0.5 are ignored."""
 
 
 @storable
 class HystereticLaw(AbstractLaw):
     """`law` with a remembered sign h of λ: it acts on hλ, and h changes where hμ0 < −`half_width`·|μ|.
 
-    `law`: an `AccelerationLaw`, whose error is linear between two changes, or a `QuaternionFeedback`, which makes it
-    the law of Mayhew, Sanfelice and Teel. `half_width` δ: from 0 (the nearer sign each time, which chatters under
-    noise) to below 1 (1 would never change it). `sampling` [s], a period or instants: when the sign is updated. Omit it
-    if sensor or actuator sample: the sign is then updated with each new command. In between, the command is continuous.
+    `law`: an `AccelerationLaw`, whose error is linear between changes of the sign, or a `QuaternionFeedback`, which
+    gives the law of Mayhew, Sanfelice and Teel. `half_width` δ, 0 ≤ δ < 1: with 0 the law always uses the nearer sign,
+    which chatters under noise. `sampling` [s]: the period or the instants at which the sign is updated. Omit it if
+    sensor or actuator sample: the sign is then updated with each new command. Between updates the command is
+    continuous.
 
-    In `qtraj.simulate` the first sign is that of the initial λ, and the solution's `quaternion` is hλ. A call of the
-    law itself has no memory and uses λ with its sign.
+    In `qtraj.simulate`, h starts at 1 for the initial λ, and the `quaternion` of the solution is hλ. Calling the law
+    itself uses λ with its given sign, without memory.
 
     **Raises:** ValueError for another kind of law, or a half-width outside [0, 1).
     """
@@ -55,20 +56,20 @@ class HystereticLaw(AbstractLaw):
     ):
         if not isinstance(law, AccelerationLaw | QuaternionFeedback):
             raise ValueError(
-                f"a hysteretic law acts through an AccelerationLaw or a QuaternionFeedback, but {law!r} was given"
+                f"a hysteretic law needs an AccelerationLaw or a QuaternionFeedback, but {law!r} was given"
             )
         self.law = law
         self.half_width = real_scalar(half_width, "the half-width")
-        known = concrete(self.half_width)
-        if known is not None and not 0 <= known < 1:
+        value = concrete(self.half_width)
+        if value is not None and not 0 <= value < 1:
             raise ValueError(
-                f"the half-width of the hysteresis must be in [0, 1), but {float(known)} was given: "
-                "it is compared with μ0/|μ|, and 0.25 suits most noise"
+                f"the half-width of the hysteresis must be in [0, 1), but {float(value)} was given. "
+                "It is compared with μ0/|μ|; 0.25 suits most noise."
             )
         self.sampling = sampling_instants(sampling)
 
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
-        """The command (4,) [rad/s²] in body axes, for the sign of `quaternion`."""
+        """The command (4,) [rad/s²] in body axes, for `quaternion` with its given sign."""
         if isinstance(self.law, QuaternionFeedback):
             return signed_quaternion_feedback(self.law, reference, quaternion, rate)
         return self.law(reference, quaternion, rate)
@@ -77,7 +78,7 @@ class HystereticLaw(AbstractLaw):
         """The error quaternion of `law` (4,)."""
         return self.law.deviation(reference, quaternion)
 
-    def renewed_sign(self, sign: Scalar, reference: Attitude, quaternion: Quat) -> Scalar:
+    def updated_sign(self, sign: Scalar, reference: Attitude, quaternion: Quat) -> Scalar:
         """The updated sign h at this attitude: `sign`, or −`sign` where sign·μ0 < −δ|μ|."""
         return jnp.where(self.switches(sign, reference, quaternion), -sign, sign)
 
@@ -88,23 +89,23 @@ class HystereticLaw(AbstractLaw):
         return sign * mu[0] < -self.half_width.astype(mu.dtype) * size
 
 
-def inner(law: AbstractLaw) -> AbstractLaw:
+def without_hysteresis(law: AbstractLaw) -> AbstractLaw:
     """The law without its hysteresis."""
     return law.law if isinstance(law, HystereticLaw) else law
 
 
-def first_sign(law: AbstractLaw, like: Quat) -> Scalar | None:
+def initial_sign(law: AbstractLaw, quaternion: Quat) -> Scalar | None:
     """The sign h before its first update, 1; None for laws without memory."""
-    return jnp.ones_like(like, shape=()) if isinstance(law, HystereticLaw) else None
+    return jnp.ones_like(quaternion, shape=()) if isinstance(law, HystereticLaw) else None
 
 
-def renewed(law: AbstractLaw, sign: Scalar | None, reference: Attitude, quaternion: Quat) -> Scalar | None:
+def updated_sign(law: AbstractLaw, sign: Scalar | None, reference: Attitude, quaternion: Quat) -> Scalar | None:
     """The updated sign at this attitude; None for laws without memory."""
     if sign is None or not isinstance(law, HystereticLaw):
         return sign
-    return law.renewed_sign(sign, reference, quaternion)
+    return law.updated_sign(sign, reference, quaternion)
 
 
-def signed(sign: Scalar | None, quaternion: Quat) -> Quat:
-    """hλ."""
+def with_sign(sign: Scalar | None, quaternion: Quat) -> Quat:
+    """hλ; λ without a sign."""
     return quaternion if sign is None else sign * quaternion

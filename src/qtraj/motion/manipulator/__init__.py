@@ -1,1 +1,1 @@
-"""Serial manipulators: where the gripper is, how it moves with the joints, and joint accelerations from a law."""
+"""Serial manipulators: kinematics of the gripper, inverse kinematics of accelerations, and simulation under a law."""

@@ -1,8 +1,8 @@
-"""A serial arm as a list of joints: the pose of its gripper, the geometric Jacobian, and that one's change.
+"""A serial arm as a list of joints: the pose of its gripper, and its geometric Jacobian with the time derivative.
 
-Each joint is a fixed axis in the base's axes while all joints are at zero; the gripper's pose is the product of the
-joints' motions, the first joint's last, and of its pose at zero. Rates and accelerations are in the base's, inertial,
-axes: (ω, v) = J(q) q̇ and (ε, a) = J q̈ + J̇ q̇.
+Each joint is given by its axis in the axes of the base when all joints are at zero (product of exponentials): the pose
+of the gripper is the product of the motions of the joints, from the first to the last, and the pose at zero. Rates and
+accelerations are in the axes of the base, which are inertial: (ω, v) = J(q) q̇ and (ε, a) = J q̈ + J̇ q̇.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ Jacobian = Float[Array, "6 n"]
 
 @storable
 class Joint(eqx.Module):
-    """One joint of an arm, with every joint at zero, in the base's axes.
+    """A joint of an arm, described in the axes of the base when all joints are at zero.
 
-    `axis` (3,): its direction, of any length; `point` (3,) [m]: a point on it (of no importance for a prismatic joint).
-    `kind`: "revolute", turned by an angle [rad], or "prismatic", moved by a length [m].
+    `axis` (3,): its direction, of any length. `point` (3,) [m]: a point on the axis; a prismatic joint does not use it.
+    `kind`: "revolute", which rotates by an angle [rad], or "prismatic", which moves by a length [m].
 
-    **Raises:** ValueError for an axis that is zero, other shapes or another kind.
+    **Raises:** ValueError for an axis that is zero, an array of another shape, or another kind.
     """
 
     axis: Vec3
@@ -47,9 +47,9 @@ class Joint(eqx.Module):
 
     def __init__(self, axis: ArrayInput, point: ArrayInput = (0.0, 0.0, 0.0), kind: str = REVOLUTE):
         axis = real_vector(axis, "the axis of a joint", 3)
-        known = concrete(axis)
-        if known is not None and not known.any():
-            raise ValueError("the axis of a joint must not be zero: give its direction")
+        values = concrete(axis)
+        if values is not None and not values.any():
+            raise ValueError("the axis of a joint must not be zero: pass its direction")
         if kind not in (REVOLUTE, PRISMATIC):
             raise ValueError(f"a joint must be 'revolute' or 'prismatic', but {kind!r} was given")
         self.axis = axis / jnp.linalg.norm(axis)
@@ -59,11 +59,12 @@ class Joint(eqx.Module):
 
 @storable
 class Arm(eqx.Module):
-    """A serial arm: `joints` from the base to the gripper, and the gripper's pose with every joint at zero.
+    """A serial arm: its `joints` from the base to the gripper, and the pose of the gripper when all joints are at zero.
 
-    `home_position` (3,) [m] and `home_quaternion` (4,), gripper to base. `Arm.from_dh` takes Denavit–Hartenberg rows.
+    `home_position` (3,) [m] and `home_quaternion` (4,), gripper to base, are that pose. `Arm.from_dh` makes an arm from
+    Denavit–Hartenberg parameters.
 
-    **Raises:** ValueError for joints that are none, or a pose of another shape.
+    **Raises:** ValueError for anything but a non-empty sequence of `Joint`, or a pose of another shape.
     """
 
     joints: tuple[Joint, ...]
@@ -81,24 +82,28 @@ class Arm(eqx.Module):
     ):
         self.joints = tuple(joints)
         if not self.joints or not all(isinstance(joint, Joint) for joint in self.joints):
-            raise ValueError(f"the joints of an arm must be Joint(axis, point) one after the other, not {joints!r}")
+            raise ValueError(
+                f"the joints of an arm must be a non-empty sequence of Joint(axis, point), but {joints!r} was given"
+            )
         self.home_position = real_vector(home_position, "the home position", 3)
         self.home_quaternion = quaternion.unit(real_vector(home_quaternion, "the home quaternion", 4))
 
     @classmethod
     def from_dh(cls, rows: ArrayInput, kinds: Sequence[str] | None = None) -> Arm:
-        """The arm of classic Denavit–Hartenberg rows (n, 4): a [m], α [rad], d [m], θ [rad], each joint at zero.
+        """The arm with these classic Denavit–Hartenberg parameters.
 
-        A joint turns about, or moves along, the z axis of the frame before it; its value adds to θ or d. `kinds` are
-        "revolute" or "prismatic"; None: all revolute.
+        `rows` (n, 4): a [m], α [rad], d [m] and θ [rad] of each joint at zero. A joint rotates about, or moves along,
+        the z axis of the previous frame; its value is added to θ or d. `kinds` (n,): "revolute" or "prismatic"; None
+        for revolute joints only.
 
-        **Raises:** ValueError for rows of another shape, not finite or traced, or kinds that are not one for each.
+        **Raises:** ValueError for rows of another shape, that are not finite, or traced; and for another number of
+        kinds than of rows.
         """
-        with jax.ensure_compile_time_eval():  # what is known outside a trace stays known inside
+        with jax.ensure_compile_time_eval():  # constants stay concrete inside a trace
             table = concrete(as_float(rows))
         if table is None:
             raise ValueError(
-                "Denavit–Hartenberg rows must be known, not traced: build Arm(joints, position) from arrays"
+                "Denavit–Hartenberg rows must be concrete, but a traced array was given: use Arm(joints, home_position)"
             )
         if table.ndim != 2 or table.shape[0] == 0 or table.shape[1] != 4:
             raise ValueError(f"rows (n, 4) of a, alpha, d, theta were expected, but shape {table.shape} was given")
@@ -106,7 +111,7 @@ class Arm(eqx.Module):
             raise ValueError(f"Denavit–Hartenberg rows must be finite, but {table.tolist()} was given")
         kinds = [REVOLUTE] * len(table) if kinds is None else list(kinds)
         if len(kinds) != len(table):
-            raise ValueError(f"{len(table)} rows need as many kinds, but {len(kinds)} were given")
+            raise ValueError(f"kinds must have one entry for each of {len(table)} rows, but {len(kinds)} were given")
         frame, joints = np.eye(4), []
         for row, kind in zip(table, kinds, strict=True):
             joints.append(Joint(frame[:3, 2], frame[:3, 3], kind))
@@ -124,56 +129,57 @@ class Arm(eqx.Module):
         return position, attitude
 
     def jacobian(self, q: Joints) -> Jacobian:
-        """J with (ω, v) = J q̇, inertial axes: angular rows first, then those of the gripper's velocity."""
+        """The geometric Jacobian J (6, n) with (ω, v) = J q̇, inertial axes: three rows of ω, then three of v."""
         return self.kinematics(q)[2]
 
     def bias(self, q: Joints, q_dot: Joints) -> Float[Array, 6]:
-        """J̇ q̇: the gripper's angular [rad/s²] and linear [m/s²] acceleration where the joints have none."""
+        """J̇ q̇ (6,): the angular [rad/s²] and linear [m/s²] acceleration of the gripper for q̈ = 0."""
         return jax.jvp(lambda q: jnp.matmul(self.jacobian(q), q_dot, precision="highest"), (q,), (q_dot,))[1]
 
     def kinematics(self, q: Joints) -> tuple[Vec3, Quat, Jacobian]:
-        """Position and quaternion of the gripper, as `pose` gives them, and the Jacobian, from the base outwards."""
-        spun = jnp.zeros((4,), q.dtype).at[0].set(1.0)
+        """Position and quaternion of the gripper, as from `pose`, and the Jacobian, in one pass from the base on."""
+        rotated = jnp.zeros((4,), q.dtype).at[0].set(1.0)
         shift, axes, points = jnp.zeros((3,), q.dtype), [], []
         for k, joint in enumerate(self.joints):
-            axis = rotate(spun, joint.axis.astype(q.dtype))
-            point = rotate(spun, joint.point.astype(q.dtype)) + shift
+            axis = rotate(rotated, joint.axis.astype(q.dtype))
+            point = rotate(rotated, joint.point.astype(q.dtype)) + shift
             axes.append(axis)
             points.append(point)
             if joint.kind == REVOLUTE:
                 spin = quaternion.exp(0.5 * q[k] * axis)
-                shift, spun = point + rotate(spin, shift - point), product(spin, spun)
+                shift, rotated = point + rotate(spin, shift - point), product(spin, rotated)
             else:
                 shift = shift + q[k] * axis
-        tip = rotate(spun, self.home_position.astype(q.dtype)) + shift
+        tip = rotate(rotated, self.home_position.astype(q.dtype)) + shift
         columns = [
             jnp.concatenate([axis, jnp.cross(axis, tip - point)])
             if joint.kind == REVOLUTE
             else jnp.concatenate([jnp.zeros_like(axis), axis])
             for joint, axis, point in zip(self.joints, axes, points, strict=True)
         ]
-        return tip, product(spun, self.home_quaternion.astype(q.dtype)), jnp.stack(columns, axis=1)
+        return tip, product(rotated, self.home_quaternion.astype(q.dtype)), jnp.stack(columns, axis=1)
 
 
 def stanford_arm() -> Arm:
-    """The Stanford arm, six joints, the third prismatic: Denavit–Hartenberg rows of Fu, Gonzalez and Lee (1987).
+    """The Stanford arm: six joints, the third of them prismatic.
 
-    Lengths d1 = 0.412 m, d2 = 0.154 m, d6 = 0.263 m. The wrist is singular where its fifth joint is at zero, the arm
-    where the third is.
+    The Denavit–Hartenberg parameters are those of Fu, Gonzalez and Lee (1987): d1 = 0.412 m, d2 = 0.154 m and
+    d6 = 0.263 m. The wrist is singular where the fifth joint is at zero, the arm where the third joint is.
     """
-    right = np.pi / 2
+    quarter = np.pi / 2
     rows = [
-        [0.0, -right, 0.412, 0.0],
-        [0.0, right, 0.154, 0.0],
-        [0.0, 0.0, 0.0, -right],
-        [0.0, -right, 0.0, 0.0],
-        [0.0, right, 0.0, 0.0],
+        [0.0, -quarter, 0.412, 0.0],
+        [0.0, quarter, 0.154, 0.0],
+        [0.0, 0.0, 0.0, -quarter],
+        [0.0, -quarter, 0.0, 0.0],
+        [0.0, quarter, 0.0, 0.0],
         [0.0, 0.0, 0.263, 0.0],
     ]
     return Arm.from_dh(rows, [REVOLUTE, REVOLUTE, PRISMATIC, REVOLUTE, REVOLUTE, REVOLUTE])
 
 
 def _moved(joint: Joint, value: Array, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+    """A pose after the motion of one joint."""
     axis, point = joint.axis.astype(value.dtype), joint.point.astype(value.dtype)
     if joint.kind == PRISMATIC:
         return position + value * axis, attitude
@@ -182,7 +188,7 @@ def _moved(joint: Joint, value: Array, position: Vec3, attitude: Quat) -> tuple[
 
 
 def _dh(row: np.ndarray) -> np.ndarray:
-    """The frame of one row in the frame before it."""
+    """The transformation (4, 4) of one row, from its frame to the previous one."""
     a, alpha, d, theta = row
     ca, sa, ct, st = np.cos(alpha), np.sin(alpha), np.cos(theta), np.sin(theta)
     return np.array([[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0, 0, 0, 1]])

@@ -1,4 +1,4 @@
-"""The motion of an arm: its joints, its gripper compared with the program, and the effect of singularities."""
+"""The simulated motion of an arm: joints, gripper and its errors, and the effect of singularities."""
 
 import os
 
@@ -19,12 +19,13 @@ from qtraj.foundation.types import ArrayInput
 class ArmMotion(AbstractOutcome):
     """An arm under a law at the instants `times` (n,) [s].
 
-    `joints`, `joint_rates`, `joint_accelerations` (n, m): angles [rad] and lengths [m]. `position` (n, 3) [m] and
-    `quaternion` (n, 4) of the gripper, of any length; `rate` (n, 4) [rad/s], inertial axes, ω0 first. `error` (n, 4):
-    the law's error quaternion; `angle` (n,) [rad] to the program; `distance` (n,) [m] to the path, None without one.
-    `smallest` (n,): the smallest singular value of the Jacobian. `missed` (n,): the length of the missing part of the
-    gripper's acceleration [rad/s², m/s²]: 0, except for round-off, away from singularities. Instants that were not
-    reached are NaN; `code` is a `ResultCode` and `result` its text.
+    `joints`, `joint_rates`, `joint_accelerations` (n, m): angles [rad] or lengths [m], and their derivatives.
+    `position` (n, 3) [m], `quaternion` (n, 4), of any length, and `rate` (n, 4) [rad/s] of the gripper; the rate is in
+    inertial axes, ω0 first. `error` (n, 4): the error quaternion of the law. `angle` (n,) [rad]: between gripper and
+    program. `distance` (n,) [m]: between gripper and path, None without a path. `smallest` (n,): the smallest singular
+    value of the Jacobian. `missed` (n,): the length of the difference between actual and commanded acceleration
+    [rad/s², m/s²]; zero up to round-off where damping is not active. Instants that were not reached are NaN. `code` is
+    a `ResultCode`, and `result` its text.
     """
 
     times: Float[Array, "*batch n"]
@@ -72,36 +73,37 @@ class ArmMotion(AbstractOutcome):
         document.save(self, file)
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """The result of one motion in words, and the effect of singularities."""
+        """The result in words, with the effect of singularities."""
         code, missed = ResultCode(int(np.asarray(self.code)[at])), np.asarray(self.missed)[at]
         text = "finished: every instant was reached." if code == ResultCode.successful else code.text
         finite = missed[np.isfinite(missed)]
         if not finite.size:
             return f"{text} No instant was reached."
-        return f"{text} The gripper lacked up to {finite.max():.3g} of its acceleration (rad/s², m/s²)."
+        deviation = f"{finite.max():.3g} (rad/s², m/s²)"
+        return f"{text} The gripper's acceleration deviated from the command by up to {deviation}."
 
     def record(self) -> Record:
         """The motion over `time`, or over `sample` where each batch element has its own times."""
         along = "time" if self.times.ndim == 1 else "sample"
-        each, turn = (along, "joint"), (along, "component")
+        per_joint, component = (along, "joint"), (along, "component")
         columns = {
-            "joints": Quantity(self.joints, "", "angles [rad] and lengths [m] of the joints", each),
-            "joint_rates": Quantity(self.joint_rates, "", "rates of the joints [rad/s, m/s]", each),
+            "joints": Quantity(self.joints, "", "angles [rad] or lengths [m] of the joints", per_joint),
+            "joint_rates": Quantity(self.joint_rates, "", "rates of the joints [rad/s, m/s]", per_joint),
             "joint_accelerations": Quantity(
-                self.joint_accelerations, "", "accelerations of the joints [rad/s², m/s²]", each
+                self.joint_accelerations, "", "accelerations of the joints [rad/s², m/s²]", per_joint
             ),
             "position": Quantity(self.position, "m", "position of the gripper", (along, "world")),
-            "quaternion": Quantity(self.quaternion, "1", "attitude of the gripper, to inertial, of any length", turn),
+            "quaternion": Quantity(self.quaternion, "1", "attitude of the gripper, of any length", component),
             "rate": Quantity(
-                self.rate, "rad s-1", "angular rate of the gripper, inertial axes; first d/dt ln|λ|²", turn
+                self.rate, "rad s-1", "angular rate of the gripper, inertial axes; first d/dt ln|λ|²", component
             ),
-            "error": Quantity(self.error, "1", "error quaternion of the law", turn),
+            "error": Quantity(self.error, "1", "error quaternion of the law", component),
             "angle": Quantity(self.angle, "rad", "angle between gripper and program", (along,)),
             "distance": Quantity(self.distance, "m", "distance of the gripper from its path", (along,)),
             "smallest": Quantity(self.smallest, "", "smallest singular value of the Jacobian [rad, m]", (along,)),
-            "missed": Quantity(self.missed, "", "what the acceleration lacked [rad/s², m/s²]", (along,)),
-            "result": Quantity(np.asarray(self.result), "", "how it ended"),
-            "code": Quantity(self.code, "1", "how it ended, as a number"),
+            "missed": Quantity(self.missed, "", "deviation of the acceleration [rad/s², m/s²]", (along,)),
+            "result": Quantity(np.asarray(self.result), "", "the result in words"),
+            "code": Quantity(self.code, "1", "result code"),
         }
         summary = (
             f"{batch_prefix(self.code.shape)}{times_text(self.times)}: angle to the program {extent(self.angle, 'rad')}"

@@ -1,8 +1,8 @@
-"""Joint accelerations that give the gripper an acceleration: least squares, damped where the arm is singular.
+"""Joint accelerations for an acceleration of the gripper: least squares, damped near singularities.
 
-q̈ = Jᵀ(JJᵀ + ρ²I)⁻¹ b is the shortest q̈ with Jq̈ = b where ρ = 0. Near a singularity, where the smallest singular value
-σ of J falls below a threshold σ₀, ρ² = (1 − (σ/σ₀)²) ρ₀² keeps q̈ bounded (Chiaverini, Siciliano and Egeland, 1994): the
-acceleration of the gripper is then smaller than commanded, in the direction in which it can hardly move.
+q̈ = Jᵀ(JJᵀ + ρ²I)⁻¹ b is, for ρ = 0, the smallest q̈ with Jq̈ = b. If the smallest singular value σ of J is below a
+threshold σ₀, then ρ² = (1 − (σ/σ₀)²) ρ₀² keeps q̈ bounded (Chiaverini, Siciliano and Egeland, 1994). The acceleration of
+the gripper is then smaller than commanded in the directions in which the joints hardly move it.
 """
 
 import equinox as eqx
@@ -18,13 +18,13 @@ from qtraj.foundation.types import ArrayInput, Scalar
 
 @storable
 class Damping(eqx.Module):
-    """How joint accelerations are bounded near singularities.
+    """Damping of the joint accelerations near singularities.
 
-    `threshold` σ₀: smallest singular value of the Jacobian, in rad and m, below which damping begins. `largest` ρ₀: at
-    the singularity itself. `idle` [1/s]: the decay rate of joint motion that does not move the gripper, for
-    arms with redundant joints.
+    `threshold` σ₀: there is no damping while the smallest singular value of the Jacobian (in rad and m) is larger.
+    `largest` ρ₀: the damping at a singularity. `idle` [1/s]: for arms with redundant joints, the decay rate of joint
+    motion that does not move the gripper.
 
-    **Raises:** ValueError for numbers that are not positive (`idle`: negative).
+    **Raises:** ValueError for a threshold or damping that is not positive, or a decay rate that is not finite.
     """
 
     threshold: Scalar
@@ -43,22 +43,22 @@ class Damping(eqx.Module):
 
 
 def smallest_singular_value(jacobian: Float[Array, "m n"]) -> Scalar:
-    """σ, the smallest singular value of J: 0 where the gripper cannot be moved in some direction."""
+    """The smallest singular value σ of J: 0 where the joints cannot move the gripper in some direction."""
     square = jnp.linalg.eigvalsh(stop_gradient(_gram(jacobian)))[0]
     return jnp.sqrt(jnp.maximum(square, 0.0))
 
 
 def joint_accelerations(
-    jacobian: Float[Array, "m n"], wanted: Float[Array, " m"], joint_rates: Float[Array, " n"], damping: Damping
+    jacobian: Float[Array, "m n"], target: Float[Array, " m"], joint_rates: Float[Array, " n"], damping: Damping
 ) -> Float[Array, " n"]:
-    """q̈ with Jq̈ = `wanted` as closely as the damping permits; joint motion that does not move the gripper decays."""
-    sigma, threshold = smallest_singular_value(jacobian), damping.threshold.astype(wanted.dtype)
-    share = jnp.maximum(1 - (sigma / threshold) ** 2, 0.0) * damping.largest.astype(wanted.dtype) ** 2
-    gram = _gram(jacobian) + share * jnp.eye(jacobian.shape[0], dtype=jacobian.dtype)
-    felt = _matmul(jacobian, joint_rates)
-    idle = damping.idle.astype(wanted.dtype)
-    # −idle·(q̇ − J⁺Jq̇) and J⁺·wanted, in one solve.
-    return _matmul(jacobian.T, jnp.linalg.solve(gram, wanted + idle * felt)) - idle * joint_rates
+    """q̈ with Jq̈ = `target`, except for the damping; joint motion that does not move the gripper decays."""
+    sigma, threshold = smallest_singular_value(jacobian), damping.threshold.astype(target.dtype)
+    damping_sq = jnp.maximum(1 - (sigma / threshold) ** 2, 0.0) * damping.largest.astype(target.dtype) ** 2
+    gram = _gram(jacobian) + damping_sq * jnp.eye(jacobian.shape[0], dtype=jacobian.dtype)
+    gripper_rate = _matmul(jacobian, joint_rates)
+    idle = damping.idle.astype(target.dtype)
+    # −idle·(q̇ − J⁺Jq̇) and J⁺·target, in one solve.
+    return _matmul(jacobian.T, jnp.linalg.solve(gram, target + idle * gripper_rate)) - idle * joint_rates
 
 
 def _gram(jacobian: Float[Array, "m n"]) -> Float[Array, "m m"]:

@@ -1,9 +1,9 @@
-"""Control of the gripper of an arm: joints → λ, ω → ε in inertial axes → accelerations of the joints.
+"""Simulates an arm whose gripper is controlled: joints → λ, ω → ε in inertial axes → joint accelerations.
 
-Paper C names manipulators with sensors in their joints as the case for commands in inertial axes (remark 1, (2.2)). The
-gripper's attitude and rate come from the joints; the law, the inertial error among others, gives ε_ξ; the geometric
-Jacobian turns that into q̈. |λ| and ω0 are variables of the computer. Where the arm is not singular the gripper has
-the commanded acceleration, so its error satisfies the same linear equation as the error of a free body.
+Paper C (remark 1, (2.2)) recommends commands in inertial axes for manipulators with sensors in their joints. The joints
+determine the attitude and rate of the gripper, the law gives ε_ξ, and the geometric Jacobian converts it to q̈. |λ| and
+ω0 are variables of the control computer. Away from singularities the gripper has the commanded acceleration, so its
+error satisfies the same linear equation as the error of a free body.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from qtraj.motion.simulation.ode import MAX_STEPS, Grid, Method, State, Toleranc
 from qtraj.path.hodograph import AbstractHodograph
 
 
-class _Job(eqx.Module):
-    """What is simulated; `gains` (2,) are those of the position, k1 and k2."""
+class _Task(eqx.Module):
+    """The parts of a simulation; `gains` (2,) are k1 and k2 of the position."""
 
     arm: Arm
     program: AbstractProgram
@@ -42,42 +42,44 @@ class _Job(eqx.Module):
     sign: Scalar
 
     def split(self, state: State) -> tuple[Array, Array, Scalar, Scalar]:
-        """q, q̇, ln|λ| and ω0."""
+        """q, q̇, ln|λ| and ω0 of a state vector."""
         n = len(self.arm.joints)
         return state[:n], state[n : 2 * n], state[2 * n], state[2 * n + 1]
 
-    def look(self, state: State) -> _Look:
-        """The gripper at a state."""
+    def gripper(self, state: State) -> _Gripper:
+        """The motion of the gripper for a state vector."""
         q, q_dot, log_norm, omega0 = self.split(state)
-        (position, attitude, jacobian), (*_, slope) = jax.jvp(self.arm.kinematics, (q,), (q_dot,))
-        twist = _matmul(jacobian, q_dot)
+        (position, attitude, jacobian), (*_, jacobian_rate) = jax.jvp(self.arm.kinematics, (q,), (q_dot,))
+        rates = _matmul(jacobian, q_dot)
         quaternion = self.sign * jnp.exp(log_norm) * attitude
-        rate = to_body(quaternion, jnp.concatenate([omega0[None], twist[:3]]))
-        return _Look(position, twist[3:], quaternion, rate, jacobian, _matmul(slope, q_dot))
+        rate = to_body(quaternion, jnp.concatenate([omega0[None], rates[:3]]))
+        return _Gripper(position, rates[3:], quaternion, rate, jacobian, _matmul(jacobian_rate, q_dot))
 
     def reference(self, t: Scalar, state: State) -> Attitude:
+        """The attitude of the program."""
         return jax.tree.map(lambda x: x.astype(state.dtype), self.program(t))
 
-    def wanted(self, t: Scalar, reference: Attitude, at: _Look) -> tuple[Scalar, Array]:
-        """The virtual part of the law's command, and the wanted acceleration of the gripper: (ε_ξ) or (ε_ξ, a)."""
-        command = to_inertial(at.quaternion, self.law(reference, at.quaternion, at.rate))
+    def command(self, t: Scalar, state: State, gripper: _Gripper) -> tuple[Scalar, Array]:
+        """ε0, and the commanded acceleration of the gripper: ε_ξ (3,), or with a path (ε_ξ, a) (6,)."""
+        reference, quaternion = self.reference(t, state), gripper.quaternion
+        command = to_inertial(quaternion, self.law(reference, quaternion, gripper.rate))
         if self.path is None:
             return command[0], command[1:]
         r = self.path.derivatives(t, 2).astype(command.dtype)
-        feedback = self.gains[0] * (at.velocity - r[1]) + self.gains[1] * (at.position - r[0])
+        feedback = self.gains[0] * (gripper.velocity - r[1]) + self.gains[1] * (gripper.position - r[0])
         return command[0], jnp.concatenate([command[1:], r[2] - feedback])
 
-    def accelerations(self, t: Scalar, state: State, at: _Look) -> tuple[Scalar, Array, Array, Array]:
-        """ε0, q̈, the missing part of the wanted acceleration, and the rows of the Jacobian."""
+    def accelerations(self, t: Scalar, state: State, gripper: _Gripper) -> tuple[Scalar, Array, Array, Array]:
+        """ε0, q̈, the actual minus the commanded acceleration of the gripper, and the used rows of the Jacobian."""
         _, q_dot, _, _ = self.split(state)
-        virtual, wanted = self.wanted(t, self.reference(t, state), at)
-        rows, bias = at.jacobian[: wanted.shape[0]], at.bias[: wanted.shape[0]]
-        found = joint_accelerations(rows, wanted - bias, q_dot, self.damping)
-        return virtual, found, _matmul(rows, found) + bias - wanted, rows
+        virtual, command = self.command(t, state, gripper)
+        rows, bias = gripper.jacobian[: command.shape[0]], gripper.bias[: command.shape[0]]
+        q_ddot = joint_accelerations(rows, command - bias, q_dot, self.damping)
+        return virtual, q_ddot, _matmul(rows, q_ddot) + bias - command, rows
 
 
-class _Look(NamedTuple):
-    """The gripper: position, velocity, λ and ω_x (4,) in body axes; the Jacobian (6, n) and J̇q̇ (6,)."""
+class _Gripper(NamedTuple):
+    """Position and velocity of the gripper, λ and ω_x (4,), the Jacobian (6, n) and the bias J̇q̇ (6,)."""
 
     position: Vec3
     velocity: Vec3
@@ -107,14 +109,14 @@ def simulate_arm(
 ) -> ArmMotion:
     """The motion of an arm whose gripper follows `program` under `law`, from `joints` (m,) and `joint_rates` (m,).
 
-    Angles [rad] and lengths [m] and their rates [1/s]. `times` (n,) [s]: instants of the program's own time, the first
-    is that of the initial state. `path`: a hodograph for the position of the gripper, with `gains` (k1 [1/s],
-    k2 [1/s²]) of its error r̈ + k1ṙ + k2r = 0; without one the attitude alone is commanded, by the smallest joint
-    accelerations. `damping`: a `Damping`, near singularities. The sign of λ is the one nearer to the program. `rtol`,
-    `atol`, `solver`, `adjoint`, `max_steps` and `throw` are those of `integrate`.
+    The joints are angles [rad] or lengths [m]. `times` (n,) [s] are instants of the program's own time, the first for
+    the initial state. `path`: a hodograph for the position of the gripper, with the `gains` k1 [1/s] and
+    k2 [1/s²] of the error equation r̈ + k1ṙ + k2r = 0. Without a path only the attitude is controlled, with the smallest
+    joint accelerations. `damping`: a `Damping` for singularities. λ starts with the sign that is nearer to the program.
+    `rtol`, `atol`, `solver`, `adjoint`, `max_steps` and `throw` are those of `integrate`.
 
-    **Raises:** ValueError for parts of another type, other shapes, a law that commands rates or has a memory, too
-    few joints, or times that do not increase. RuntimeError with `throw` where an instant was missed.
+    **Raises:** ValueError for arguments of another type or shape, a law that commands rates or has memory, too few
+    joints, or times that do not increase. RuntimeError with `throw` if an instant was not reached.
     """
     count = len(arm.joints) if isinstance(arm, Arm) else 0
     rows = 3 if path is None else 6
@@ -124,48 +126,51 @@ def simulate_arm(
     dtype = common_dtype(q, q_dot, times)
     k1, k2 = (real_scalar(k, "a gain of the position").astype(dtype) for k in gains)
     damping = Damping() if damping is None else damping
-    job = _Job(arm, program, law, path, jnp.stack([k1, k2]), damping, jnp.ones((), dtype))
+    task = _Task(arm, program, law, path, jnp.stack([k1, k2]), damping, jnp.ones((), dtype))
     start = jnp.concatenate([q, q_dot, jnp.zeros(2, dtype)]).astype(dtype)
     epsilon = 4 * float(jnp.finfo(dtype).eps)
     tolerances = Tolerances(*(jnp.maximum(real_scalar(x, "a tolerance").astype(dtype), epsilon) for x in (rtol, atol)))
-    motion = _simulate(job, start, times.astype(dtype), tolerances, Method(solver, adjoint, max_steps))
+    motion = _simulate(task, start, times.astype(dtype), tolerances, Method(solver, adjoint, max_steps))
     return motion.check() if throw else motion
 
 
 @eqx.filter_jit
-def _simulate(job: _Job, start: State, times: Float[Array, " n"], tolerances: Tolerances, method: Method) -> ArmMotion:
-    far = jax.lax.stop_gradient(jnp.sum(job.reference(times[0], start).quaternion * job.look(start).quaternion)) < 0
-    job = eqx.tree_at(lambda x: x.sign, job, jnp.where(far, -1.0, 1.0).astype(start.dtype))
+def _simulate(
+    task: _Task, start: State, times: Float[Array, " n"], tolerances: Tolerances, method: Method
+) -> ArmMotion:
+    alignment = jnp.sum(task.reference(times[0], start).quaternion * task.gripper(start).quaternion)
+    sign = jnp.where(jax.lax.stop_gradient(alignment) < 0, -1.0, 1.0).astype(start.dtype)
+    task = eqx.tree_at(lambda x: x.sign, task, sign)
 
     def field(t: Scalar, state: State, memory: None) -> State:
-        _, q_dot, _, omega0 = job.split(state)
-        virtual, q_ddot, _, _ = job.accelerations(t, state, job.look(state))
+        _, q_dot, _, omega0 = task.split(state)
+        virtual, q_ddot, _, _ = task.accelerations(t, state, task.gripper(state))
         return jnp.concatenate([q_dot, q_ddot, jnp.stack([0.5 * omega0, virtual])])
 
     grid = Grid(times[0], times - times[0], jnp.zeros(times.shape, bool))
     states, _, code = ode.march(field, ode.keep, start, None, grid, tolerances, method)
 
-    def shown(t: Scalar, state: State) -> dict[str, Array]:
-        at = job.look(state)
-        position, quaternion = at.position, at.quaternion
-        _, q_ddot, missed, rows = job.accelerations(t, state, at)
-        reference = job.reference(t, state)
-        far = {} if job.path is None else {"distance": norm(position - job.path.position(t).astype(state.dtype))}
-        q, q_dot, _, _ = job.split(state)
-        return far | {
+    def columns_at(t: Scalar, state: State) -> dict[str, Array]:
+        gripper = task.gripper(state)
+        position, quaternion = gripper.position, gripper.quaternion
+        _, q_ddot, deficit, rows = task.accelerations(t, state, gripper)
+        reference = task.reference(t, state)
+        q, q_dot, _, _ = task.split(state)
+        columns = {} if task.path is None else {"distance": norm(position - task.path.position(t).astype(state.dtype))}
+        return columns | {
             "joints": q,
             "joint_rates": q_dot,
             "joint_accelerations": q_ddot,
             "position": position,
             "quaternion": quaternion,
-            "rate": to_inertial(quaternion, at.rate),
-            "error": job.law.deviation(reference, quaternion),
+            "rate": to_inertial(quaternion, gripper.rate),
+            "error": task.law.deviation(reference, quaternion),
             "angle": error_angle(reference, quaternion),
             "smallest": smallest_singular_value(jnp.where(jnp.isfinite(rows), rows, 0.0)),
-            "missed": norm(missed),
+            "missed": norm(deficit),
         }
 
-    columns = jax.vmap(shown)(times, states)
+    columns = jax.vmap(columns_at)(times, states)
     reached = jnp.isfinite(states[:, 0])
     columns = {name: jnp.where(reached.reshape(-1, *[1] * (x.ndim - 1)), x, jnp.nan) for name, x in columns.items()}
     return ArmMotion(times, code=code, **columns)
@@ -173,18 +178,21 @@ def _simulate(job: _Job, start: State, times: Float[Array, " n"], tolerances: To
 
 def _require_parts(arm: Any, program: Any, law: Any, path: Any, rows: int) -> None:
     if not isinstance(arm, Arm):
-        raise ValueError(f"the arm must be one such as Arm(joints, position) or stanford_arm(), but {arm!r} was given")
+        raise ValueError(f"the arm must be an Arm such as stanford_arm(), but {arm!r} was given")
     if not isinstance(program, AbstractProgram):
-        raise ValueError(f"the program must be one such as FrameProgram(path), but {program!r} was given")
+        raise ValueError(f"the program must be a program such as FrameProgram(path), but {program!r} was given")
     if not isinstance(law, AbstractLaw) or isinstance(law, RateLaw) or hasattr(law, "half_width"):
         raise ValueError(
-            f"the law must give accelerations from the state alone, as AccelerationLaw(2.0, 1.0), not {law!r}"
+            "the law must command accelerations and have no memory, like AccelerationLaw(2.0, 1.0), but "
+            f"{law!r} was given"
         )
     if path is not None and not isinstance(path, AbstractHodograph):
-        raise ValueError(f"the path of the gripper must be a hodograph such as Curve(position, duration), not {path!r}")
+        raise ValueError(f"the path must be a hodograph such as Curve(position, duration), but {path!r} was given")
     if len(arm.joints) < rows:
-        what = "attitude" if rows == 3 else "attitude and position"
-        raise ValueError(f"the {what} of a gripper need at least {rows} joints, but the arm has {len(arm.joints)}")
+        controlled = "its attitude" if rows == 3 else "its attitude and position"
+        raise ValueError(
+            f"a gripper needs at least {rows} joints to control {controlled}, but the arm has {len(arm.joints)}"
+        )
 
 
 def _matmul(a: Array, b: Array) -> Array:

@@ -1,1 +1,1 @@
-"""Position and attitude together along a path: programs of poses, a law for both, and their simulation."""
+"""Poses: programs of position and attitude, a law for both, and their simulation."""

@@ -1,8 +1,9 @@
-"""A law for position and attitude: the second paper's on the attitude, and its linear counterpart on the position.
+"""A law for position and attitude: paper C's law for the attitude, and linear feedback for the position.
 
-The attitude obeys μ̈ + K1μ̇ + K2(μ − 1) = 0 as without a position. The position error e = r − r⁰, inertial axes, obeys
-ë + k1ė + k2e = 0 under a = r̈⁰ − k1ė − k2e. Both are exact and independent of the program and of each other, so the
-error of the pose, as a dual quaternion M = Λ̄⁰∘Λ = μ + s ½ ρ∘μ with ρ = λ̄⁰∘e∘λ⁰, is known in closed form.
+The attitude error satisfies μ̈ + K1μ̇ + K2(μ − 1) = 0. The position error e = r − r⁰, inertial axes, satisfies
+ë + k1ė + k2e = 0 with the commanded acceleration a = r̈⁰ − k1ė − k2e. Both equations are exact and independent of the
+program and of each other. So the error of the pose, the dual quaternion M = Λ̄⁰∘Λ = μ + s ½ ρ∘μ with ρ = λ̄⁰∘e∘λ⁰, has a
+closed form.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, Gain, RateLaw, apply, gain
 from qtraj.path.hodograph import AbstractHodograph
 
-Place = TypeAliasType("Place", Float[Array, "3 3"])
-"""Position, velocity and acceleration, a row each."""
+Position = TypeAliasType("Position", Float[Array, "3 3"])
+"""Rows: position, velocity and acceleration, inertial axes."""
 
 
 @storable
 class PoseProgram(eqx.Module):
-    """The wanted position and attitude of a body: a path and an attitude program.
+    """The reference for position and attitude of a body: a path and an attitude program.
 
     **Raises:** ValueError for a path or a program of another type.
     """
@@ -48,27 +49,27 @@ class PoseProgram(eqx.Module):
 
     @property
     def duration(self) -> Scalar:
-        """The shorter of both durations [s]."""
+        """The shorter of the durations of path and attitude program [s]."""
         return jnp.minimum(self.path.duration, self.attitude.duration)
 
-    def __call__(self, t: ScalarLike) -> tuple[Place, Attitude]:
-        """Position [m], velocity and acceleration (3, 3), inertial axes, and the attitude, at one instant [s]."""
+    def __call__(self, t: ScalarLike) -> tuple[Position, Attitude]:
+        """Position, velocity and acceleration (3, 3) [m, m/s, m/s²], inertial axes, and the attitude at `t` [s]."""
         return self.path.derivatives(t, 2), self.attitude(t)
 
     def dual(self, t: ScalarLike) -> DualQuat:
-        """The pose as a dual quaternion Λ⁰ (8,)."""
-        place, attitude = self(t)
-        return dual_quaternion.from_pose(place[0], attitude.quaternion.astype(place.dtype))
+        """The pose at `t` [s] as a dual quaternion Λ⁰ (8,)."""
+        position, attitude = self(t)
+        return dual_quaternion.from_pose(position[0], attitude.quaternion.astype(position.dtype))
 
 
 @storable
 class PoseLaw(eqx.Module):
-    """Angular acceleration by `attitude`, an acceleration law, and linear acceleration by two gains.
+    """A law for a pose: `attitude` gives the angular acceleration, and linear feedback the acceleration.
 
-    `k1` [1/s] and `k2` [1/s²] of the position: a scalar, (3,) along inertial axes, or (3, 3).
+    `attitude`: a law that commands accelerations and has no memory. `k1` [1/s], `k2` [1/s²]: the gains of the position,
+    scalars, (3,) along inertial axes, or (3, 3).
 
-    **Raises:** ValueError for a law that commands rates or is of another type, and for gains of another shape or not
-    finite.
+    **Raises:** ValueError for another kind of law, and for gains of another shape or that are not finite.
     """
 
     attitude: AbstractLaw
@@ -81,21 +82,24 @@ class PoseLaw(eqx.Module):
     def __init__(self, attitude: AbstractLaw, k1: ArrayInput, k2: ArrayInput):
         if not isinstance(attitude, AbstractLaw) or isinstance(attitude, RateLaw) or hasattr(attitude, "half_width"):
             raise ValueError(
-                f"the law of the attitude must give accelerations from the state alone, as AccelerationLaw does, but "
+                "the attitude law must command accelerations and have no memory, like AccelerationLaw(2.0, 1.0), but "
                 f"{attitude!r} was given"
             )
         self.attitude, self.k1, self.k2 = attitude, gain(k1, "k1", 3), gain(k2, "k2", 3)
 
     def __call__(
-        self, place: Place, reference: Attitude, position: Vec3, velocity: Vec3, quaternion: Quat, rate: Quat
+        self, target: Position, reference: Attitude, position: Vec3, velocity: Vec3, quaternion: Quat, rate: Quat
     ) -> tuple[Quat, Vec3]:
-        """ε (4,) [rad/s²], body axes, virtual part first, and the acceleration a (3,) [m/s²], inertial axes."""
-        feedback = apply(self.k1, velocity - place[1]) + apply(self.k2, position - place[0])
-        return self.attitude(reference, quaternion, rate), place[2] - feedback
+        """The commands ε (4,) [rad/s²], body axes, virtual part first, and a (3,) [m/s²], inertial axes.
+
+        `target` and `reference` are the program's position and attitude, the other arguments the body's state.
+        """
+        feedback = apply(self.k1, velocity - target[1]) + apply(self.k2, position - target[0])
+        return self.attitude(reference, quaternion, rate), target[2] - feedback
 
 
 def pose_error(program: DualQuat, body: DualQuat) -> DualQuat:
-    """M = Λ̄⁰∘Λ: the real part is μ, the dual part ½ρ∘μ with ρ = λ̄⁰∘(r − r⁰)∘λ⁰, the offset in the program's axes."""
+    """M = Λ̄⁰∘Λ: real part μ, dual part ½ρ∘μ with the position error in the program's axes, ρ = λ̄⁰∘(r − r⁰)∘λ⁰."""
     return dual_quaternion.product(dual_quaternion.conjugate(program), body)
 
 
@@ -109,19 +113,19 @@ def closed_pose(
     rate: Quat,
     times: Float[Array, " n"],
 ) -> Float[Array, "n 8"]:
-    """The poses Λ (n, 8) in closed form, without disturbances, from a state at the first of `times` [s].
+    """The undisturbed poses Λ (n, 8) at `times` [s] in closed form, from a state at the first of them.
 
-    **Raises:** ValueError for an attitude law whose error is not linear.
+    **Raises:** ValueError for an attitude law without a linear error equation.
     """
     from qtraj.motion.control.closed_form import closed_motion
 
     if not isinstance(law.attitude, AccelerationLaw):
         raise ValueError(f"only an AccelerationLaw has a closed form, but {law.attitude!r} was given")
-    places, references = jax.vmap(program)(times)
-    turned = closed_motion(law.attitude, references, quaternion, rate, times).quaternion
+    targets, references = jax.vmap(program)(times)
+    quaternions = closed_motion(law.attitude, references, quaternion, rate, times).quaternion
     k1, k2 = (jnp.diag(jnp.broadcast_to(k, (3,))) if k.ndim < 2 else k for k in (law.k1, law.k2))
     zero, one = jnp.zeros((3, 3), position.dtype), jnp.eye(3, dtype=position.dtype)
-    block = jnp.block([[zero, one], [-k2.astype(position.dtype), -k1.astype(position.dtype)]])
-    start = jnp.concatenate([position - places[0, 0], velocity - places[0, 1]])
-    errors = jax.vmap(lambda t: jnp.matmul(jax.scipy.linalg.expm(block * (t - times[0])), start)[:3])(times)
-    return jax.vmap(dual_quaternion.from_pose)(places[:, 0] + errors, turned)
+    matrix = jnp.block([[zero, one], [-k2.astype(position.dtype), -k1.astype(position.dtype)]])
+    start = jnp.concatenate([position - targets[0, 0], velocity - targets[0, 1]])
+    errors = jax.vmap(lambda t: jnp.matmul(jax.scipy.linalg.expm(matrix * (t - times[0])), start)[:3])(times)
+    return jax.vmap(dual_quaternion.from_pose)(targets[:, 0] + errors, quaternions)

@@ -1,4 +1,4 @@
-"""How a body moved and turned under a law for its pose."""
+"""The simulated motion of a body under a law for its pose."""
 
 import os
 
@@ -17,12 +17,13 @@ from qtraj.foundation.types import ArrayInput
 
 @storable
 class PoseMotion(AbstractOutcome):
-    """A pose under a law at the instants `times` (n,) [s].
+    """The pose of a body under a law at the instants `times` (n,) [s].
 
     `position`, `velocity` (n, 3) [m, m/s] and the commanded `acceleration` (n, 3) [m/s²], inertial axes; `quaternion`
     (n, 4), of any length, and `rate` (n, 4) [rad/s], body axes, ω0 first; the angular `command` (n, 4) [rad/s²], body
-    axes, virtual part first. `error` (n, 8): the dual error quaternion M, μ first. `distance` (n,) [m] and `angle` (n,)
-    [rad] to the program. Instants that were not reached are NaN; `code` is a `ResultCode` and `result` its text.
+    axes, virtual part first. `error` (n, 8): the dual error quaternion M, μ first. `distance` (n,) [m] from the
+    path, and `angle` (n,) [rad] between body and program. Instants that were not reached are NaN. `code` is a
+    `ResultCode`, and `result` its text.
     """
 
     times: Float[Array, "*batch n"]
@@ -58,7 +59,7 @@ class PoseMotion(AbstractOutcome):
         self.code = jnp.asarray(code, jnp.int32)
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """How one motion ended, and what to do."""
+        """The result in words, and what to do."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         return "finished: every instant was reached." if code == ResultCode.successful else code.text
 
@@ -72,21 +73,21 @@ class PoseMotion(AbstractOutcome):
     def record(self) -> Record:
         """The motion over `time`, or over `sample` where each batch element has its own times."""
         along = "time" if self.times.ndim == 1 else "sample"
-        world, turn = (along, "world"), (along, "component")
+        world, component = (along, "world"), (along, "component")
         variables = {
             "position": Quantity(self.position, "m", "position, inertial axes", world),
             "velocity": Quantity(self.velocity, "m s-1", "velocity, inertial axes", world),
-            "acceleration": Quantity(self.acceleration, "m s-2", "acceleration commanded, inertial axes", world),
-            "quaternion": Quantity(self.quaternion, "1", "attitude, body to inertial, of any length", turn),
-            "rate": Quantity(self.rate, "rad s-1", "angular rate, body axes; first the virtual rate", turn),
-            "command": Quantity(self.command, "rad s-2", "angular acceleration commanded, body axes", turn),
-            "error": Quantity(self.error[..., :4], "1", "error quaternion: real part of the dual one", turn),
-            "dual_error": Quantity(self.error[..., 4:], "m", "dual part of the error quaternion", turn),
+            "acceleration": Quantity(self.acceleration, "m s-2", "commanded acceleration, inertial axes", world),
+            "quaternion": Quantity(self.quaternion, "1", "attitude, body to inertial, of any length", component),
+            "rate": Quantity(self.rate, "rad s-1", "angular rate, body axes; first the virtual rate", component),
+            "command": Quantity(self.command, "rad s-2", "commanded angular acceleration, body axes", component),
+            "error": Quantity(self.error[..., :4], "1", "real part of the dual error quaternion", component),
+            "dual_error": Quantity(self.error[..., 4:], "m", "dual part of the dual error quaternion", component),
             "distance": Quantity(self.distance, "m", "distance from the path", (along,)),
             "angle": Quantity(self.angle, "rad", "angle between body and program", (along,)),
-            "result": Quantity(np.asarray(self.result), "", "how it ended"),
-            "code": Quantity(self.code, "1", "how it ended, as a number"),
+            "result": Quantity(np.asarray(self.result), "", "the result in words"),
+            "code": Quantity(self.code, "1", "result code"),
         }
-        far = f"distance {extent(self.distance, 'm')}, angle to the program {extent(self.angle, 'rad')}"
-        summary = f"{batch_prefix(self.code.shape)}{times_text(self.times)}: {far}"
+        errors = f"distance {extent(self.distance, 'm')}, angle to the program {extent(self.angle, 'rad')}"
+        summary = f"{batch_prefix(self.code.shape)}{times_text(self.times)}: {errors}"
         return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": "body"})

@@ -1,4 +1,4 @@
-"""A body whose position and attitude a law makes follow a program of poses."""
+"""Simulates a body under a law that makes its position and attitude follow a program."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from qtraj.motion.simulation.initial_sign import NEARER, require_sign, start_qua
 from qtraj.motion.simulation.ode import MAX_STEPS, Grid, Method, State, Tolerances
 
 
-class _Job(eqx.Module):
-    """What is simulated; `push` is an acceleration [m/s²] and `twist` an angular one [rad/s²] that disturb it."""
+class _Task(eqx.Module):
+    """The parts of a simulation; `push` [m/s²] and `twist` [rad/s²] are disturbing accelerations."""
 
     program: PoseProgram
     law: PoseLaw
@@ -35,9 +35,11 @@ class _Job(eqx.Module):
     twist: Signal | None
 
     def reference(self, t: Scalar, state: State) -> tuple[Array, Attitude]:
+        """Position, velocity and acceleration (3, 3), and attitude of the program."""
         return jax.tree.map(lambda x: x.astype(state.dtype), self.program(t))
 
     def commands(self, t: Scalar, state: State) -> tuple[Quat, Vec3]:
+        """ε and a."""
         quaternion, rate, position, velocity = _split(state)
         return self.law(*self.reference(t, state), position, velocity, quaternion, rate)
 
@@ -63,13 +65,14 @@ def simulate_pose(
 ) -> PoseMotion:
     """The motion of a body that `law` makes follow `program` in position and attitude.
 
-    At the first of `times` (n,) [s], of the program's own time, the body has `position` and `velocity` (3,) [m, m/s],
-    inertial axes, `quaternion` (4,) and body `rate` (4,) [rad/s]. What nobody commands, constant (3,) or a function of
-    time: `push` [m/s²], inertial axes, and `twist` [rad/s²], body axes. `sign` is that of `simulate`; `solver`, `rtol`,
-    `atol`, `adjoint`, `max_steps` and `throw` are those of `integrate`.
+    The initial state at the first of `times` (n,) [s], instants of the program's own time: `position` and `velocity`
+    (3,) [m, m/s], inertial axes, `quaternion` (4,), and `rate` (4,) [rad/s], body axes. Disturbances, constant (3,) or
+    functions of time: `push`, an acceleration [m/s²] in inertial axes, and `twist`, an angular acceleration [rad/s²] in
+    body axes. `sign` is as in `simulate`; `solver`, `rtol`, `atol`, `adjoint`, `max_steps` and `throw` are as in
+    `integrate`.
 
-    **Raises:** ValueError for parts that are none, other shapes, another sign, or times that do not increase.
-    RuntimeError with `throw` where an instant was not reached.
+    **Raises:** ValueError for arguments of another type or shape, another sign, or times that do not increase.
+    RuntimeError with `throw` if an instant was not reached.
     """
     require_sign(sign)
     if not isinstance(program, PoseProgram):
@@ -82,7 +85,7 @@ def simulate_pose(
     dtype = common_dtype(times, q, rate, r, v)
     q = start_quaternion(sign, program(times[0])[1], q)
     start = jnp.concatenate([x.astype(dtype) for x in (q, rate, r, v)])
-    job = _Job(
+    task = _Task(
         program,
         law,
         None if push is None else checked_signal(push, "the push"),
@@ -90,29 +93,31 @@ def simulate_pose(
     )
     epsilon = 4 * float(jnp.finfo(dtype).eps)
     tolerances = Tolerances(*(jnp.maximum(as_float(x).astype(dtype), epsilon) for x in (rtol, atol)))
-    motion = _simulate(job, start, times.astype(dtype), tolerances, Method(solver, adjoint, max_steps))
+    motion = _simulate(task, start, times.astype(dtype), tolerances, Method(solver, adjoint, max_steps))
     return motion.check() if throw else motion
 
 
 @eqx.filter_jit
-def _simulate(job: _Job, start: State, times: Float[Array, " n"], tolerances: Tolerances, method: Method) -> PoseMotion:
+def _simulate(
+    task: _Task, start: State, times: Float[Array, " n"], tolerances: Tolerances, method: Method
+) -> PoseMotion:
     def field(t: Scalar, state: State, memory: None) -> State:
         quaternion, rate, _, velocity = _split(state)
-        epsilon, acceleration = job.commands(t, state)
-        if job.twist is not None:
-            epsilon = epsilon + pure(at_instant(job.twist, t).astype(state.dtype))
-        if job.push is not None:
-            acceleration = acceleration + at_instant(job.push, t).astype(state.dtype)
+        epsilon, acceleration = task.commands(t, state)
+        if task.twist is not None:
+            epsilon = epsilon + pure(at_instant(task.twist, t).astype(state.dtype))
+        if task.push is not None:
+            acceleration = acceleration + at_instant(task.push, t).astype(state.dtype)
         return jnp.concatenate([derivative(quaternion, rate), epsilon, velocity, acceleration])
 
     grid = Grid(times[0], times - times[0], jnp.zeros(times.shape, bool))
     states, _, code = ode.march(field, ode.keep, start, None, grid, tolerances, method)
 
-    def shown(t: Scalar, state: State) -> dict[str, Array]:
+    def columns_at(t: Scalar, state: State) -> dict[str, Array]:
         quaternion, rate, position, velocity = _split(state)
-        place, reference = job.reference(t, state)
-        epsilon, acceleration = job.commands(t, state)
-        wanted = dual_quaternion.from_pose(place[0], reference.quaternion)
+        target, reference = task.reference(t, state)
+        epsilon, acceleration = task.commands(t, state)
+        program = dual_quaternion.from_pose(target[0], reference.quaternion)
         return {
             "position": position,
             "velocity": velocity,
@@ -120,14 +125,14 @@ def _simulate(job: _Job, start: State, times: Float[Array, " n"], tolerances: To
             "quaternion": quaternion,
             "rate": rate,
             "command": epsilon,
-            "error": pose_error(wanted, dual_quaternion.from_pose(position, quaternion)),
-            "distance": norm(position - place[0]),
+            "error": pose_error(program, dual_quaternion.from_pose(position, quaternion)),
+            "distance": norm(position - target[0]),
             "angle": error_angle(reference, quaternion),
         }
 
-    return PoseMotion(times, code=code, **jax.vmap(shown)(times, states))
+    return PoseMotion(times, code=code, **jax.vmap(columns_at)(times, states))
 
 
 def _split(state: State) -> tuple[Quat, Quat, Vec3, Vec3]:
-    """λ, ω, r and v."""
+    """λ, ω, r and v of a state vector."""
     return state[:4], state[4:8], state[8:11], state[11:]

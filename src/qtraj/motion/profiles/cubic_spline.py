@@ -1,18 +1,18 @@
 """Cubic-spline profiles: slews in a fixed time with the smallest ∫Φ̈² dt under limits on rate and acceleration.
 
-Paper C proposes cubic splines Φ(t) where the time T and both limits are given. Among all slews from rest to rest with
-|Φ̇| ≤ V and |Φ̈| ≤ A, the one with the smallest ∫Φ̈² dt is a cubic spline: Φ̈ is A for a time s, falls linearly to 0 in
-a time d, is 0 for 2c, and the same backwards (the minimum principle: where no limit is active, Φ̈ is linear, and it has
-no jump where Φ̇ reaches V). With Φ the angle and T = 2(s + d + c):
+Paper C proposes cubic splines Φ(t) for a given time T and both limits. Among all slews from rest to rest with |Φ̇| ≤ V
+and |Φ̈| ≤ A, the one with the smallest ∫Φ̈² dt is a cubic spline. In its first half, Φ̈ is A for a time s, decreases
+linearly to 0 in a time d, and is 0 for a time c; the second half is antisymmetric. (By the minimum principle, Φ̈ is
+linear where no limit is active, and does not jump where Φ̇ reaches V.) With the angle Φ and T = 2(s + d + c):
 
-| active       | d                          | s          | first acceleration |
+| active limit | d                          | s          | first acceleration |
 |--------------|----------------------------|------------|--------------------|
 | none         | T/2: one cubic             | 0          | 6Φ/T²              |
 | rate         | 3/2 (T − Φ/V)              | 0          | 2V/d               |
 | acceleration | √(3(T²/4 − Φ/A))           | T/2 − d    | A                  |
 | both         | √(12(VT − V²/A − Φ)/A)     | V/A − d/2  | A                  |
 
-At the minimum time d = 0: the time-optimal slew.
+For the minimum time d = 0, and the slew is time-optimal.
 """
 
 from typing import ClassVar
@@ -25,15 +25,15 @@ from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.motion.profiles.profile import AbstractProfile, Profile, fixed_duration, limit, nonzero_size, require_limits
 
-STEEPEST = 1e-6
-"""With a rate limit alone the minimum time is Φ/V plus this fraction: the acceleration has no bound there."""
+TIME_MARGIN = 1e-6
+"""With only a rate limit the acceleration is unbounded as T → Φ/V, so the minimum time is Φ/V plus this fraction."""
 
 
 class _Half(eqx.Module):
-    """The first half of a slew: times s and d [s], and the first acceleration [rad/s²]."""
+    """The first half of a slew: the times s and d [s], and the first acceleration [rad/s²]."""
 
-    steady: Scalar
-    falling: Scalar
+    constant: Scalar
+    decreasing: Scalar
     acceleration: Scalar
 
 
@@ -41,9 +41,9 @@ class _Half(eqx.Module):
 class CubicSpline(AbstractProfile):
     """The slew in `duration` [s] with the smallest ∫Φ̈² dt within `max_rate` [rad/s] and `max_acceleration` [rad/s²].
 
-    A cubic spline with knots where a limit becomes active or inactive; a single cubic where none does. Rate and
-    position are continuous, and so is the acceleration except at the ends, where it jumps like that of a `Cubic`. Every
-    duration is possible from that of a `TimeOptimal` slew within the same limits on. At rest at both ends.
+    A cubic spline with knots where a limit becomes active or inactive; a single cubic if no limit is active. The angle,
+    rate and acceleration are continuous, except that the acceleration jumps at both ends, as for a `Cubic`. The slew
+    starts and ends at rest. The minimum duration is that of a `TimeOptimal` slew within the same limits.
 
     **Raises:** ValueError for values that are not positive, or without a duration; in `profile` for a duration that is
     too short.
@@ -64,7 +64,7 @@ class CubicSpline(AbstractProfile):
         self.max_acceleration = limit(max_acceleration)
         if self.duration is None:
             raise ValueError(
-                "a cubic-spline slew needs a duration [s]. Use TimeOptimal or SCurve for the shortest one."
+                "a cubic-spline slew needs a duration [s]. Use TimeOptimal or SCurve for the minimum duration."
             )
         require_limits(self)
 
@@ -74,10 +74,10 @@ class CubicSpline(AbstractProfile):
         rate, acceleration = (
             None if x is None else x.astype(total.dtype) for x in (self.max_rate, self.max_acceleration)
         )
-        minimal = _shortest(angle, rate, acceleration)
-        asked = minimal if self.duration is None else self.duration.astype(total.dtype)
-        duration, feasible = fixed_duration(asked, minimal)
-        half = _gentlest(angle, duration, rate, acceleration)
+        minimal = _min_duration(angle, rate, acceleration)
+        user_duration = minimal if self.duration is None else self.duration.astype(total.dtype)
+        duration, feasible = fixed_duration(user_duration, minimal)
+        half = _optimal_half(angle, duration, rate, acceleration)
         widths, pieces = _spline(half, duration)
         profile = Profile(
             total=total,
@@ -91,65 +91,67 @@ class CubicSpline(AbstractProfile):
         return profile, minimal
 
 
-def _shortest(angle: Scalar, rate: Scalar | None, acceleration: Scalar | None) -> Scalar:
-    """The minimum time [s]: that of the time-optimal slew."""
+def _min_duration(angle: Scalar, rate: Scalar | None, acceleration: Scalar | None) -> Scalar:
+    """The minimum duration [s], that of the time-optimal slew."""
     if acceleration is None:
-        return jnp.zeros_like(angle) if rate is None else angle / rate * (1 + STEEPEST)
-    alone = 2 * jnp.sqrt(angle / acceleration)
+        return jnp.zeros_like(angle) if rate is None else angle / rate * (1 + TIME_MARGIN)
+    without_rate_limit = 2 * jnp.sqrt(angle / acceleration)
     if rate is None:
-        return alone
-    return jnp.where(angle <= rate**2 / acceleration, alone, angle / rate + rate / acceleration)
+        return without_rate_limit
+    return jnp.where(angle <= rate**2 / acceleration, without_rate_limit, angle / rate + rate / acceleration)
 
 
-def _gentlest(angle: Scalar, duration: Scalar, rate: Scalar | None, acceleration: Scalar | None) -> _Half:
-    """The first half with the smallest ∫Φ̈²: a limit is active if the optimum without it violates it."""
+def _optimal_half(angle: Scalar, duration: Scalar, rate: Scalar | None, acceleration: Scalar | None) -> _Half:
+    """The optimal first half: a limit is active if the optimum without it violates it."""
     half = _Half(jnp.zeros_like(angle), duration / 2, 6 * angle / duration**2)
     if acceleration is not None:
-        falling = _root(3 * (duration**2 / 4 - angle / acceleration))
-        half = _chosen(half.acceleration > acceleration, _Half(duration / 2 - falling, falling, acceleration), half)
+        decreasing = _root(3 * (duration**2 / 4 - angle / acceleration))
+        limited = _Half(duration / 2 - decreasing, decreasing, acceleration)
+        half = _where(half.acceleration > acceleration, limited, half)
     if rate is None:
         return half
-    fast = half.acceleration * (half.steady + half.falling / 2) > rate
-    falling = 1.5 * (duration - angle / rate)
-    safe = jnp.where(fast, falling, 1.0)
-    coasting = _Half(jnp.zeros_like(angle), falling, 2 * rate / safe)
+    too_fast = half.acceleration * (half.constant + half.decreasing / 2) > rate
+    decreasing = 1.5 * (duration - angle / rate)
+    divisor = jnp.where(too_fast, decreasing, 1.0)
+    at_max_rate = _Half(jnp.zeros_like(angle), decreasing, 2 * rate / divisor)
     if acceleration is not None:
-        both = _root(12 * (rate * duration - rate**2 / acceleration - angle) / acceleration)
-        limited = _Half(jnp.maximum(rate / acceleration - both / 2, 0.0), both, acceleration)
-        coasting = _chosen(coasting.acceleration > acceleration, limited, coasting)
-    return _chosen(fast, coasting, half)
+        decreasing = _root(12 * (rate * duration - rate**2 / acceleration - angle) / acceleration)
+        both_limits = _Half(jnp.maximum(rate / acceleration - decreasing / 2, 0.0), decreasing, acceleration)
+        at_max_rate = _where(at_max_rate.acceleration > acceleration, both_limits, at_max_rate)
+    return _where(too_fast, at_max_rate, half)
 
 
 def _spline(half: _Half, duration: Scalar) -> tuple[Scalar, Scalar]:
-    """Widths (5,) and ascending coefficients (5, 4) of the angle [rad] in each piece's own u."""
-    s, d, a = half.steady, half.falling, half.acceleration
+    """Widths (5,) [s] of the pieces, and ascending coefficients (5, 4) of the angle [rad] in u = (t − start)/width."""
+    s, d, a = half.constant, half.decreasing, half.acceleration
     coast = jnp.maximum(duration - 2 * (s + d), 0.0)
     widths = jnp.stack([s, d, coast, d, s])
     zero = jnp.zeros_like(a)
-    first = jnp.stack([a, a, zero, zero, -a])  # accelerations at the start of each piece, and what they gain in it
-    gained = jnp.stack([zero, -a, zero, -a, zero])
-    risen = (first + gained / 2) * widths
-    rates = jnp.cumsum(risen) - risen
-    powers = jnp.stack([rates * widths, first * widths**2 / 2, gained * widths**2 / 6], axis=1)
-    turned = jnp.sum(powers, axis=1)
-    angles = jnp.cumsum(turned) - turned
+    first = jnp.stack([a, a, zero, zero, -a])  # acceleration at the start of each piece, and its change in the piece
+    change = jnp.stack([zero, -a, zero, -a, zero])
+    rate_changes = (first + change / 2) * widths
+    rates = jnp.cumsum(rate_changes) - rate_changes
+    powers = jnp.stack([rates * widths, first * widths**2 / 2, change * widths**2 / 6], axis=1)
+    angle_changes = jnp.sum(powers, axis=1)
+    angles = jnp.cumsum(angle_changes) - angle_changes
     return widths, jnp.concatenate([angles[:, None], powers], axis=1)
 
 
 def _starts(half: _Half, duration: Scalar) -> Scalar:
-    s, d = half.steady, half.falling
+    """The start times (5,) of the pieces [s]."""
+    s, d = half.constant, half.decreasing
     return jnp.stack([jnp.zeros_like(s), s, s + d, duration - s - d, duration - s])
 
 
-def _chosen(condition: Scalar, a: _Half, b: _Half) -> _Half:
+def _where(condition: Scalar, a: _Half, b: _Half) -> _Half:
     return _Half(
-        jnp.where(condition, a.steady, b.steady),
-        jnp.where(condition, a.falling, b.falling),
+        jnp.where(condition, a.constant, b.constant),
+        jnp.where(condition, a.decreasing, b.decreasing),
         jnp.where(condition, a.acceleration, b.acceleration),
     )
 
 
 def _root(x: Scalar) -> Scalar:
-    """√x, and 0 with zero gradient for x ≤ 0."""
+    """√x; 0 with zero gradient for x ≤ 0."""
     positive = x > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)

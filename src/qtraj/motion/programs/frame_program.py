@@ -14,7 +14,7 @@ from qtraj.foundation.types import ArrayInput, Quat, Scalar, ScalarLike
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.programs import rotation_minimizing
 from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing
-from qtraj.path.driving import require_moving, usual_frame
+from qtraj.path.driving import default_frame, require_moving
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, trihedral
 
@@ -29,7 +29,7 @@ ROUNDING = 16
 class FrameProgram(AbstractProgram):
     """The frame of a path as a program: λ⁰ world-from-frame, ω⁰ and ε⁰ in closed form, in the frame's own axes.
 
-    The frame is by default natural, for a route upright, and `Driving` if the route stops.
+    The default frame is `Driving` for a route that stops, `Upright` for other routes, and `Natural` for other paths.
 
     The quaternion has scalar part ≥ 0 at t = 0 and is continuous in t, also when evaluated at a single instant. The
     `anchors` (n, 4), quaternions at n equally spaced times on [0, duration], fix its sign; they are computed once, when
@@ -58,7 +58,7 @@ class FrameProgram(AbstractProgram):
         anchors: ArrayInput | None = None,
     ):
         self.path = path
-        self.frame = usual_frame(path) if frame is None else frame
+        self.frame = default_frame(path) if frame is None else frame
         if not isinstance(self.frame, AbstractFrame | RotationMinimizing):
             raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
         if isinstance(self.frame, RotationMinimizing):

@@ -1,4 +1,4 @@
-"""A slew over time: its angle with two derivatives, the attitude of the program, and the torque on the body."""
+"""A slew over time: the angle with two derivatives, the attitude, and the torque on the body."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from qtraj.motion.dynamics import inertia_matrix, torque
 from qtraj.motion.profiles.profile import Profile
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 
-SAME = 1e-9
-"""Of a duration: switches closer than this count as one."""
-FINE = 512
+MIN_DISTANCE = 1e-9
+"""Relative to the duration: switches that are closer than this count as one."""
+INTERVALS = 512
 """Equal intervals of `fine_times`."""
-SIDE = 1e-9
-"""Of the duration: how far before a switch `fine_times` looks at its earlier side."""
+BEFORE_SWITCH = 1e-9
+"""Relative to the duration: distance of the instant before a switch in `fine_times`."""
 
 
 class SlewHistory(AbstractResult):
     """A slew at the instants `times` (n,) [s].
 
-    `angle` (n,) [rad], of a sequence the sum so far, with `angle_rate` and `angle_acceleration`; `quaternion` (n, 4),
-    `rate` (n, 3) and `acceleration` (n, 3) of the program, body axes; `torque` (n, 3) [N m], body axes, where the
-    inertia of the body is known. At a jump the value after it counts.
+    `angle` (n,) [rad], `angle_rate` and `angle_acceleration`: of a sequence the angle is the sum over its slews.
+    `quaternion` (n, 4), `rate` (n, 3) and `acceleration` (n, 3) of the program, body axes. `torque` (n, 3) [N m], body
+    axes; None without an inertia. At a jump the value after it is used.
     """
 
     times: Float[Array, " n"]
@@ -52,12 +52,12 @@ class SlewHistory(AbstractResult):
             "angle": Quantity(self.angle, "rad", "angle of the slew", ("time",)),
             "angle_rate": Quantity(self.angle_rate, "rad s-1", "rate of the angle", ("time",)),
             "angle_acceleration": Quantity(
-                self.angle_acceleration, "rad s-2", "acceleration of the angle; at a jump that after it", ("time",)
+                self.angle_acceleration, "rad s-2", "acceleration of the angle; at a jump the value after it", ("time",)
             ),
             "quaternion": Quantity(self.quaternion, "1", "attitude of the program", ("time", "component")),
             "rate": Quantity(self.rate, "rad s-1", "angular rate, body axes", body),
             "acceleration": Quantity(self.acceleration, "rad s-2", "angular acceleration, body axes", body),
-            "torque": Quantity(self.torque, "N m", "torque on the body, body axes; at a jump that after it", body),
+            "torque": Quantity(self.torque, "N m", "torque on the body, body axes; at a jump the value after it", body),
         }
         variables = {name: quantity for name, quantity in columns.items() if quantity.values is not None}
         summary = (
@@ -67,12 +67,12 @@ class SlewHistory(AbstractResult):
         return Record(summary, variables, {"time": time}, {"frame": "body"})
 
     def __getitem__(self, instants: slice) -> SlewHistory:
-        """The same at some of the instants."""
+        """The history at some of the instants."""
         return jax.tree.map(lambda values: values[instants], self)
 
 
 class Leg(NamedTuple):
-    """One slew of a program, about one axis, from `start` [s] on."""
+    """One slew of a program about one axis; it begins at `start` [s]."""
 
     start: float
     turn: EulerTurn
@@ -80,27 +80,29 @@ class Leg(NamedTuple):
 
     @property
     def end(self) -> float:
-        """The instant at which it is over [s]."""
+        """The instant at which it ends [s]."""
         return self.start + float(self.profile.duration)
 
     @property
     def moves(self) -> bool:
-        """Whether the attitude changes; with end rates a slew by no angle goes out and back."""
+        """Whether the attitude changes. With end rates a slew by a zero angle moves away and back."""
         return float(self.profile.total) != 0 or not self.profile.proportional
 
     @property
     def switches(self) -> list[float]:
-        """The distinct instants between start and end at which a piece of the profile ends [s]."""
+        """The distinct instants inside the slew at which a piece of the profile ends [s]."""
         duration = float(self.profile.duration)
-        found: list[float] = []
+        switches: list[float] = []
         for t in np.asarray(self.turn.switches).tolist():
-            if SAME * duration < t < (1 - SAME) * duration and (not found or t - found[-1] > SAME * duration):
-                found.append(t)
-        return [self.start + t for t in found]
+            if MIN_DISTANCE * duration < t < (1 - MIN_DISTANCE) * duration and (
+                not switches or t - switches[-1] > MIN_DISTANCE * duration
+            ):
+                switches.append(t)
+        return [self.start + t for t in switches]
 
 
 def slew_legs(program: EulerTurn | SlewSequence) -> list[Leg]:
-    """The slews of a program, one after the other.
+    """The slews of a program, in order.
 
     **Raises:** ValueError for a program of another kind.
     """
@@ -118,37 +120,37 @@ def slew_history(
 ) -> SlewHistory:
     """A slew, or a sequence of slews, at the instants `times` (n,) [s].
 
-    With the `inertia` of the body [kg m²] (a scalar, (3,) principal moments, or (3, 3), body axes) also its torque.
+    `inertia` [kg m²] of the body, for the torque: a scalar, principal moments (3,), or a tensor (3, 3), body axes.
 
-    **Raises:** ValueError for a program of another kind, or an inertia that is none.
+    **Raises:** ValueError for a program of another kind, or an invalid inertia.
     """
-    known = np.asarray(times, float)
-    angle = np.zeros((len(known), 3))
-    before = 0.0
+    instants = np.asarray(times, float)
+    angle = np.zeros((len(instants), 3))
+    total = 0.0
     for k, leg in enumerate(slew_legs(program)):
-        later = (known >= leg.start) if k else np.ones(len(known), bool)
-        values = np.asarray(_derivatives(leg.profile, jnp.asarray(known - leg.start)))
-        angle[later] = (values + np.array([before, 0.0, 0.0]))[later]
-        before += float(leg.profile.total)
-    attitudes = attitudes_at(program, jnp.asarray(known))
+        later = (instants >= leg.start) if k else np.ones(len(instants), bool)
+        values = np.asarray(_derivatives(leg.profile, jnp.asarray(instants - leg.start)))
+        angle[later] = (values + np.array([total, 0.0, 0.0]))[later]
+        total += float(leg.profile.total)
+    attitudes = attitudes_at(program, jnp.asarray(instants))
     torques = None if inertia is None else _torques(attitudes, inertia_matrix(inertia))
     phi, rate, acceleration = (as_float(column) for column in angle.T)
-    moving = (attitudes.quaternion, attitudes.rate, attitudes.acceleration)
-    return SlewHistory(as_float(known), phi, rate, acceleration, *moving, torques)
+    program_values = (attitudes.quaternion, attitudes.rate, attitudes.acceleration)
+    return SlewHistory(as_float(instants), phi, rate, acceleration, *program_values, torques)
 
 
 def fine_times(program: EulerTurn | SlewSequence) -> np.ndarray:
-    """Instants (n,) [s] for a figure: 512 equal intervals, and both sides of every switch, so that jumps show."""
+    """Instants (n,) [s] for figures: the ends of 512 equal intervals, and both sides of each switch, to show jumps."""
     legs = slew_legs(program)
     duration = legs[-1].end
     switches = np.array([t for leg in legs for t in (*leg.switches, leg.end)])
-    both = np.concatenate([switches, switches - SIDE * duration])
-    return np.unique(np.concatenate([np.linspace(0, duration, FINE + 1), both.clip(0, duration)]))
+    both = np.concatenate([switches, switches - BEFORE_SWITCH * duration])
+    return np.unique(np.concatenate([np.linspace(0, duration, INTERVALS + 1), both.clip(0, duration)]))
 
 
 @eqx.filter_jit
 def attitudes_at(program: AbstractProgram, times: Float[Array, " n"]) -> Attitude:
-    """A program at many instants."""
+    """The attitudes of a program at `times` [s]."""
     return jax.vmap(program)(times)
 
 

@@ -1,4 +1,4 @@
-"""Whether a slew meets its limits: peaks against limits, the least duration, and the sign of the end attitude."""
+"""Compares a slew with its limits: peaks, active limits, the minimum duration, and the sign of the end attitude."""
 
 from __future__ import annotations
 
@@ -29,22 +29,25 @@ ORDERS = {"max_rate": 1, "max_acceleration": 2, "max_jerk": 3}
 UNITS = {"max_rate": "rad s-1", "max_acceleration": "rad s-2", "max_jerk": "rad s-3"}
 TORQUE_UNIT = "N m"
 WITHOUT_JERK = (TimeOptimal, Cubic)
-"""Laws whose acceleration jumps, during the slew or at its ends: no jerk limit can hold."""
+"""Profiles whose acceleration jumps, within the slew or at its ends, so that the jerk has no maximum."""
 TOLERANCE = 1e-9
-"""Relative: a limit is broken by more than this, and active where the peak is nearer to it."""
+"""Relative: a limit is broken if the peak exceeds it by more than this, and active if they differ by less."""
 
 MET, BROKEN, NO_LIMIT = STATUSES = ("met", "broken", "no limit")
 
 
 class SlewVerdict(AbstractResult):
-    """A slew, or a sequence of slews, against its limits.
+    """The comparison of a slew, or of a sequence of slews, with its limits.
 
-    Over `names`, such as "max_rate" or "max_torque": `peaks`, the largest magnitudes, and `times` [s], when each first
-    occurs; `limits`, NaN where there is none. Over the slews of the program: `starts` and `durations` [s], `angles`
-    [rad], and unit vectors `body_axes` and `inertial_axes` (m, 3), NaN where nothing moves. `switches` [s] are the
-    instants at which the laws pass from one piece to the next. `least_duration` [s] is that of the fastest slew found
-    within the limits, NaN where the law has no fixed duration or no limit. `end` (4,) is the quaternion at which the
-    program ends; `sign` is −1 where that is the wanted one with the other sign.
+    - `names`: the limited quantities, such as "max_rate" or "max_torque". For each: the largest magnitude `peaks`, the
+      first instant `times` [s] at which it occurs, and `limits`, NaN without a limit.
+    - `starts`, `durations` [s] and `angles` [rad] of each slew, and its unit axes `body_axes` and `inertial_axes`
+      (m, 3), NaN if it does not move.
+    - `switches` [s]: the instants between two pieces of a profile.
+    - `least_duration` [s]: the duration of the fastest slew within the limits; NaN if the profile has no fixed duration
+      or there is no limit.
+    - `end` (4,): the quaternion at the end of the program. `sign` is −1 if it has the opposite sign of the requested
+      quaternion.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -69,7 +72,7 @@ class SlewVerdict(AbstractResult):
 
     @property
     def active(self) -> list[str]:
-        """Names of the limits that are met with nothing to spare (a relative margin below 1e-9)."""
+        """Names of the active limits: met with a relative margin below 1e-9."""
         peaks, limits = np.asarray(self.peaks), np.asarray(self.limits)
         return [self.names[k] for k in np.flatnonzero(np.abs(peaks - limits) <= TOLERANCE * limits)]
 
@@ -85,22 +88,22 @@ class SlewVerdict(AbstractResult):
 
     @property
     def result(self) -> str:
-        """The verdict in words, with what to do where a limit is broken."""
+        """The result in words, and what to do if a limit is broken."""
         if np.isnan(self.body_axes).all():
-            return "there is nothing to turn: all attitudes are the same."
-        least, status = float(self.least_duration), self.status
+            return "there is no slew: all attitudes are the same."
+        minimum, status = float(self.least_duration), self.status
         if not self.met:
             exceeded = np.asarray(self.peaks) / np.asarray(self.limits) - 1
             worst = [f"{x} by {100 * exceeded[k]:.3g} %" for k, x in enumerate(self.names) if status[x] == BROKEN]
-            within = "" if math.isnan(least) else f" Within the limits it takes {least:.9g} s or more."
-            return f"limits are broken: {', '.join(worst)}.{within} Allow more time, or raise the limits."
+            least = "" if math.isnan(minimum) else f" Within the limits it takes at least {minimum:.9g} s."
+            return f"limits are broken: {', '.join(worst)}.{least} Allow more time, or raise the limits."
         if active := self.active:
             listed = " and ".join(filter(None, [", ".join(active[:-1]), active[-1]]))
-            return f"all limits are met; {listed} {'binds' if len(active) == 1 else 'bind'}."
+            return f"all limits are met; {listed} {'is' if len(active) == 1 else 'are'} active."
         if all(text == NO_LIMIT for text in status.values()):
-            return "there are no limits to meet."
-        spare = "" if math.isnan(least) or least == 0 else f" The slew could be over in {least:.9g} s."
-        return f"all limits are met, with room to spare.{spare}"
+            return "there are no limits."
+        least = "" if math.isnan(minimum) or minimum == 0 else f" The slew could take only {minimum:.9g} s."
+        return f"all limits are met, and none is active.{least}"
 
     def record(self) -> Record:
         """Peaks over `limit`, whose coordinate `limit_unit` has the unit of each; the slews over `slew`."""
@@ -110,30 +113,30 @@ class SlewVerdict(AbstractResult):
         units = np.array([UNITS.get(name, TORQUE_UNIT) for name in self.names])
         variables = {
             "peak": Quantity(self.peaks, "", "largest magnitude, in limit_unit", limit),
-            "peak_time": Quantity(self.times, "s", "when it first occurs", limit),
+            "peak_time": Quantity(self.times, "s", "first instant of the peak", limit),
             "bound": Quantity(self.limits, "", "the limit, in limit_unit; NaN for none", limit),
-            "margin": Quantity(margin, "", "limit less peak, in limit_unit", limit),
+            "margin": Quantity(margin, "", "limit minus peak, in limit_unit", limit),
             "status": Quantity(np.array(list(self.status.values())), "", f"one of {', '.join(STATUSES)}", limit),
-            "active": Quantity(active, "1", "whether the limit is met with nothing to spare", limit),
+            "active": Quantity(active, "1", "whether the limit is active", limit),
             "start": Quantity(self.starts, "s", "start of each slew", slew),
             "duration": Quantity(self.durations, "s", "duration of each slew", slew),
             "angle": Quantity(self.angles, "rad", "angle of each slew", slew),
             "axis_body": Quantity(self.body_axes, "1", "axis of each slew, body axes", ("slew", "body")),
             "axis_inertial": Quantity(self.inertial_axes, "1", "axis of each slew, inertial axes", ("slew", "world")),
-            "switch_time": Quantity(self.switches, "s", "when the laws pass from one piece to the next", ("switch",)),
+            "switch_time": Quantity(self.switches, "s", "instants between two pieces of a profile", ("switch",)),
             "least_duration": Quantity(self.least_duration, "s", "duration of the fastest slew within the limits"),
             "end_quaternion": Quantity(self.end, "1", "attitude at the end", ("component",)),
-            "end_sign": Quantity(self.sign, "1", "its sign against the wanted quaternion"),
+            "end_sign": Quantity(self.sign, "1", "sign relative to the requested quaternion"),
             "met": Quantity(np.array(self.met), "1", "whether no limit is broken"),
-            "result": Quantity(np.array(self.result), "", "the verdict in words"),
+            "result": Quantity(np.array(self.result), "", "the result in words"),
         }
         coordinates = {
-            "limit": Quantity(np.array(self.names), "", "what is limited", limit),
+            "limit": Quantity(np.array(self.names), "", "limited quantity", limit),
             "limit_unit": Quantity(units, "", "its unit", limit),
         }
-        found = ", ".join(f"{name} {text}" for name, text in self.status.items())
-        turned = f"{math.degrees(float(np.sum(self.angles))):.6g}° in {self.duration:.6g} s"
-        return Record(f"{turned}: {found}", variables, coordinates, {"frame": "body"})
+        statuses = ", ".join(f"{name} {text}" for name, text in self.status.items())
+        slewed = f"{math.degrees(float(np.sum(self.angles))):.6g}° in {self.duration:.6g} s"
+        return Record(f"{slewed}: {statuses}", variables, coordinates, {"frame": "body"})
 
 
 def judge_slew(
@@ -143,20 +146,22 @@ def judge_slew(
     max_torque: ArrayInput | None = None,
     end: ArrayInput | None = None,
 ) -> SlewVerdict:
-    """A slew, or a sequence of slews, against limits on the angle's derivatives and on the torque.
+    """Compare a slew, or a sequence of slews, with limits on the derivatives of the angle and on the torque.
 
-    `limits`: "max_rate", "max_acceleration" and "max_jerk" [rad s⁻ᵏ], by name; without them those of the program's law.
-    `inertia` [kg m²], as in `peak_torque`, adds the torque, and `max_torque` [N m] its limit: a number for its length,
-    (3,) for each component in body axes. `end` (4,) is the wanted end attitude, whose sign is compared; without it that
-    of the program. The peaks are exact: those of polynomials between the switches. To keep a torque limit the fastest
-    slew is slowed down as `within_torque` does it, and another one may be shorter.
+    `limits`: "max_rate", "max_acceleration" and "max_jerk" [rad s⁻ᵏ] by name; None for those of the program's profile.
+    `inertia` [kg m²], as in `peak_torque`, adds the torque. `max_torque` [N m] is its limit: a number for the length of
+    the torque, (3,) for each component in body axes. `end` (4,): the requested end attitude, to compare its sign; None
+    for that of the program.
 
-    **Raises:** ValueError for a program of another kind, unknown limits, an inertia that is none, a `max_torque`
-    without inertia, or inside a trace.
+    The peaks are exact maxima of polynomials. For the minimum duration with a torque limit, the fastest slew within the
+    other limits is slowed down by `within_torque`; a slew with another profile may be shorter.
+
+    **Raises:** ValueError for a program of another kind, unknown limits, an invalid inertia, a `max_torque` without
+    inertia, or inside a trace.
     """
     legs, law = slew_legs(program), program.law
-    given = _limits(law, limits)
-    rows = [(name, *_peak(legs, ORDERS[name]), given.get(name)) for name in ORDERS]
+    user_bounds = _limits(law, limits)
+    rows = [(name, *_peak(legs, ORDERS[name]), user_bounds.get(name)) for name in ORDERS]
     if isinstance(law, WITHOUT_JERK):
         rows.pop()
     if inertia is not None:
@@ -165,7 +170,7 @@ def judge_slew(
         raise ValueError("max_torque was given without the inertia of the body: pass inertia [kg m²] as well")
     names, peaks, times, bounds = zip(*rows, strict=True)
     last = legs[-1].turn
-    wanted = last.end_q if end is None else real_vector(end, "the end attitude", 4)
+    requested = last.end_q if end is None else real_vector(end, "the end attitude", 4)
     return SlewVerdict(
         names=names,
         peaks=jnp.asarray(peaks, float),
@@ -177,36 +182,36 @@ def judge_slew(
         body_axes=_axes(legs, "body"),
         inertial_axes=_axes(legs, "inertial"),
         switches=jnp.asarray([t for leg in legs for t in leg.switches], float),
-        least_duration=jnp.asarray(_least_duration(program, given, inertia, max_torque)),
+        least_duration=jnp.asarray(_least_duration(program, user_bounds, inertia, max_torque)),
         end=last.end,
-        sign=jnp.where(quaternion.unit(wanted) @ last.end < 0, -1, 1),
+        sign=jnp.where(quaternion.unit(requested) @ last.end < 0, -1, 1),
     )
 
 
 def _limits(law: AbstractProfile, limits: Mapping[str, ArrayInput] | None) -> dict[str, float]:
     if unknown := [name for name in limits or {} if name not in ORDERS]:
-        raise ValueError(f"unknown limit {unknown[0]!r} of a slew; known are {', '.join(ORDERS)}")
-    known = user_limits(law) if limits is None else limits
-    return {name: float(np.asarray(value)) for name, value in known.items() if name in ORDERS}
+        raise ValueError(f"unknown limit {unknown[0]!r}: the limits of a slew are {', '.join(ORDERS)}")
+    bounds = user_limits(law) if limits is None else limits
+    return {name: float(np.asarray(value)) for name, value in bounds.items() if name in ORDERS}
 
 
 def _peak(legs: Sequence[Leg], order: int) -> tuple[float, float]:
-    """The largest magnitude of a derivative of the angle, and the first instant of it [s]."""
-    best, when = 0.0, legs[0].start
+    """The largest magnitude of a derivative of the angle, and its first instant [s]."""
+    best, instant = 0.0, legs[0].start
     for leg in legs:
         time, value = leg.profile.peak(order)
         if value > best * (1 + TOLERANCE):
-            best, when = value, leg.start + time
-    return best, when
+            best, instant = value, leg.start + time
+    return best, instant
 
 
 def _torques(program: EulerTurn | SlewSequence, inertia: ArrayInput, limit: ArrayInput | None) -> list[tuple[Any, ...]]:
-    """The largest torque, of its length or, where each axis has its limit, of the components."""
+    """The peak of the length of the torque, or of its components if each axis has a limit."""
     peak = peak_torque(program, inertia)
     if limit is None or np.ndim(limit) == 0:
         return [("max_torque", peak.norm, peak.norm_time, None if limit is None else float(np.asarray(limit)))]
-    each = zip("xyz", peak.axes, peak.axes_times, np.asarray(limit, float).tolist(), strict=True)
-    return [(f"max_torque_{axis}", value, time, bound) for axis, value, time, bound in each]
+    components = zip("xyz", peak.axes, peak.axes_times, np.asarray(limit, float).tolist(), strict=True)
+    return [(f"max_torque_{axis}", value, time, bound) for axis, value, time, bound in components]
 
 
 def _axes(legs: Sequence[Leg], axes: str) -> Float[Array, "m 3"]:
@@ -219,12 +224,12 @@ def _least_duration(
     inertia: ArrayInput | None,
     max_torque: ArrayInput | None,
 ) -> float:
-    """The duration of the same slew by a law that takes the least time within the limits [s]; NaN without any."""
+    """The minimum duration [s] of the same slew within the limits; NaN without a fixed duration or limits."""
     law = program.law
     if law.duration is None or not limits:
         return math.nan
     fastest = dataclasses.replace(program, law=dataclasses.replace(law, duration=None, **limits))
-    resting = getattr(law, "start_rate", None) is None and getattr(law, "end_rate", None) is None
-    if inertia is not None and max_torque is not None and resting:
+    at_rest = getattr(law, "start_rate", None) is None and getattr(law, "end_rate", None) is None
+    if inertia is not None and max_torque is not None and at_rest:
         fastest = within_torque(fastest, inertia, max_torque)
     return float(fastest.duration)

@@ -68,8 +68,8 @@ class Propagation(AbstractOutcome):
             ),
             "estimate": Quantity(self.estimate, "rad", "estimated error of the last attitude and of ln|λ|²"),
             "steps": Quantity(self.steps, "1", "steps taken"),
-            "result": Quantity(texts, "", "how it ended"),
-            "code": Quantity(self.code, "1", "how it ended, as a number"),
+            "result": Quantity(texts, "", "the result in words"),
+            "code": Quantity(self.code, "1", "result code"),
         }
         reached = f"{np.sum(self.successful)} of {self.code.size} reached the tolerance"
         ended = reached if self.code.ndim else str(texts)

@@ -1,11 +1,12 @@
-"""A rigid body that turns by Euler's equations, under torques that a computer calculates with the inertia it assumes.
+"""A rigid body with Euler's equations, under torques that the control computer derives from an assumed inertia.
 
 Body:    J ω̇ + ω×(Jω + Ah) = −Au + M,    wheels:    ḣ = u
 
-J is the inertia with the wheels' share across their axes, A (3, n) has the unit spin axes as columns, h (n,) are the
-axial momenta of the wheels, u (n,) the torques of their motors, M an external torque. Without wheels −Au is a torque
-that acts on the body directly (thrusters). To give the acceleration ε of the law, the computer commands
-M_c = J_a ε + ω×(J_a ω + Ah) with its own J_a, and divides it among the wheels by the pseudo-inverse, −Au = M_c.
+J is the inertia of the body, including the wheels' inertia across their spin axes. A (3, n) has the unit spin axes as
+columns, h (n,) are the axial momenta of the wheels, u (n,) their motor torques, and M is an external torque. Without
+wheels −Au is the torque of thrusters. For the acceleration ε of the law the computer commands
+M_c = J_a ε + ω×(J_a ω + Ah) with its assumed inertia J_a, and distributes it to the wheels by the pseudo-inverse of A,
+−Au = M_c.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ from qtraj.foundation.types import ArrayInput, Mat3, Scalar, Vec3
 from qtraj.motion.dynamics import inertia_matrix
 from qtraj.motion.simulation.disturbance import Signal, at_instant, checked_signal
 
-SPAN = 1e-6
-"""Spin axes whose smallest singular value is below this do not span the space."""
+MIN_SINGULAR_VALUE = 1e-6
+"""Unit spin axes with a smaller singular value do not span the space."""
 
 Torques = Float[Array, " n"]
 Momenta = Float[Array, " n"]
@@ -35,12 +36,12 @@ Momenta = Float[Array, " n"]
 
 @storable
 class ReactionWheels(eqx.Module):
-    """Three or more reaction wheels, whose motors exert torques on the body.
+    """Three or more reaction wheels; their motors exert torques on the body.
 
-    `axes` (n, 3): spin axes in body axes, of any length. `max_torque` [N m] and `max_momentum` [N m s] of each wheel,
-    numbers or (n,), None for no limit. Above it the torques of all motors are scaled by the same factor, so the torque
-    on the body keeps its direction. At its maximum momentum a wheel can only be slowed down. `momentum` (n,) [N m s]:
-    at the start.
+    `axes` (n, 3): the spin axes in body axes, of any length. `max_torque` [N m] and `max_momentum` [N m s]: limits of
+    each wheel, scalars or (n,); None for no limit. If a torque exceeds its limit, all motor torques are scaled by the
+    same factor, so the torque on the body keeps its direction. A wheel at its maximum momentum can only be slowed down.
+    `momentum` (n,) [N m s]: the initial momenta; None for zero.
 
     **Raises:** ValueError for axes of another shape or that do not span the space, limits that are not positive, or
     momenta of another shape.
@@ -63,15 +64,17 @@ class ReactionWheels(eqx.Module):
     ):
         axes = as_float(axes)
         if axes.ndim != 2 or axes.shape[0] < 3 or axes.shape[1] != 3:
-            raise ValueError(f"the axes of at least three wheels, shape (n, 3), were expected, but {axes.shape} given")
+            raise ValueError(
+                f"the axes of at least three wheels, shape (n, 3), were expected, but shape {axes.shape} was given"
+            )
         require_finite(axes, "the axes of the wheels")
         self.axes = axes / jnp.linalg.norm(axes, axis=1, keepdims=True)
-        known = concrete(self.axes)
-        if known is not None and not np.linalg.svd(np.nan_to_num(known), compute_uv=False)[-1] > SPAN:
-            raise ValueError("the axes of the wheels must span the space: no torque is possible about one direction")
+        values = concrete(self.axes)
+        if values is not None and not np.linalg.svd(np.nan_to_num(values), compute_uv=False)[-1] > MIN_SINGULAR_VALUE:
+            raise ValueError("the axes of the wheels must span the space, but they give no torque about one direction")
         count = axes.shape[0]
-        self.max_torque = _each(max_torque, count, "max_torque", "N m")
-        self.max_momentum = _each(max_momentum, count, "max_momentum", "N m s")
+        self.max_torque = _per_wheel(max_torque, count, "max_torque", "N m")
+        self.max_momentum = _per_wheel(max_momentum, count, "max_momentum", "N m s")
         momentum = jnp.zeros_like(axes[:, 0]) if momentum is None else as_float(momentum)
         if momentum.shape != (count,):
             raise ValueError(
@@ -83,16 +86,18 @@ class ReactionWheels(eqx.Module):
 
 @storable
 class RigidBody(eqx.Module):
-    """A rigid body for `simulate`, with inertia, torques and optional wheels.
+    """A rigid body for `simulate`: its inertia, torques, and optional reaction wheels.
 
-    `inertia` [kg m²]: a scalar, (3,) principal moments or (3, 3); `assumed`: the one with which the computer calculates
-    torques, None for the same. `torque` [N m]: an external one in body axes, constant (3,) or a function t → (3,).
-    `wheels`: `ReactionWheels`; None for a torque that acts from outside, whose length `max_torque` [N m] limits.
+    `inertia` [kg m²]: a scalar, principal moments (3,), or a tensor (3, 3). `assumed` [kg m²]: the inertia that the
+    control computer uses; None for the exact one. `torque` [N m]: an external torque in body axes, constant (3,) or a
+    function t → (3,). `wheels`: `ReactionWheels` for the control torque; None for thrusters, with `max_torque` [N m] as
+    the limit of the torque's length.
 
-    With the exact inertia, no external torque and no active limit, the body follows the law exactly.
+    With the exact inertia, no external torque and no active limit, the body has exactly the acceleration that the law
+    commands.
 
-    **Raises:** ValueError for inertias that are not symmetric and positive, a torque of another shape, or `max_torque`
-    beside wheels, which have their own.
+    **Raises:** ValueError for an inertia that is not symmetric and positive, a torque of another shape, or both
+    `wheels` and `max_torque`.
     """
 
     inertia: Mat3
@@ -118,7 +123,7 @@ class RigidBody(eqx.Module):
         if wheels is not None and not isinstance(wheels, ReactionWheels):
             raise ValueError(f"wheels must be ReactionWheels(axes), but {wheels!r} was given")
         if wheels is not None and max_torque is not None:
-            raise ValueError("wheels have a limit of their own: give ReactionWheels(axes, max_torque=...) instead")
+            raise ValueError("max_torque limits thrusters, but wheels were given: use ReactionWheels(max_torque=...)")
         self.wheels = wheels
         self.max_torque = None if max_torque is None else real_scalar(max_torque, "max_torque")
         if self.max_torque is not None:
@@ -126,68 +131,74 @@ class RigidBody(eqx.Module):
 
     @property
     def momentum(self) -> Momenta:
-        """The momenta of the wheels at the start [N m s]; none without wheels."""
+        """The initial momenta of the wheels (n,) [N m s]; (0,) without wheels."""
         return jnp.zeros_like(self.inertia, shape=(0,)) if self.wheels is None else self.wheels.momentum
 
-    def order(self, acceleration: Vec3, rate: Vec3, momentum: Momenta) -> Torques:
-        """The ordered motor torques [N m] for an acceleration [rad/s²], within their limits.
+    def commanded_torques(self, acceleration: Vec3, rate: Vec3, momentum: Momenta) -> Torques:
+        """The commanded motor torques (n,) [N m] for an acceleration [rad/s²], within their limits.
 
-        Without wheels the torque on the body (3,).
+        Without wheels: the commanded torque on the body (3,).
         """
         assumed = self.assumed.astype(rate.dtype)
-        wanted = _matmul(assumed, acceleration) + jnp.cross(rate, _matmul(assumed, rate) + self.stored(momentum))
+        total_momentum = _matmul(assumed, rate) + self.wheel_momentum(momentum)
+        torque = _matmul(assumed, acceleration) + jnp.cross(rate, total_momentum)
         if self.wheels is None:
-            return _shortened(wanted, norm(wanted), self.max_torque)
-        motors = -_matmul(jnp.linalg.pinv(self.wheels.axes.astype(rate.dtype)).T, wanted)
+            return _limited(torque, self.max_torque)
+        motors = -_matmul(jnp.linalg.pinv(self.wheels.axes.astype(rate.dtype)).T, torque)
         if self.wheels.max_torque is None:
             return motors
-        use = jnp.max(jnp.abs(motors) / self.wheels.max_torque.astype(motors.dtype))
-        return motors / jnp.maximum(use, 1.0)
+        ratio = jnp.max(jnp.abs(motors) / self.wheels.max_torque.astype(motors.dtype))
+        return motors / jnp.maximum(ratio, 1.0)
 
-    def given(self, order: Torques, momentum: Momenta) -> Torques:
-        """The actual motor torques of an order: a wheel at its maximum momentum is not accelerated further."""
+    def actual_torques(self, commanded: Torques, momentum: Momenta) -> Torques:
+        """The motor torques, zero where they would accelerate a wheel beyond its maximum momentum."""
         if self.wheels is None or self.wheels.max_momentum is None:
-            return order
-        full = jnp.abs(momentum) >= self.wheels.max_momentum.astype(momentum.dtype)
-        return jnp.where(full & (order * momentum > 0), 0.0, order)
+            return commanded
+        at_maximum = jnp.abs(momentum) >= self.wheels.max_momentum.astype(momentum.dtype)
+        return jnp.where(at_maximum & (commanded * momentum > 0), 0.0, commanded)
 
-    def control_torque(self, given: Torques) -> Vec3:
-        """The torque of motors or thrusters on the body (3,) [N m], body axes."""
-        return given if self.wheels is None else -_matmul(given, self.wheels.axes.astype(given.dtype))
+    def control_torque(self, commanded: Torques, momentum: Momenta) -> Vec3:
+        """The actual torque of motors or thrusters on the body (3,) [N m], body axes."""
+        torques = self.actual_torques(commanded, momentum)
+        return torques if self.wheels is None else -_matmul(torques, self.wheels.axes.astype(torques.dtype))
 
-    def acceleration(self, t: Scalar, rate: Vec3, momentum: Momenta, order: Torques) -> Vec3:
-        """ε [rad/s²] by Euler's equations, body axes."""
-        inertia, control = self.inertia.astype(rate.dtype), self.control_torque(self.given(order, momentum))
+    def acceleration(self, t: Scalar, rate: Vec3, momentum: Momenta, commanded: Torques) -> Vec3:
+        """ε [rad/s²] by Euler's equations, body axes, under the `commanded` torques."""
+        inertia, torque = self.inertia.astype(rate.dtype), self.control_torque(commanded, momentum)
         if self.torque is not None:
-            control = control + at_instant(self.torque, t).astype(rate.dtype)
-        return jnp.linalg.solve(inertia, control - jnp.cross(rate, _matmul(inertia, rate) + self.stored(momentum)))
+            torque = torque + at_instant(self.torque, t).astype(rate.dtype)
+        total_momentum = _matmul(inertia, rate) + self.wheel_momentum(momentum)
+        return jnp.linalg.solve(inertia, torque - jnp.cross(rate, total_momentum))
 
-    def momentum_slope(self, order: Torques, momentum: Momenta) -> Momenta:
-        """ḣ [N m] of the wheels; none without."""
-        return momentum if self.wheels is None else self.given(order, momentum)
+    def momentum_rate(self, commanded: Torques, momentum: Momenta) -> Momenta:
+        """ḣ (n,) [N m] of the wheels; (0,) without wheels."""
+        return momentum if self.wheels is None else self.actual_torques(commanded, momentum)
 
-    def stored(self, momentum: Momenta) -> Vec3:
-        """Ah (3,) [N m s], the momentum of the wheels in body axes."""
+    def wheel_momentum(self, momentum: Momenta) -> Vec3:
+        """Ah (3,) [N m s], the total momentum of the wheels in body axes."""
         if self.wheels is None:
             return jnp.zeros_like(momentum, shape=3)
         return _matmul(momentum, self.wheels.axes.astype(momentum.dtype))
 
 
-def _each(value: ArrayInput | None, count: int, name: str, unit: str) -> Float[Array, " n"] | None:
+def _per_wheel(value: ArrayInput | None, count: int, name: str, unit: str) -> Float[Array, " n"] | None:
+    """A limit of each wheel (n,), from one number or one per wheel."""
     if value is None:
         return None
     numbers = as_float(value)
     if numbers.shape not in ((), (count,)):
-        raise ValueError(f"{name} must be one number or one for each of {count} wheels, but has shape {numbers.shape}")
+        raise ValueError(f"{name} must be a scalar or have shape ({count},), but shape {numbers.shape} was given")
     require_positive(numbers, name, unit)
     return jnp.broadcast_to(numbers, (count,))
 
 
-def _shortened(vector: Vec3, length: Scalar, limit: Scalar | None) -> Vec3:
+def _limited(vector: Vec3, limit: Scalar | None) -> Vec3:
+    """A vector, shortened to a length of at most `limit`."""
     if limit is None:
         return vector
-    over = length > limit.astype(length.dtype)
-    return vector * jnp.where(over, limit.astype(length.dtype) / jnp.where(over, length, 1.0), 1.0)
+    length = norm(vector)
+    exceeds = length > limit.astype(length.dtype)
+    return vector * jnp.where(exceeds, limit.astype(length.dtype) / jnp.where(exceeds, length, 1.0), 1.0)
 
 
 def _matmul(a: Any, b: Any) -> Array:

@@ -1,4 +1,4 @@
-"""The motion of a rigid body under a law, and the deviation of its error from the exact error equation."""
+"""Torques and wheel momenta of a rigid body under a law, and its deviation from the exact error equation."""
 
 import jax
 import jax.numpy as jnp
@@ -19,13 +19,16 @@ from qtraj.motion.control.response import error_state
 
 @storable
 class BodyMotion(AbstractResult):
-    """Torques, wheels and the exactness of the error equation at the instants `times` (n,) [s].
+    """Torques, wheel momenta and deviations from the exact error equation at the instants `times` (n,) [s].
 
-    `torque` (n, 3) [N m]: of motors or thrusters on the body, body axes. `momentum` (n, m) [N m s]: of the wheels.
-    `mismatch` (n, 3) [rad/s²]: the acceleration of the body minus the command of the law at its true state, body
-    axes: the effect of inertia, external torques, limits, holds and sensors. Of an `AccelerationLaw` also
-    `residual` (n, 4) [1/s²], the left side of its error equation ẍ + K1ẋ + K2x = 0, which is 0 where it is exact, and
-    `deviation` (n, 4), the error minus its closed form from the same start (not for a law with hysteresis).
+    - `torque` (n, 3) [N m]: the torque of motors or thrusters on the body, body axes.
+    - `momentum` (n, m) [N m s]: the momenta of the wheels; None without wheels.
+    - `mismatch` (n, 3) [rad/s²]: the acceleration of the body minus the command of the law at the true state, body
+      axes. It is not zero because of errors of the inertia and sensors, external torques, limits and sampling.
+    - `residual` (n, 4) [1/s²]: the left side of the error equation ẍ + K1ẋ + K2x = 0 of an `AccelerationLaw`; None for
+      other laws.
+    - `deviation` (n, 4): the error minus its closed form from the same initial state; None for other laws and for a
+      law with hysteresis.
     """
 
     times: Float[Array, "*batch n"]
@@ -55,11 +58,11 @@ class BodyMotion(AbstractResult):
         error = (along, "component")
         columns = {
             "torque": Quantity(self.torque, "N m", "control torque on the body, body axes", (along, "body")),
-            "momentum": Quantity(self.momentum, "N m s", "momentum of each wheel about its axis", (along, "wheel")),
+            "momentum": Quantity(self.momentum, "N m s", "momentum of each wheel, spin axis", (along, "wheel")),
             "mismatch": Quantity(
                 self.mismatch, "rad s-2", "acceleration minus the command of the law, body axes", (along, "body")
             ),
-            "residual": Quantity(self.residual, "s-2", "left side of the error equation, 0 where exact", error),
+            "residual": Quantity(self.residual, "s-2", "left side of the error equation, zero if exact", error),
             "deviation": Quantity(self.deviation, "1", "error quaternion minus its closed form", error),
         }
         return {name: q for name, q in columns.items() if q.values is not None}
@@ -75,28 +78,28 @@ class BodyMotion(AbstractResult):
 
     def exactness(self) -> str:
         """The deviation from the exact error equation, in words."""
-        text = f"the body missed the law by up to {_largest(self.mismatch):.3g} rad/s²"
+        text = f"the acceleration deviated from the law by up to {_largest(self.mismatch):.3g} rad/s²"
         if self.deviation is None:
             return text
-        return f"{text}, its error the closed form by up to {_largest(self.deviation):.3g}"
+        return f"{text}, the error from its closed form by up to {_largest(self.deviation):.3g}"
 
     def largest(self) -> Float[Array, "*batch"]:
-        """The largest length of `mismatch` at the instants [rad/s²]; NaN where one was not reached."""
+        """The largest length of `mismatch` [rad/s²]; NaN if an instant was not reached."""
         return jnp.max(jnp.sqrt(jnp.sum(self.mismatch**2, axis=-1)), axis=-1)
 
 
 def residual_of(law: AccelerationLaw, reference: Attitude, quaternion: Quat, mismatch: Quat) -> Quat:
-    """ẍ + K1ẋ + K2x [1/s²] where ε is off by `mismatch` (4,): λ̈ is then off by ½λ∘mismatch."""
-    slope_error = 0.5 * product(quaternion, mismatch)
+    """ẍ + K1ẋ + K2x [1/s²] if ε differs from the command by `mismatch` (4,): λ̈ then differs by ½λ∘mismatch."""
+    second_derivative = 0.5 * product(quaternion, mismatch)
     if law.error == "body":
-        return product(conjugate(reference.quaternion), slope_error)
-    return product(slope_error, conjugate(reference.quaternion)) if law.error == "inertial" else slope_error
+        return product(conjugate(reference.quaternion), second_derivative)
+    return product(second_derivative, conjugate(reference.quaternion)) if law.error == "inertial" else second_derivative
 
 
 def deviation_of(
     law: AccelerationLaw, references: Attitude, times: Float[Array, " n"], quaternions: Array, rates: Array
 ) -> Float[Array, "n 4"]:
-    """The law's error at the instants minus its closed form from the first of them."""
+    """The error of the law at the instants minus its closed form from the first instant."""
     first = jax.tree.map(lambda x: x[0], references)
     x = error_quaternion(first, quaternions[0], law.error)
     v = error_rate(first, quaternions[0], rates[0], law.error)

@@ -1,11 +1,11 @@
-"""The closed loop as one differential equation, continuous or with new commands at discrete instants."""
+"""Integrates the closed loop, with a continuous command or with new commands at discrete instants."""
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from qtraj.foundation.types import Quat, Scalar
-from qtraj.motion.control.hysteresis import first_sign, renewed, signed
+from qtraj.motion.control.hysteresis import initial_sign, updated_sign, with_sign
 from qtraj.motion.simulation import ode
 from qtraj.motion.simulation.loop import Loop
 from qtraj.motion.simulation.ode import Memory, State
@@ -36,17 +36,17 @@ def _continuous(plant: Plant, task: Task, updates: Float[Array, " m"] | None) ->
 
     def command(t: Scalar, state: State, sign: Scalar | None) -> Held:
         quaternion, rate = measured(t, state)
-        return plant.hold(state, loop.command(t, signed(sign, quaternion), rate), rate)
+        return plant.hold(state, loop.command(t, with_sign(sign, quaternion), rate), rate)
 
     def field(t: Scalar, state: State, sign: Scalar | None) -> State:
         return plant.slope(t, state, command(t, state, sign))
 
-    def look(k: Int[Array, ""], t: Scalar, state: State, sign: Scalar | None) -> Scalar | None:
-        return renewed(loop.law, sign, loop.reference(t, state.dtype), measured(t, state)[0])
+    def update(k: Int[Array, ""], t: Scalar, state: State, sign: Scalar | None) -> Scalar | None:
+        return updated_sign(loop.law, sign, loop.reference(t, state.dtype), measured(t, state)[0])
 
     grid, outputs = task.grid(updates)
-    start, sign = plant.pack(task.quaternion, task.rate), first_sign(loop.law, task.quaternion)
-    states, signs, code = ode.march(field, look, start, sign, grid, task.tolerances, task.method)
+    start, sign = plant.pack(task.quaternion, task.rate), initial_sign(loop.law, task.quaternion)
+    states, signs, code = ode.march(field, update, start, sign, grid, task.tolerances, task.method)
     states, signs = states[outputs], jax.tree.map(lambda x: x[outputs], signs)
     return plant.states(states, jax.vmap(command)(task.times, states, signs), signs), code
 
@@ -62,15 +62,15 @@ def _sampled(plant: Plant, task: Task, renewals: Float[Array, " m"]) -> tuple[St
         quaternion, rate = plant.unpack(state, held.command)
         if loop.sensor is not None:
             quaternion, rate, sensed = loop.sensor.measure(count, t - before, quaternion, rate, sensed)
-        sign = renewed(loop.law, sign, loop.reference(t, quaternion.dtype), quaternion)
-        command = loop.command(t, signed(sign, quaternion), rate).astype(held.command.dtype)
+        sign = updated_sign(loop.law, sign, loop.reference(t, quaternion.dtype), quaternion)
+        command = loop.command(t, with_sign(sign, quaternion), rate).astype(held.command.dtype)
         return plant.hold(state, command, rate), count + 1, t, sensed, sign
 
     sensed = None if loop.sensor is None else loop.sensor.start(task.quaternion, task.rate)
-    sign = first_sign(loop.law, task.quaternion)
+    sign = initial_sign(loop.law, task.quaternion)
     start = plant.pack(task.quaternion, task.rate)
-    nothing = jax.tree.map(jnp.zeros_like, plant.hold(start, task.rate, task.rate))
-    memory = (nothing, jnp.asarray(0), task.times[0], sensed, sign)
+    no_command = jax.tree.map(jnp.zeros_like, plant.hold(start, task.rate, task.rate))
+    memory = (no_command, jnp.asarray(0), task.times[0], sensed, sign)
     grid, outputs = task.grid(renewals)
     states, memories, code = ode.march(field, renew, start, memory, grid, task.tolerances, task.method)
     states = states[outputs]

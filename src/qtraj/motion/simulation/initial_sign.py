@@ -1,4 +1,4 @@
-"""The sign of λ with which a closed loop starts: λ and −λ are one attitude, but two ways to the program."""
+"""The initial sign of λ: λ and −λ are the same attitude, but a closed loop takes different ways from them."""
 
 import jax.numpy as jnp
 from jax.lax import stop_gradient
@@ -14,12 +14,12 @@ def require_sign(sign: str) -> None:
     """Raise a ValueError for a sign that is not one of `SIGNS`."""
     if sign not in SIGNS:
         raise ValueError(
-            f"sign must be 'nearer' (of λ and −λ the one nearer to the program) or 'as given', but {sign!r} was given"
+            f"sign must be 'nearer' (of λ and −λ, the one nearer to the program) or 'as given', but {sign!r} was given"
         )
 
 
 def start_quaternion(sign: str, reference: Attitude, quaternion: Quat) -> Quat:
-    """λ with the requested sign: "nearer", μ0 ≥ 0 against the program, or "as given"."""
+    """λ with the requested sign: "nearer", so that μ0 ≥ 0, or "as given"."""
     if sign == AS_GIVEN:
         return quaternion
     far = stop_gradient(jnp.sum(reference.quaternion.astype(quaternion.dtype) * quaternion)) < 0

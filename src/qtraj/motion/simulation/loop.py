@@ -47,7 +47,7 @@ class Loop(eqx.Module):
         _require_kind(self.actuator, Actuator, "actuator", "Actuator(1.0)")
         _require_kind(self.body, RigidBody | None, "body", "RigidBody(inertia)")
         if self.commands_rate and self.body is not None:
-            raise ValueError("a rate law moves no body with inertia: take an AccelerationLaw")
+            raise ValueError("a rate law cannot move a body with inertia, but body was given. Use an AccelerationLaw.")
         if self.commands_rate and self.disturbance is not None:
             raise ValueError(
                 "a rate law commands the rate, which a disturbing acceleration cannot change. Use an AccelerationLaw."
@@ -80,7 +80,7 @@ def renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"
     **Raises:** ValueError where the parts differ, where a hysteretic law has no instants, where a period is traced or
     gives more than `MAX_RENEWALS` instants, or where the first instant is after the first of `times`.
     """
-    with jax.ensure_compile_time_eval():  # what is known outside a trace stays known inside
+    with jax.ensure_compile_time_eval():  # constants stay concrete inside a trace
         return _renewal_instants(loop, times)
 
 

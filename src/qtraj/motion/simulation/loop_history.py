@@ -1,4 +1,4 @@
-"""A simulated closed loop over time, beside its program and its closed form."""
+"""The motion of a simulated closed loop over time, with its program and its closed form."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
 from qtraj.motion.programs.slew_history import attitudes_at
 from qtraj.motion.simulation.solution import Solution
 
-FINE = 1200
+INTERVALS = 1200
 """Equal intervals of `judging_times`."""
-SIDE = 1e-9
-"""Of the duration: how far before a jump `judging_times` looks at its earlier side."""
+BEFORE_JUMP = 1e-9
+"""Relative to the duration: distance of the instant before a jump in `judging_times`."""
 
 
 class LoopHistory(AbstractResult):
-    """The motion of a closed loop, `solution`, at n instants, with what it is compared with at the same instants.
+    """The motion of a closed loop at n instants, with its program and its closed form at the same instants.
 
-    `reference`: the program, fields (n, …). `closed_form`: the motion that nothing disturbs, None for a law whose
-    error is not linear. `history[rows]` is the same at some of the instants.
+    `solution`: the `Solution`. `reference`: the program, fields (n, …). `closed_form`: the undisturbed motion, None for
+    a law without a linear error equation. `history[rows]` selects instants.
     """
 
     solution: Solution
@@ -39,7 +39,7 @@ class LoopHistory(AbstractResult):
         return np.asarray(self.solution.times)
 
     def record(self) -> Record:
-        """Everything over `time`. The virtual parts, of d/dt ln|λ|², have no radians."""
+        """All variables over `time`. The virtual parts, from d/dt ln|λ|², have no radians in their units."""
         solution, closed = self.solution, self.closed_form
         per = "s-1" if solution.commands == "rate" else "s-2"
         time, body, component = ("time",), ("time", "body"), ("time", "component")
@@ -71,7 +71,7 @@ class LoopHistory(AbstractResult):
         return Record(summary, variables, {"time": times}, about)
 
     def __getitem__(self, rows: ArrayInput | slice) -> LoopHistory:
-        """The same at some of the instants."""
+        """The history at some of the instants."""
         code = self.solution.code
         return jax.tree.map(lambda values: values if values is code else jnp.asarray(values)[rows], self)
 
@@ -79,12 +79,12 @@ class LoopHistory(AbstractResult):
 def loop_history(
     program: AbstractProgram, law: AbstractLaw, quaternion: ArrayInput, rate: ArrayInput, solution: Solution
 ) -> LoopHistory:
-    """A solution of `simulate` beside its program and its closed form; the first four arguments are those of the call.
+    """A solution of `simulate` with its program and its closed form; the other arguments are those of `simulate`.
 
     **Raises:** ValueError for a solution without commands, or a program without an attitude at one of its instants.
     """
     if solution.command is None or solution.angle is None:
-        raise ValueError("an open-loop integration has no command and no error: simulate gives them")
+        raise ValueError("the solution of an open-loop integration has no command and no error. Use simulate instead.")
     references = references_at(program, solution.times)
     closed = None
     if isinstance(law, AccelerationLaw | RateLaw):
@@ -95,23 +95,24 @@ def loop_history(
 def references_at(program: AbstractProgram, times: ArrayInput) -> Attitude:
     """A program at the instants `times` (n,) [s].
 
-    **Raises:** ValueError where it has no attitude at one of them.
+    **Raises:** ValueError if it has no attitude at one of them.
     """
     references = attitudes_at(program, as_float(times))
-    good = np.isfinite(np.asarray(references.quaternion)).all(axis=1)
-    if not good.all():
-        missing = float(np.asarray(times)[int(np.argmin(good))])
-        raise ValueError(f"the program has no attitude at t = {missing:.6g} s")
+    defined = np.isfinite(np.asarray(references.quaternion)).all(axis=1)
+    if not defined.all():
+        t = float(np.asarray(times)[int(np.argmin(defined))])
+        raise ValueError(f"the program has no attitude at t = {t:.6g} s")
     return references
 
 
 def judging_times(times: np.ndarray, jumps: np.ndarray | None = None, renewals: np.ndarray | None = None) -> np.ndarray:
-    """Instants [s] that suffice to judge a loop.
+    """Instants [s] that suffice for `judge_loop`.
 
-    `times` from 0 on, 1200 equal intervals between them, every renewal of the command, and both sides of every jump of
-    the program.
+    They are `times` (from 0 to the duration), the ends of 1200 equal intervals, each instant of a new command, and both
+    sides of each jump of the program.
     """
-    duration, nothing = float(times[-1]), np.zeros(0)
-    jumps, renewals = (nothing if x is None else x for x in (jumps, renewals))
-    others = np.concatenate([np.linspace(0.0, duration, FINE + 1), jumps, jumps - SIDE * duration, renewals])
+    duration, empty = float(times[-1]), np.zeros(0)
+    jumps, renewals = (empty if x is None else x for x in (jumps, renewals))
+    grid, before_jumps = np.linspace(0.0, duration, INTERVALS + 1), jumps - BEFORE_JUMP * duration
+    others = np.concatenate([grid, jumps, before_jumps, renewals])
     return np.unique(np.concatenate([times, others[(others >= 0) & (others <= duration)]]))

@@ -1,4 +1,4 @@
-"""What a closed loop did: whether it agrees with its closed form, when it settled, and with what commands."""
+"""Assesses a simulated closed loop: agreement with its closed form, settling, commands and stability."""
 
 from __future__ import annotations
 
@@ -24,29 +24,31 @@ from qtraj.motion.simulation.sensor import AbstractSensor, Sensor
 from qtraj.motion.simulation.simulate import NEAR
 
 SETTLED = math.radians(1.0)
-"""Within this angle [rad] a loop has settled, unless told otherwise."""
-REACHED = 1e-9
-"""Relative: a command so near to its limit is limited."""
-ACCUMULATED = 100
-"""The errors of many steps may add up to this many tolerances of one."""
-ROUND_OFF, COARSE = 1e-12, 1e-2
-"""Relative: the closed form is met within no less than the first, and by no more than the second."""
+"""[rad] Default angle within which a loop has settled."""
+LIMITED = 1e-9
+"""A command within this relative distance of its limit counts as limited."""
+STEPS = 100
+"""The errors of the steps may accumulate to this multiple of the tolerances of one step."""
+MIN_BOUND, MAX_BOUND = 1e-12, 1e-2
+"""Range of the bound on the relative deviation from the closed form."""
 
 
 class LoopVerdict(AbstractOutcome):
-    """A simulated closed loop in numbers, from its instants. NaN stands for what does not exist.
+    """The assessment of a simulated closed loop. Values that do not exist are NaN.
 
-    `initial_angle` and `final_angle` [rad] between body and program; `settled_angle` [rad], and `settling_time` [s]
-    from which on the angle stays within it; `peak_command`, the largest length of the physical command [rad/s²; of a
-    rate law rad/s], `peak_time` [s], and `peak_components` (3,), its largest component along each body axis.
-
-    `deviation`: the largest difference of the error quaternion from the closed form, over the largest error (and 1);
-    `bound`, what the tolerances explain. Both are NaN where there is a `reason` against the closed form.
-    `initial_norm`, `least_norm` and `largest_norm` of |λ|, `norm_drift` from what it should be, relative;
-    `least_error`, the least |μ|, where the command is largest: `least_error_exact` says that it holds at any time.
-    `growth` [1/s], the largest real part of the closed loop's eigenvalues: an error decays where it is negative.
-    `code` is that of the solution, or `near_zero_error` where the closed form shows a passage near zero between two
-    instants; `instants` is the number of instants.
+    - `initial_angle`, `final_angle` [rad]: the angle between body and program at the first and the last instant.
+    - `settled_angle` [rad], `settling_time` [s]: the angle stays within `settled_angle` from `settling_time` on.
+    - `peak_command`: the largest length of the physical command [rad/s²; of a rate law rad/s], at `peak_time` [s].
+      `peak_components` (3,): the largest magnitude along each body axis.
+    - `deviation`: the largest difference of the error quaternion from its closed form, relative to the largest error
+      (at least 1). `bound`: the difference that the tolerances explain. Both are NaN if the closed form does not apply
+      for a `reason`.
+    - `initial_norm`, `least_norm`, `largest_norm`: |λ|. `norm_drift`: its relative difference from the exact value.
+    - `least_error`: the minimum of |μ|, where the command is largest. `least_error_exact`: whether it is the minimum
+      over all times instead of over the instants.
+    - `growth` [1/s]: the largest real part of the eigenvalues of the closed loop. Errors decay if it is negative.
+    - `code`: the code of the solution, or `near_zero_error` if the closed form passes near zero between two instants.
+    - `instants`: the number of instants.
     """
 
     initial_angle: Scalar
@@ -72,50 +74,50 @@ class LoopVerdict(AbstractOutcome):
 
     @property
     def applies(self) -> bool:
-        """Whether the loop should follow its closed form; `reason` says why not."""
+        """Whether the closed form applies to the loop; `reason` says why not."""
         return not self.reason
 
     @property
     def agrees(self) -> bool | None:
-        """Whether it follows its closed form as closely as the tolerances allow; None where that does not apply."""
+        """Whether the deviation from the closed form is within `bound`; None if the closed form does not apply."""
         return bool(self.deviation <= self.bound) if self.applies else None
 
     @property
     def stable(self) -> bool:
-        """Whether the gains make every error decay; of the baselines every small one."""
+        """Whether all errors decay with these gains (for the baselines: all small errors)."""
         return bool(self.growth < 0)
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """How the integration ended, and what to do."""
+        """The result of the integration in words, and what to do."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         return "finished: every instant was reached." if code == ResultCode.successful else code.text
 
     def record(self) -> Record:
-        """The numbers, and the texts `closed_form` and `result`."""
+        """The fields with units, and the texts `closed_form` and `result`."""
         per = "rad s-1" if self.commands == "rate" else "rad s-2"
         closed = f"does not apply: {self.reason}" if self.reason else "agrees" if self.agrees else "departs"
         variables = {
             "initial_angle": Quantity(self.initial_angle, "rad", "angle between body and program at the start"),
             "final_angle": Quantity(self.final_angle, "rad", "angle between body and program at the end"),
             "settled_angle": Quantity(self.settled_angle, "rad", "angle within which the loop has settled"),
-            "settling_time": Quantity(self.settling_time, "s", "from when on the angle stays within settled_angle"),
+            "settling_time": Quantity(self.settling_time, "s", "time after which the angle stays within settled_angle"),
             "peak_command": Quantity(self.peak_command, per, "largest length of the physical command"),
-            "peak_time": Quantity(self.peak_time, "s", "when it occurs"),
+            "peak_time": Quantity(self.peak_time, "s", "time of the largest command"),
             "peak_components": Quantity(self.peak_components, per, "largest command along each body axis", ("body",)),
-            "closed_form": Quantity(np.array(closed), "", "whether the loop follows its closed form, or why not"),
+            "closed_form": Quantity(np.array(closed), "", "whether the closed form agrees, or why it does not apply"),
             "deviation": Quantity(self.deviation, "1", "largest difference from the closed form, relative"),
             "bound": Quantity(self.bound, "1", "difference that the tolerances explain"),
             "initial_norm": Quantity(self.initial_norm, "1", "length of the quaternion at the start"),
             "least_norm": Quantity(self.least_norm, "1", "least length of the quaternion"),
             "largest_norm": Quantity(self.largest_norm, "1", "largest length of the quaternion"),
-            "norm_drift": Quantity(self.norm_drift, "1", "difference of the length from what it should be, relative"),
+            "norm_drift": Quantity(self.norm_drift, "1", "difference of the length from its exact value, relative"),
             "least_error": Quantity(self.least_error, "1", "least length of the error quaternion"),
-            "least_error_exact": Quantity(self.least_error_exact, "1", "whether that holds at any time"),
+            "least_error_exact": Quantity(self.least_error_exact, "1", "whether least_error is over all times"),
             "growth": Quantity(self.growth, "s-1", "largest real part of the closed loop's eigenvalues"),
             "stable": Quantity(np.array(self.stable), "1", "whether errors decay"),
             "instants": Quantity(self.instants, "1", "number of instants"),
-            "code": Quantity(self.code, "1", "how the integration ended, as a number"),
-            "result": Quantity(np.asarray(self.result), "", "how the integration ended"),
+            "code": Quantity(self.code, "1", "result code of the integration"),
+            "result": Quantity(np.asarray(self.result), "", "the result in words"),
         }
         how = "agrees with" if self.agrees else "departs from" if self.applies else "has no"
         settled = (
@@ -135,37 +137,37 @@ def judge_loop(
     rtol: float = 1e-10,
     atol: float = 1e-12,
 ) -> LoopVerdict:
-    """A closed loop in numbers; `law` to `actuator`, `rtol` and `atol` are those of its simulation.
+    """The assessment of a closed loop; `law` to `actuator`, `rtol` and `atol` are the arguments of its simulation.
 
-    `settled` [rad] is the angle within which it counts as settled. Only the instants of `history` are looked at: take
-    many, and both sides of every jump of the program.
+    `settled` [rad] is the angle within which it counts as settled. Only the instants of `history` are used: provide
+    many of them, and both sides of each jump of the program, as from `judging_times`.
     """
     solution, times = history.solution, history.times
     lengths, angle = np.asarray(solution.norm), np.asarray(solution.angle)
     commands = np.asarray(solution.physical_command)
-    known = np.isfinite(commands).all(axis=1)
+    finite = np.isfinite(commands).all(axis=1)
     sizes = np.linalg.norm(commands, axis=1)
-    peak = int(np.argmax(np.where(known, sizes, -1.0)))
+    peak = int(np.argmax(np.where(finite, sizes, -1.0)))
     reason = _reason(history, disturbance, sensor, actuator)
     deviation, bound = _deviation(history, rtol, atol) if not reason else (math.nan, math.nan)
     least, exact = _least_error(history, law, reason)
     code = int(solution.code)
     if code == ResultCode.successful and least < NEAR * min(lengths[0], 1.0):
         code = ResultCode.near_zero_error
-    anything = known.any()
+    any_finite = finite.any()
     return LoopVerdict(
         initial_angle=jnp.asarray(angle[0]),
         final_angle=jnp.asarray(angle[-1]),
         settled_angle=jnp.asarray(settled, float),
         settling_time=solution.settling_time(settled),
-        peak_command=jnp.asarray(sizes[peak] if anything else math.nan),
-        peak_time=jnp.asarray(times[peak] if anything else math.nan),
-        peak_components=jnp.asarray(np.abs(commands[known]).max(axis=0) if anything else np.full(3, np.nan), float),
+        peak_command=jnp.asarray(sizes[peak] if any_finite else math.nan),
+        peak_time=jnp.asarray(times[peak] if any_finite else math.nan),
+        peak_components=jnp.asarray(np.abs(commands[finite]).max(axis=0) if any_finite else np.full(3, np.nan), float),
         deviation=jnp.asarray(deviation, float),
         bound=jnp.asarray(bound, float),
         initial_norm=jnp.asarray(lengths[0]),
-        least_norm=jnp.asarray(np.nanmin(lengths) if anything else math.nan),
-        largest_norm=jnp.asarray(np.nanmax(lengths) if anything else math.nan),
+        least_norm=jnp.asarray(np.nanmin(lengths) if any_finite else math.nan),
+        largest_norm=jnp.asarray(np.nanmax(lengths) if any_finite else math.nan),
         norm_drift=jnp.asarray(_drift(history, lengths, reason), float),
         least_error=jnp.asarray(least, float),
         least_error_exact=jnp.asarray(exact),
@@ -183,7 +185,7 @@ def _reason(
     sensor: AbstractSensor | None,
     actuator: Actuator | None,
 ) -> str:
-    """What makes the loop differ from its closed form; empty for nothing."""
+    """The reason why the closed form does not apply; empty if it applies."""
     if history.closed_form is None:
         return "the closed loop of this law is not linear"
     if disturbance is not None:
@@ -194,31 +196,32 @@ def _reason(
         return "the sensor has a bias"
     if not bool(history.solution.successful):
         return "the integration did not finish"
-    when = _first_limited(history, actuator)
-    return "" if when is None else f"the actuator's limit is reached, first at t = {when:.6g} s"
+    t = _first_limited(history, actuator)
+    return "" if t is None else f"the actuator's limit is reached, first at t = {t:.6g} s"
 
 
 def _first_limited(history: LoopHistory, actuator: Actuator | None) -> float | None:
+    """The first instant with a limited command [s]; None if there is none."""
     if actuator is None or actuator.limit is None:
         return None
     limit, command = np.asarray(actuator.limit), np.asarray(history.solution.physical_command)
     if actuator.saturation == "norm":
         command = np.linalg.norm(command, axis=1, keepdims=True)
-    limited = (np.abs(command) >= limit * (1 - REACHED)).any(axis=1)
+    limited = (np.abs(command) >= limit * (1 - LIMITED)).any(axis=1)
     return float(history.times[np.argmax(limited)]) if limited.any() else None
 
 
 def _deviation(history: LoopHistory, rtol: float, atol: float) -> tuple[float, float]:
-    """The largest difference from the closed form over the largest error (and 1), and what the tolerances explain."""
+    """The deviation from the closed form, relative to the largest error (at least 1), and its bound."""
     if history.closed_form is None:
         return math.nan, math.nan
     expected = np.asarray(history.closed_form.error)
     deviation = _largest(np.asarray(history.solution.error) - expected) / max(1.0, _largest(expected))
-    return deviation, min(ROUND_OFF + ACCUMULATED * (rtol + atol), COARSE)
+    return deviation, min(MIN_BOUND + STEPS * (rtol + atol), MAX_BOUND)
 
 
 def _least_error(history: LoopHistory, law: AbstractLaw, reason: str) -> tuple[float, bool]:
-    """The least |μ|, where the command is largest: by the closed form at any time, else at the instants."""
+    """The minimum of |μ|, and whether it is the minimum over all times, from the closed form."""
     solution, lengths = history.solution, np.asarray(history.solution.norm)
     if not isinstance(law, AccelerationLaw | RateLaw) or np.isnan(lengths).all():
         return math.nan, False
@@ -233,7 +236,7 @@ def _least_error(history: LoopHistory, law: AbstractLaw, reason: str) -> tuple[f
 
 
 def _drift(history: LoopHistory, lengths: np.ndarray, reason: str) -> float:
-    """How far |λ| comes from what it should be, relative to that: from a constant, or from the closed form."""
+    """The largest relative difference of |λ| from its exact value: a constant, or the closed form."""
     if history.closed_form is None:
         return _largest((lengths - lengths[0]) / lengths[0])
     if reason:

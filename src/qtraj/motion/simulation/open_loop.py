@@ -1,8 +1,8 @@
 """Open-loop control: the acceleration ε⁰ of a program without feedback (paper C, (1.5), (1.6), (3.14), (3.15)).
 
-From the program's own attitude and rate it reproduces the program. Nothing corrects an error: an attitude error
-remains, a rate error makes the attitude error grow with time, and a disturbance is integrated twice. `simulate` closes
-the loop.
+From the initial attitude and rate of the program the body follows the program. Errors are not corrected: an attitude
+error remains, a rate error makes the attitude error grow with time, and a disturbance is integrated twice. `simulate`
+closes the loop.
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ def open_loop(
 ) -> Solution:
     """The motion of a body under ω̇ = ε⁰(t), the acceleration of `program`, without any feedback.
 
-    `times` (n,) [s]: instants of the program's own time, increasing; the first is that of the initial state.
-    `quaternion` (4,) and `rate` (4,) [rad/s]: None for the program's own, which is then reproduced. `axes`, "body" or
-    "inertial", are those in which ε⁰ is applied, and those of the initial and the resulting rate. Off the program the
-    two differ: the same components then describe different directions. `disturbance`, in body axes, and `sign` are
-    those of `simulate`; `jumps` None uses the program's `switches` if it has them; all other arguments are as in
-    `integrate`.
+    `times` (n,) [s]: increasing instants of the program's own time, the first for the initial state. `quaternion` (4,)
+    and `rate` (4,) [rad/s]: the initial state; None for that of the program. `axes`, "body" or "inertial": the axes in
+    which the components of ε⁰ are applied, and the axes of the initial and the resulting rate. The two choices differ
+    if the attitude differs from the program. `disturbance` (in body axes) and `sign` are as in `simulate`. `jumps`:
+    None for the `switches` of the program, if it has any. All other arguments are as in `integrate`.
 
-    The solution's `command` is ε⁰ in the axes of the body, `error` the body error μ, `angle` that to the program.
+    In the solution `command` is ε⁰ in body axes, `error` is the body error μ, and `angle` is the angle between body and
+    program.
 
     **Raises:** ValueError as `integrate`, for another type of program, or another sign. RuntimeError with `throw`.
     """
@@ -69,42 +69,42 @@ def open_loop(
     start = first.quaternion if quaternion is None else real_vector(quaternion, "the initial quaternion", 4)
     start = start_quaternion(sign, first, start)
     rate = pure(first.rate) if rate is None else rate
-    source = Programmed(program, disturbance, axes)
+    source = ProgramAcceleration(program, disturbance, axes)
     if jumps is None:
         jumps = _switches(program)
     solution = integrate(
         source, start, rate, times, axes, solver, rtol, atol, jumps=jumps, adjoint=adjoint, max_steps=max_steps
     )
-    solution = _compared(source, solution)
+    solution = _with_errors(source, solution)
     return solution.check() if throw else solution
 
 
-class Programmed(eqx.Module):
-    """The acceleration of a program with the disturbance, as a function for `integrate`."""
+class ProgramAcceleration(eqx.Module):
+    """The acceleration of a program plus a disturbance, as a function for `integrate`."""
 
     program: AbstractProgram
     disturbance: AbstractDisturbance | None
     axes: str = eqx.field(static=True)
 
     def __call__(self, t: Scalar, quaternion: Quat, rate: Quat) -> Quat:
-        """ε (4,) [rad/s²] with the disturbance, in `axes`."""
-        epsilon = self._programmed(t, quaternion)
+        """ε (4,) [rad/s²], including the disturbance, in `axes`."""
+        epsilon = self._acceleration(t, quaternion)
         if self.disturbance is None:
             return pure(epsilon)
-        push = self.disturbance.acceleration(t).astype(quaternion.dtype)
-        return pure(epsilon + (push if self.axes == "body" else rotate(quaternion, push)))
+        disturbance = self.disturbance.acceleration(t).astype(quaternion.dtype)
+        return pure(epsilon + (disturbance if self.axes == "body" else rotate(quaternion, disturbance)))
 
     def command(self, t: Scalar, quaternion: Quat) -> Quat:
         """ε⁰ (4,) [rad/s²] in body axes."""
-        epsilon = self._programmed(t, quaternion)
+        epsilon = self._acceleration(t, quaternion)
         return pure(epsilon if self.axes == "body" else rotate(conjugate(quaternion), epsilon))
 
-    def _programmed(self, t: Scalar, quaternion: Quat) -> Vec3:
+    def _acceleration(self, t: Scalar, quaternion: Quat) -> Vec3:
         return self.program.at(t, self.axes).acceleration.astype(quaternion.dtype)
 
 
 @eqx.filter_jit
-def _compared(source: Programmed, solution: Solution) -> Solution:
+def _with_errors(source: ProgramAcceleration, solution: Solution) -> Solution:
     """The solution with commands, errors and angles."""
 
     def at(t: Scalar, quaternion: Quat) -> tuple[Quat, Quat, Scalar]:
@@ -122,6 +122,6 @@ def _compared(source: Programmed, solution: Solution) -> Solution:
 
 
 def _switches(program: AbstractProgram) -> Float[Array, " m"] | None:
-    """The instants at which the program's acceleration jumps, if the program has `switches`."""
+    """The instants at which the program's acceleration jumps; None if they are unknown or traced."""
     switches = getattr(program, "switches", None)
     return None if switches is None or concrete(switches) is None else switches

@@ -1,4 +1,4 @@
-"""The body of a closed loop: λ and ω under a command, and the wheels of a body with inertia under their orders."""
+"""The body of a closed loop: the differential equation of λ and ω, and of reaction wheels, under a command."""
 
 import equinox as eqx
 import jax
@@ -13,14 +13,14 @@ from qtraj.motion.simulation.ode import State
 from qtraj.motion.simulation.task import Scale
 
 RIGID = 8
-"""Number of state components of λ and ω; the momenta of wheels come after them."""
+"""Number of state components of λ and ω; the wheel momenta follow."""
 
 
 class Held(eqx.Module):
-    """The current command (4,) and, for a body with inertia, the order to its motors."""
+    """The current command (4,) of the law and, for a body with inertia, the commanded torques of its motors."""
 
     command: Quat
-    order: Float[Array, " m"]
+    torques: Float[Array, " m"]
 
 
 class States(eqx.Module):
@@ -53,9 +53,9 @@ class Plant(eqx.Module):
 
     @property
     def momentum(self) -> Float[Array, " m"]:
-        """The momenta of the wheels at the start [N m s]."""
-        none = jnp.zeros_like(self.scale.rate, shape=(0,))
-        return none if self.loop.body is None else self.loop.body.momentum.astype(none.dtype)
+        """The initial wheel momenta [N m s]."""
+        empty = jnp.zeros_like(self.scale.rate, shape=(0,))
+        return empty if self.loop.body is None else self.loop.body.momentum.astype(empty.dtype)
 
     @property
     def momentum_scale(self) -> Scalar:
@@ -66,11 +66,11 @@ class Plant(eqx.Module):
         return jax.lax.stop_gradient(size)
 
     def hold(self, state: State, command: Quat, rate: Quat) -> Held:
-        """The command and the order from this instant on, for the measured `rate`."""
+        """The command and the torques from this instant on, for the measured `rate`."""
         if self.loop.body is None:
             return Held(command, jnp.zeros_like(command, shape=(0,)))
         momentum = state[RIGID:] * self.momentum_scale
-        return Held(command, self.loop.body.order(command[1:], rate[1:], momentum))
+        return Held(command, self.loop.body.commanded_torques(command[1:], rate[1:], momentum))
 
     def states(self, states: Float[Array, "n d"], held: Held, signs: Float[Array, " n"] | None) -> States:
         """λ, ω, momenta and commands for many state vectors."""
@@ -82,7 +82,7 @@ class Plant(eqx.Module):
         """ε (4,) [rad/s²] of the body under the current command, without a disturbance."""
         if self.loop.body is None:
             return held.command
-        physical = self.loop.body.acceleration(t, rate[1:], momentum, held.order)
+        physical = self.loop.body.acceleration(t, rate[1:], momentum, held.torques)
         return jnp.concatenate([held.command[:1], physical])
 
     def slope(self, t: Scalar, state: State, held: Held) -> State:
@@ -96,7 +96,7 @@ class Plant(eqx.Module):
         slope = self.scale.pack(derivative(quaternion, rate), epsilon)
         if self.loop.body is None:
             return slope
-        return jnp.concatenate([slope, self.loop.body.momentum_slope(held.order, momentum) / self.momentum_scale])
+        return jnp.concatenate([slope, self.loop.body.momentum_rate(held.torques, momentum) / self.momentum_scale])
 
     def disturbed(self, t: Scalar, epsilon: Quat) -> Quat:
         """ε with the disturbance."""

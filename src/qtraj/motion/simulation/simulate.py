@@ -15,7 +15,7 @@ from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import ArrayInput, Quat, Scalar
 from qtraj.motion.attitude import AbstractProgram, Attitude
 from qtraj.motion.control.errors import error_angle
-from qtraj.motion.control.hysteresis import inner
+from qtraj.motion.control.hysteresis import without_hysteresis
 from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw
 from qtraj.motion.simulation.actuator import Actuator
 from qtraj.motion.simulation.body import RigidBody
@@ -95,41 +95,39 @@ def _simulate(loop: Loop, task: Task, renewals: Float[Array, " m"] | None, sign:
     angles = jax.vmap(error_angle)(references, states.quaternion)
     code = _refined_code(loop.law, code, references, states.quaternion)
     commands = "rate" if isinstance(loop.law, RateLaw) else "acceleration"
-    moved = _body_motion(loop, task, states, references)
+    body_motion = _body_motion(loop, task, states, references)
     motion = (task.times, states.quaternion, states.rate, code, states.held.command, errors, angles)
-    return Solution(*motion, "body", commands, moved)
+    return Solution(*motion, "body", commands, body_motion)
 
 
 def _body_motion(loop: Loop, task: Task, states: States, references: Attitude) -> BodyMotion | None:
-    """Torques, and how far the error equation is from exact, of a body with inertia."""
+    """Torques, and deviations from the exact error equation, of a body with inertia."""
     if loop.body is None:
         return None
     plant = Plant(loop, Scale(task))
-    law, body = inner(loop.law), loop.body
+    law, body = without_hysteresis(loop.law), loop.body
 
     def mismatch(t: Scalar, reference: Attitude, quaternion: Quat, rate: Quat, momentum: Array, held: Held) -> Quat:
         epsilon = plant.disturbed(t, plant.acceleration(t, rate, momentum, held))
         return epsilon - loop.law(reference, quaternion, rate)
 
-    known = (states.quaternion, states.rate, states.momentum, states.held)
-    missed = jax.vmap(mismatch)(task.times, references, *known)
-    torques = jax.vmap(lambda held, momentum: body.control_torque(body.given(held.order, momentum)))(
-        states.held, states.momentum
-    )
+    motion = (states.quaternion, states.rate, states.momentum, states.held)
+    mismatches = jax.vmap(mismatch)(task.times, references, *motion)
+    torques = jax.vmap(body.control_torque)(states.held.torques, states.momentum)
     residuals = deviations = None
     if isinstance(law, AccelerationLaw):
-        residuals = jax.vmap(lambda *x: residual_of(law, *x))(references, states.quaternion, missed)
+        residuals = jax.vmap(lambda *x: residual_of(law, *x))(references, states.quaternion, mismatches)
     if isinstance(loop.law, AccelerationLaw):
         deviations = deviation_of(loop.law, references, task.times, states.quaternion, states.rate)
     momenta = None if body.wheels is None else states.momentum
-    return BodyMotion(task.times, torques, missed[:, 1:], momenta, residuals, deviations)
+    return BodyMotion(task.times, torques, mismatches[:, 1:], momenta, residuals, deviations)
 
 
 def _refined_code(
     law: AbstractLaw, code: Int[Array, ""], references: Attitude, quaternions: Float[Array, "n 4"]
 ) -> Int[Array, ""]:
     """The result code, refined for laws with a pole at μ = 0."""
-    if not isinstance(inner(law), AccelerationLaw | RateLaw):
+    if not isinstance(without_hysteresis(law), AccelerationLaw | RateLaw):
         return code
     lengths = jnp.sqrt(jax.vmap(norm_squared)(quaternions))
     minimum = jnp.nanmin(lengths)

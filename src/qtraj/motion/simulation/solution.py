@@ -91,8 +91,8 @@ class Solution(AbstractOutcome):
         code = ResultCode(int(np.asarray(self.code)[at]))
         text = FINISHED if code == ResultCode.successful else code.text
         if self.body is not None:
-            moved: BodyMotion = jax.tree.map(lambda x: np.asarray(x)[at], self.body)
-            text = f"{text} {moved.exactness().capitalize()}."
+            body_motion: BodyMotion = jax.tree.map(lambda x: np.asarray(x)[at], self.body)
+            text = f"{text} {body_motion.exactness().capitalize()}."
         reached = np.isfinite(np.asarray(self.quaternion)[at]).all(axis=-1)
         if reached.all():
             return text
@@ -114,8 +114,8 @@ class Solution(AbstractOutcome):
             "command": Quantity(self.command, per, commanded, axes),
             "error": Quantity(self.error, "1", "error quaternion of the law", axes),
             "angle": Quantity(self.angle, "rad", "angle between body and program", (along,)),
-            "result": Quantity(np.asarray(self.result), "", "how it ended"),
-            "code": Quantity(self.code, "1", "how it ended, as a number"),
+            "result": Quantity(np.asarray(self.result), "", "the result in words"),
+            "code": Quantity(self.code, "1", "result code"),
         }
         variables = {name: q for name, q in columns.items() if q.values is not None}
         variables |= {} if self.body is None else self.body.variables()

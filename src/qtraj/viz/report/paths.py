@@ -80,7 +80,7 @@ def separate(dataset: xarray.Dataset) -> dict[str, xarray.Dataset]:
 
 def _facts(dataset: xarray.Dataset) -> list[str]:
     notes = dataset.attrs
-    facts = [words(str(notes["tuning_result"]))] if "tuning_result" in notes else []
+    facts = [words(str(notes[name])) for name in ("tuning_result", "route_result") if name in notes]
     if "tuning_objective" in notes:
         facts.append(f"Objective '{notes['tuning_objective']}', motion '{notes.get('tuning_motion', '')}'.")
     return facts

@@ -10,8 +10,12 @@ from qtraj.viz.report.ranges import HEADROOM, spike
 ARROW = 0.17
 """Length of the arrows of a trihedral, relative to the largest extent of the paths."""
 THICK, THIN = 2.0, 1.3
-MIN_EXTENT = 0.3
-"""Minimal range of a coordinate relative to the largest, so that a flat path has space for its arrows."""
+LABEL = 1.15
+"""Place of an arrow's label, in lengths of the arrow."""
+MIN_EXTENT = 0.2
+"""Least range of a coordinate relative to the largest extent."""
+MARGIN = 0.04
+"""Space on both sides of the paths and arrows, relative to the largest extent."""
 
 
 def payload(report: Report) -> dict[str, Any]:
@@ -31,18 +35,26 @@ def payload(report: Report) -> dict[str, Any]:
 
 def _paths_space(report: Report) -> dict[str, Any]:
     """The common centre in whole metres, the axis ranges relative to it, and the length of arrows."""
-    points = np.concatenate([body.position for body in report.bodies if body.position is not None])
+    paths = [body.position for body in report.bodies if body.position is not None]
     if report.recorded is not None:
-        points = np.concatenate([points, report.recorded])
-    points = points[np.isfinite(points).all(axis=1)]
-    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(3), np.zeros(3))
-    middle, extent = (low + high) / 2, high - low
-    size = float(extent.max()) or 1.0
+        paths.append(report.recorded)
+    low, high = _box(paths)
+    size = float((high - low).max()) or 1.0
+    middle = (low + high) / 2
     centre = np.round(middle) if np.abs(middle).max() > 10 * size else np.zeros(3)
     length = ARROW * size
-    half = np.maximum(extent, MIN_EXTENT * size) / 2 + 1.1 * length
+    tips = [body.position[:, None] + LABEL * length * body.axes for body in report.bodies if body.position is not None]
+    low, high = _box([*paths, *tips])
+    middle, half = (low + high) / 2, np.maximum(high - low, MIN_EXTENT * size) / 2 + MARGIN * size
     ranges = np.stack([middle - centre - half, middle - centre + half], axis=1)
     return {"centre": plain(centre), "range": plain(ranges), "length": length}
+
+
+def _box(points: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """The least and largest coordinates of all finite points (…, 3); zeros if there are none."""
+    rows = np.concatenate([x.reshape(-1, 3) for x in points]) if points else np.zeros((0, 3))
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    return (rows.min(axis=0), rows.max(axis=0)) if len(rows) else (np.zeros(3), np.zeros(3))
 
 
 def _body(body: Body, rows: np.ndarray, centre: np.ndarray) -> dict[str, Any]:

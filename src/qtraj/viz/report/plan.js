@@ -22,11 +22,50 @@ function planStill() {
       name: text(body.name),
       x: column(body.position, 0),
       y: column(body.position, 1),
+      customdata: body.time,
       line: { color: body.colour, width: 2.2, dash: body.dash, simplify: false },
       hoverinfo: "name",
     });
   }
-  return traces;
+  return traces.concat(curvatureTraces());
+}
+
+const COLOURS = ["#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725"];
+const COLOURED = 0.95; // quantile of the curvature at which the colours end: at stops it is infinite
+
+/** A single path in colours of its curvature: a line with gaps for each colour, because many markers are slow. */
+function curvatureTraces() {
+  const panel = panels.find(({ title }) => title === "curvature");
+  if (bodies.length > 1 || !panel) return [];
+  const [body] = bodies,
+    { values } = panel.series[0];
+  const sorted = values.filter((value) => value !== null).sort((a, b) => a - b);
+  const top = sorted[Math.floor(COLOURED * (sorted.length - 1))] || 1;
+  const colourAt = (k) => Math.min(COLOURS.length - 1, Math.floor((COLOURS.length * (values[k] ?? 0)) / top));
+  const lines = COLOURS.map(() => ({ x: [], y: [], time: [] }));
+  for (let k = 0; k + 1 < values.length; k++) {
+    const line = lines[colourAt(k)];
+    if (line.time[line.time.length - 1] !== body.time[k]) add(line, null, null, null);
+    if (line.x[line.x.length - 1] === null) add(line, body.position[k][0], body.position[k][1], body.time[k]);
+    add(line, body.position[k + 1][0], body.position[k + 1][1], body.time[k + 1]);
+  }
+  byId("colours").textContent = `; colour: curvature, dark for 0, bright from ${top.toPrecision(2)} 1/m`;
+  return lines.map(({ x, y, time }, k) => ({
+    type: "scatter",
+    mode: "lines",
+    name: "curvature " + k,
+    x,
+    y,
+    customdata: time,
+    line: { color: COLOURS[k], width: 3, simplify: false },
+    hoverinfo: "skip",
+  }));
+}
+
+function add(line, x, y, time) {
+  line.x.push(x);
+  line.y.push(y);
+  line.time.push(time);
 }
 
 /** The axes of the selected body, seen from above, and a dot for every body. */
@@ -65,6 +104,7 @@ function drawPlan() {
     },
     updates[arrows.length],
   );
+  const first = planMovers.length === 0;
   planMovers = updates.map((_, k) => fixed.length + k);
   const axis = (k) => ({
     title: { text: titleOf("xy"[k], k), standoff: 4 },
@@ -89,6 +129,7 @@ function drawPlan() {
     },
     { responsive: true, displayModeBar: false },
   );
+  if (first) byId("plan").on("plotly_click", ({ points }) => points[0].customdata !== undefined && setTime(points[0].customdata));
 }
 
 function movePlan() {

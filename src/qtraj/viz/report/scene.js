@@ -3,7 +3,7 @@
 const RECORDED = "#737373";
 /** Whether the scene has a legend of its paths. */
 const VISIBLE = 2; // plotly's units between the lower and the upper edge of the scene
-const LABEL_SPACE = narrow ? 130 : 90; // [px] for the labels of the axes
+const LABEL_SPACE = narrow ? { across: 130, along: 130 } : { across: 115, along: 90 }; // [px] for the labels of the axes
 const listed = data.kind === "path" && (bodies.length > 1 || data.recorded !== null);
 
 // The first view direction: from above, and from the side from which the scene is largest.
@@ -107,12 +107,62 @@ function still() {
   return traces;
 }
 
+const LETTER = { width: 9, height: 17 }; // [px] of the labels of arrows
+const POSITIONS = [
+  ["middle right", 1, 0],
+  ["top right", 1, 1],
+  ["top center", 0, 1],
+  ["top left", -1, 1],
+  ["middle left", -1, 0],
+  ["bottom left", -1, -1],
+  ["bottom center", 0, -1],
+  ["bottom right", 1, -1],
+];
+const INWARDS = 40; // [px²] of overlap that a label accepts rather than being on the wrong side of its tip
+
+/** The positions of the labels relative to the tips, in the present view: outwards, and without overlap. */
+function letterPositions(origin, tips) {
+  const { eye } = byId("space").layout?.scene?.camera ?? {};
+  const seen = eye ? [eye.x, eye.y, eye.z] : EYE;
+  const scale = (zoom(extentOf()) * byId("space").clientHeight) / VISIBLE; // [px/m]
+  const flat = (v) => [dot(v, rightOf(seen)) * scale, dot(v, upOf(seen)) * scale];
+  const choices = tips.map((tip, k) => {
+    const [x, y] = flat(tip),
+      [along, across] = flat(plus(tip, origin, -1));
+    const wide = LETTER.width * arrows[k].symbol.length;
+    const distance = Math.hypot(along, across) || 1;
+    return POSITIONS.map(([name, a, b]) => {
+      const cosine = (a * along + b * across) / (distance * Math.hypot(a, b));
+      return { name, x: x + (a * wide) / 2, y: y + (b * LETTER.height) / 2, wide, cost: INWARDS * (1 - cosine) };
+    });
+  });
+  let best = { cost: Infinity, labels: [] };
+  const extend = (labels, cost) => {
+    if (cost >= best.cost) return;
+    if (labels.length === choices.length) best = { cost, labels };
+    else choices[labels.length].forEach((c) => extend([...labels, c], cost + c.cost + overlap(c, labels)));
+  };
+  extend([], 0);
+  return best.labels.map((label) => label.name);
+}
+
+/** The area [px²] that a label shares with others. */
+function overlap(label, others) {
+  const shared = (distance, size) => Math.max(0, size - Math.abs(distance));
+  return others.reduce(
+    (sum, other) =>
+      sum + shared(label.x - other.x, (label.wide + other.wide) / 2) * shared(label.y - other.y, LETTER.height),
+    0,
+  );
+}
+
 /** The traces that change with time, in this order: arrows, their letters, dots and pale axes of the other bodies. */
 function moving() {
   const { origin, axes } = pose(bodies[state.looked], state.time);
   const updates = arrows.map((arrow, k) => arrowPoints(origin, axes === null ? null : axes[k], space.length));
   const tips = axes === null ? [] : axes.map((axis) => plus(origin, axis, 1.13 * space.length));
-  updates.push({ x: column(tips, 0), y: column(tips, 1), z: column(tips, 2) });
+  const positions = axes === null ? [] : letterPositions(origin, tips);
+  updates.push({ x: column(tips, 0), y: column(tips, 1), z: column(tips, 2), textposition: positions });
   const dots = [],
     thin = arrows.map(() => []);
   bodies.forEach((body, k) => {
@@ -193,7 +243,7 @@ function zoom(extent, right = RIGHT, up = UP) {
   const { clientWidth: width, clientHeight: height } = byId("space");
   const seen = (side) =>
     data.kind === "attitude" ? extent[0] : extent.reduce((sum, size, k) => sum + size * Math.abs(side[k]), 0);
-  return (VISIBLE / height) * Math.min((width - LABEL_SPACE) / seen(right), (height - LABEL_SPACE) / seen(up));
+  return (VISIBLE / height) * Math.min((width - LABEL_SPACE.across) / seen(right), (height - LABEL_SPACE.along) / seen(up));
 }
 
 /** The label of a world axis, with the offset of the common centre. */
@@ -211,14 +261,13 @@ function spaceLayout() {
     return {
       title: { text: titleOf(letter, k) },
       range: space.range[k],
-      nticks: 6,
+      nticks: Math.max(2, Math.round((6 * extent[k]) / Math.max(...extent))),
       tickangle: 0, // rotated along the axis, long numbers would overlap its title
       tickfont: { size: 11 },
       gridcolor: "#e6ebf0",
       zerolinecolor: "#c9d2da",
       showspikes: false,
-      backgroundcolor: "#fafbfc",
-      showbackground: true,
+      showbackground: false, // it would hide the parts of labels that extend behind it
     };
   };
   return {
@@ -257,7 +306,12 @@ function moveSpace() {
   const updates = moving();
   return Plotly.restyle(
     byId("space"),
-    { x: updates.map((u) => u.x), y: updates.map((u) => u.y), z: updates.map((u) => u.z) },
+    {
+      x: updates.map((u) => u.x),
+      y: updates.map((u) => u.y),
+      z: updates.map((u) => u.z),
+      textposition: updates.map((u) => u.textposition),
+    },
     movers,
   );
 }

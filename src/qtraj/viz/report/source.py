@@ -1,4 +1,4 @@
-"""From a result of the commands, a folder or a file, to the dataset that a report draws."""
+"""Loads the dataset of a report from a result of the commands: a folder or a file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,14 +15,14 @@ from qtraj.path.trihedral import Upright
 from qtraj.viz.drawable import drawable
 
 DATASETS = ("paths.nc", "table.nc")
-"""What the commands write into their folders, each of which can be drawn."""
+"""Datasets that the commands write into their folders."""
 TUNED = "tuning.toml"
 DOCUMENTS = (".toml", ".json")
 
 
 @dataclass(frozen=True)
 class Source:
-    """The file that is drawn, its dataset, and the tuning that belongs to it, where there is one."""
+    """The file of a report, its dataset, and the tuned result that belongs to it, or None."""
 
     file: Path
     dataset: xarray.Dataset
@@ -30,12 +30,12 @@ class Source:
 
 
 def find(result: Path, frame: Frame | None = None) -> Source:
-    """The dataset of a result: of a folder, a dataset's file, or a saved path.
+    """The dataset of a result: a folder, the file of a dataset, or a saved path.
 
-    **Raises:** OSError where nothing is there or it cannot be read; ValueError, naming the file, for what is no result.
+    **Raises:** OSError if the file does not exist or cannot be read; ValueError, naming the file, if it is no result.
     """
     if not result.exists():
-        raise FileNotFoundError(f"{result}: there is no such result; 'qtraj tune' writes one into qtraj-out")
+        raise FileNotFoundError(f"{result}: this result does not exist; 'qtraj tune' writes one into qtraj-out")
     if result.suffix in DOCUMENTS:
         return _saved(result, Upright() if frame is None else frame)
     file = _within(result) if is_folder(result) else result
@@ -52,29 +52,31 @@ def is_folder(result: Path) -> bool:
 
 def _within(folder: Path) -> Path:
     """The one dataset of a folder."""
-    found = [folder / name for name in DATASETS if (folder / name).is_file()]
-    if not found:
+    files = [folder / name for name in DATASETS if (folder / name).is_file()]
+    if not files:
         names = " nor ".join(DATASETS)
-        raise ValueError(f"{folder}: this folder holds neither {names}, which qtraj's commands write into their --out")
-    if len(found) > 1:
-        raise ValueError(f"{folder}: this folder holds several results: name one of {', '.join(map(str, found))}")
-    return found[0]
+        raise ValueError(
+            f"{folder}: this folder contains neither {names}, which qtraj's commands write into their --out"
+        )
+    if len(files) > 1:
+        raise ValueError(f"{folder}: this folder contains several results: name one of {', '.join(map(str, files))}")
+    return files[0]
 
 
 def _require_frame(file: Path, dataset: xarray.Dataset, frame: Frame) -> None:
-    """Raise a ValueError where a dataset, whose attitudes stand in one frame, is asked for another."""
+    """Raise a ValueError if the attitudes of a dataset are those of another frame."""
     if "position" not in dataset:
-        raise ValueError(f"{file}: --frame belongs to a path, but this result is one of attitudes alone")
-    held, wanted = dataset.attrs.get("frame", NATURAL), name_of(frame)
-    if held != wanted:
+        raise ValueError(f"{file}: --frame belongs to a path, but this result has only attitudes")
+    actual, requested = dataset.attrs.get("frame", NATURAL), name_of(frame)
+    if actual != requested:
         raise ValueError(
-            f"{file}: the attitudes in this dataset are those of the {held} frame: name the saved path beside it "
-            f"(path.toml, tuning.toml), or run the command that wrote it with --frame {wanted}"
+            f"{file}: the attitudes in this dataset are those of the {actual} frame: name the saved path beside it "
+            f"(path.toml, tuning.toml), or run the command that wrote it with --frame {requested}"
         )
 
 
 def _saved(file: Path, frame: Frame) -> Source:
-    """The dataset of a saved path, or of a saved tuning and its path."""
+    """The dataset of a saved path, or of a saved tuned result."""
     stored = load(file)
     tuned = stored if isinstance(stored, Tuned) else None
     path = stored if tuned is None else tuned.path
@@ -88,12 +90,12 @@ def _saved(file: Path, frame: Frame) -> Source:
 
 
 def _tuning(file: Path, dataset: xarray.Dataset) -> Tuned | None:
-    """The tuning stored beside a dataset, if it is the one whose path stands in it as "after"."""
+    """The tuned result stored beside a dataset, if its path is the path "after" of the dataset; else None."""
     if not file.is_file() or "path" not in dataset.dims or "after" not in dataset["path"].values.tolist():
         return None
     try:
         tuned = load(file)
-    except ValueError:  # some other file of this name
+    except ValueError:  # another file with this name
         return None
     duration = float(dataset["duration"].sel(path="after")) if "duration" in dataset else None
     return tuned if isinstance(tuned, Tuned) and float(tuned.path.duration) == duration else None

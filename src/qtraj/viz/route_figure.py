@@ -1,0 +1,110 @@
+"""The figure of a route: the map coloured by curvature; height, speed and limits against the distance travelled."""
+
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import xarray
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from qtraj.foundation.units import symbol
+from qtraj.io.dataset import LIMIT_VARIABLES
+from qtraj.viz.drawable import path_samples
+from qtraj.viz.report.ranges import spike
+from qtraj.viz.style import BAND, BOUND, COLOURS, MARK, RC, RECORD, WIDTH, head, title
+
+PANEL, MAP = 1.05, 4.6  # [inch] of height
+LEFT = 0.105
+COLOURED = 0.95
+"""Quantile of the curvature at which the colour scale of the map ends: stops have infinite curvature."""
+
+
+def route_figure(dataset: Any) -> Figure:
+    """The last path of a dataset as a map, and its height, speed and limited quantities against the distance.
+
+    `dataset` is one of `qtraj.io.dataset.path_dataset`, or a path that converts to one. Recorded positions are drawn
+    below the path. Where a sample violates its limit, the curve is drawn in red.
+
+    **Raises:** ValueError for a dataset without paths, or an object of another type.
+    """
+    dataset = path_samples(dataset)
+    path = dataset.isel(path=-1)
+    limited = [name for name in LIMIT_VARIABLES.values() if "limit" in path[name].attrs]
+    panels = ["height", *dict.fromkeys(["speed", *limited])]
+    with mpl.rc_context(RC):
+        band = BAND if title(dataset) else 0.0
+        height = MAP + PANEL * len(panels) + 0.5 + band
+        figure = Figure(figsize=(WIDTH, height))
+        top = 1 - (band + 0.15) / height
+        plan: Any = figure.add_axes((LEFT, top - (MAP - 0.5) / height, 0.94 - LEFT, (MAP - 0.5) / height))
+        _draw_map(figure, plan, dataset, path)
+        grid = figure.add_gridspec(
+            len(panels), 1, hspace=0.22, left=LEFT, right=0.985, top=top - MAP / height, bottom=0.5 / height
+        )
+        way = distance(path)
+        label, scale = ("distance travelled [km]", 1000.0) if way[-1] > 1000 else ("distance travelled [m]", 1.0)
+        drawn: list[Any] = []
+        for row, name in enumerate(panels):
+            drawn.append(figure.add_subplot(grid[row], sharex=drawn[0] if drawn else None))
+            _draw_panel(drawn[-1], path, way / scale, name)
+            drawn[-1].tick_params(labelbottom=row == len(panels) - 1)
+        drawn[-1].set_xlabel(label)
+        figure.align_ylabels(drawn)
+        head(figure, title(dataset), 1 - 0.08 / height)
+    return figure
+
+
+def distance(path: xarray.Dataset) -> np.ndarray:
+    """The distance travelled at each sample [m], by the trapezoidal rule."""
+    speed, time = path["speed"].values, path["time"].values
+    return np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(time))])
+
+
+def _draw_map(figure: Figure, axes: Any, dataset: xarray.Dataset, path: xarray.Dataset) -> None:
+    """The positions from above, about their centre in whole metres, coloured by curvature."""
+    position = path["position"].values[:, :2]
+    centre = np.round(position.mean(axis=0))
+    points = position - centre
+    if "recorded_position" in dataset:
+        recorded = dataset["recorded_position"].values[:, :2] - centre
+        axes.plot(*recorded.T, ".", ms=1.5, color=RECORD, label="recorded", zorder=1, rasterized=True)
+    curvature = np.abs(path["curvature"].values)
+    moving = np.isfinite(curvature) & (path["speed"].values > 0.05 * path["speed"].values.max())
+    top = float(np.quantile(curvature[moving], COLOURED)) if moving.any() else 1.0
+    lines = LineCollection(
+        list(np.stack([points[:-1], points[1:]], axis=1)), cmap="viridis", linewidths=2.2, zorder=2, capstyle="round"
+    )
+    lines.set_array(np.where(moving, curvature, 0.0)[:-1])
+    lines.set_clim(0.0, top or 1.0)
+    axes.add_collection(lines)
+    for letter, at in (("A", points[0]), ("B", points[-1])):
+        axes.annotate(letter, at, xytext=(4, 4), textcoords="offset points", fontweight="bold")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.04)
+    axes.autoscale_view()
+    axes.grid(alpha=0.25, lw=0.5)
+    axes.set_xlabel(_offset("x", centre[0]))
+    axes.set_ylabel(_offset("y", centre[1]))
+    figure.colorbar(lines, ax=axes, fraction=0.025, pad=0.01, extend="max", label="curvature [1/m]")
+
+
+def _offset(letter: str, centre: float) -> str:
+    return f"{letter} [m]" if centre == 0 else f"{letter} {'−' if centre > 0 else '+'} {abs(centre):.0f} [m]"
+
+
+def _draw_panel(axes: Any, path: xarray.Dataset, way: np.ndarray, name: str) -> None:
+    """One quantity against the distance, with its limit, and in red where it violates it."""
+    values = path["position"].values[:, 2] if name == "height" else np.abs(path[name].values)
+    axes.plot(way, values, color=COLOURS["after"], lw=1.0)
+    limit = None if name == "height" else path[name].attrs.get("limit")
+    if limit is not None:
+        axes.axhline(limit, **BOUND)
+        axes.plot(way, np.where(values > limit, values, np.nan), color=MARK, lw=1.4)
+    cut = None if name == "height" else spike([values])
+    if cut is not None:
+        axes.set_ylim(0.0, max(cut[0], 1.3 * (limit or 0.0)))
+    unit = "m" if name == "height" else symbol(path[name].attrs["units"])
+    axes.set_ylabel(f"{name.replace('_magnitude', '').replace('_', ' ')}\n[{unit or '-'}]", fontsize=8)
+    axes.grid(alpha=0.25, lw=0.5)
+    axes.margins(x=0)

@@ -1,0 +1,134 @@
+"""`qtraj route`: the embedded drive against the library, planted violations, files, and bad input."""
+
+import gzip
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+
+import qtraj as qt
+from qtraj.scenario import KINDS
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+FILES = ["paths.nc", "route.json", "fit.json", "certificate.json", "route.png", "route.svg", "report.html"]
+
+
+@pytest.fixture(scope="module")
+def default(qtraj, tmp_path_factory):
+    out = tmp_path_factory.mktemp("route") / "out"
+    result = qtraj("route", "--out", out, "--json")
+    return result, json.loads(result.stdout), out
+
+
+def recording(file, bump=0.0):
+    """A drive on a circle of 50 m at 10 m/s, moved outwards by `bump` [m] for about a second."""
+    t = np.linspace(0.0, 20.0, 401)
+    radius = 50.0 + bump * np.exp(-(((t - 11.0) / 0.5) ** 2))
+    rows = np.stack([t, radius * np.cos(0.2 * t), radius * np.sin(0.2 * t), 0.1 * t], axis=1)
+    np.savetxt(file, rows, delimiter=",", header="t,x,y,z", comments="", fmt="%.6f")
+    return file
+
+
+def test_the_embedded_drive_is_that_of_the_library(default):
+    result, content, out = default
+    assert result.exit_code == 0
+    assert [Path(file).name for file in content["files"]] == FILES
+    track = qt.read_track(KINDS["route"].embedded.parent / "boreas_right_angle.csv")
+    fitted = qt.fit_route(track)
+    assert content["fit"]["segments"] == fitted.path.segments
+    assert content["fit"]["residual_distance_rms"] == pytest.approx(float(fitted.residual.distance_rms))
+    assert content["fit"]["length"] == pytest.approx(float(fitted.path.length()))
+    assert np.asarray(qt.load(out / "route.json").position(3.0)) == pytest.approx(np.asarray(fitted.path.position(3.0)))
+    assert qt.load(out / "certificate.json").holds
+    dataset = xarray.load_dataset(out / "paths.nc")
+    assert dataset["path"].values.tolist() == ["route"]
+    assert dataset.attrs["frame"] == "upright"
+    assert dataset["lateral_acceleration"].attrs["limit"] == 2.5
+    assert dataset.sizes["record"] == len(track.times)
+
+
+def test_the_terminal_shows_it_within_80_columns(qtraj, tmp_path):
+    result = qtraj("route", "--out", tmp_path)
+    assert result.exit_code == 0
+    for text in ("0.056 km", "8, 0.985 s each", "lateral_acceleration", "proved"):
+        assert text in result.stdout
+    paths = ("Scenario:", str(tmp_path))
+    assert [line for line in result.stdout.splitlines() if len(line) > 80 and not line.startswith(paths)] == []
+
+
+def test_a_violation_is_found_and_its_place_named(qtraj, tmp_path):
+    recording(tmp_path / "drive.csv", bump=0.6)
+    scenario = tmp_path / "s.toml"
+    scenario.write_text('[track]\nfile = "drive.csv"\n[limits]\nlateral_acceleration = 2.6\nspeed = 20.0\n')
+    result = qtraj("route", scenario, "--out", tmp_path / "out", "--json")
+    assert result.exit_code == 1
+    found = json.loads(result.stdout)["certificate"]
+    assert dict(zip(found["limit"], found["status"], strict=True)) == {
+        "speed": "proved",
+        "lateral_acceleration": "broken",
+    }
+    assert set(found["broken_limit"]) == {"lateral_acceleration"}
+    assert min(found["broken_start"]) > 9.0
+    assert max(found["broken_end"]) < 13.0
+
+
+def test_a_recording_alone_is_fitted_without_limits(qtraj, tmp_path):
+    file = tmp_path / "drive.csv.gz"
+    file.write_bytes(gzip.compress(recording(tmp_path / "plain.csv").read_bytes()))
+    result = qtraj("route", file, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.stderr
+    assert "No limits were given" in result.stdout
+    assert "0.200 km" in result.stdout
+    assert not (tmp_path / "out" / "certificate.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[fit]\nsmoothing = 1.0\ntolerance = 0.1\n", "smoothing and tolerance were both given: give one of them"),
+        ("[fit]\nspacing = 0\n", "the key 'fit.spacing' holds 0, but expected a positive finite number"),
+        ('[purpose]\nspeed = "slow"\n', "[limits] has no 'speed' that could have a purpose"),
+        ("[limits]\ncurvatur = 1.0\n", "unknown key 'limits.curvatur'; did you mean 'curvature'?"),
+    ],
+)
+def test_bad_scenarios_are_refused(qtraj, tmp_path, text, message):
+    recording(tmp_path / "drive.csv")
+    scenario = tmp_path / "s.toml"
+    scenario.write_text('[track]\nfile = "drive.csv"\n' + text)
+    result = qtraj("route", scenario, "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert result.stderr.startswith(f"error: {scenario}: ")
+    assert message in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_damaged_compressed_recording_is_refused(qtraj, tmp_path):
+    whole = gzip.compress(recording(tmp_path / "plain.csv").read_bytes())
+    for name, content in {"cut.csv.gz": whole[:-20], "plain.csv.gz": b"t,x,y,z\n"}.items():
+        (tmp_path / name).write_bytes(content)
+        result = qtraj("route", tmp_path / name, "--out", tmp_path / "out")
+        assert result.exit_code == 2
+        assert "not a complete gzip file" in result.stderr
+        assert result.stderr.count("\n") == 1
+
+
+def test_other_commands_name_it_for_recordings(qtraj, tmp_path):
+    result = qtraj("tune", recording(tmp_path / "drive.csv"))
+    assert result.exit_code == 2
+    assert "`qtraj route` reads a whole recording" in result.stderr
+
+
+@pytest.mark.slow
+def test_the_whole_drive_of_the_examples(qtraj, tmp_path):
+    """7.9 km: how well it is followed, its stops, and which limits of a bus it breaks."""
+    result = qtraj("route", EXAMPLES / "bus_route.toml", "--out", tmp_path, "--json")
+    assert result.exit_code == 1
+    content = json.loads(result.stdout)
+    fit, found = content["fit"], content["certificate"]
+    assert fit["length"] == pytest.approx(7940.0, abs=5.0)
+    assert len(fit["stops"]) == 9
+    assert fit["prediction_error"] < 0.008
+    assert set(found["status"]) == {"broken"}
+    assert (tmp_path / "report.html").stat().st_size < 8e6

@@ -1,0 +1,50 @@
+"""The figure of a route: distances, units, and what is drawn in red."""
+
+import numpy as np
+import pytest
+
+import qtraj as qt
+from qtraj.io.dataset import path_dataset
+from qtraj.viz.figures import route_figure
+from qtraj.viz.route_figure import distance
+from qtraj.viz.style import MARK
+
+FAR = np.array([600_000.0, 4.8e6, 100.0])
+
+
+@pytest.fixture(scope="module")
+def dataset():
+    """Ten metres straight at 1 m/s, then a quarter of a circle of 5 m, then straight again."""
+    t = np.linspace(0.0, 28.0, 57)
+    angle = np.clip((t - 10.0) / 5.0, 0.0, np.pi / 2)
+    heading = np.stack([np.cos(angle), np.sin(angle), 0 * t], axis=1)
+    points = np.cumsum(np.vstack([FAR, 0.25 * (heading[1:] + heading[:-1])]), axis=0)
+    track = qt.Track(t, points)
+    route = qt.fit_route(track, knots=1.0).path
+    limits = qt.Limits(curvature=0.15, speed=2.0)
+    return path_dataset({"route": route}, limits, track, attributes={"title": "A corner"}, frame=qt.Upright())
+
+
+def test_the_distance_travelled(dataset):
+    assert distance(dataset.isel(path=0))[-1] == pytest.approx(28.0, abs=0.05)
+
+
+def test_every_axis_has_its_unit(dataset):
+    plan, bar, *panels = route_figure(dataset).axes
+    assert (plan.get_xlabel(), plan.get_ylabel()) == ("x − 600011 [m]", "y − 4800004 [m]")
+    assert [axes.get_ylabel() for axes in panels] == ["height\n[m]", "speed\n[m/s]", "curvature\n[1/m]"]
+    assert panels[-1].get_xlabel() == "distance travelled [m]"
+    assert bar.get_ylabel() == "curvature [1/m]"
+
+
+def test_only_violations_are_red(dataset):
+    _, _, _, speed, curvature = route_figure(dataset).axes
+    red = {
+        axes: next(line for line in axes.lines if line.get_color() == MARK).get_data() for axes in (speed, curvature)
+    }
+    assert np.isnan(red[speed][1]).all()
+    way, values = red[curvature]
+    drawn = np.isfinite(values)
+    assert (values[drawn] > 0.15).all()
+    assert way[drawn].min() == pytest.approx(10.0, abs=1.0)
+    assert way[drawn].max() == pytest.approx(10.0 + 2.5 * np.pi, abs=1.0)
