@@ -47,10 +47,10 @@ def test_limits_at_the_peak_are_proved_from_a_relative_gap_of_1e_9():
 
 
 def test_a_planted_violation_between_samples_is_refuted():
-    """A bump of the road, of a length that 200 instants miss, whose climb needs power and whose top lifts the load."""
+    """A jerk forward and up between two of 200 instants, which needs power and grip, and presses on the road."""
     times = np.array([0.0, 5.0, 5.005, 5.01, 10.0])
     position = np.array([[15 * t, 0.0, 0.0] for t in times])
-    position[2, 2] = 2e-5
+    position[2] += [2e-5, 0.0, 2e-5]
     velocity, acceleration = np.array([[15.0, 0.0, 0.0]] * 5), np.zeros((5, 3))
     route = qt.Route(times, position, velocity, acceleration)
     vehicle = qt.Vehicle(1e3)

@@ -19,6 +19,7 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra import hamilton, polynomial, quaternion, rotation
 from qtraj.batch.body_forces import path_force, turning_moment
+from qtraj.batch.components import filled, triple, world_derivatives
 from qtraj.batch.cpu import DIVISION, cos_sin, derivatives_in_one_loop, inverse_root, root
 from qtraj.path.components import Triple, add_vectors, cross, dot, rotated_z, scaled, select
 from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate, upright_rates
@@ -67,13 +68,13 @@ class Instants:
         self.frame, self.t, self.axes, self.vehicle = frame, t, axes, vehicle
         polynomials = eqx.filter_vmap(lambda path: path.polynomials())(paths)
         if polynomials is None:
-            self.basis, rows = Basis(), _world_derivatives(paths, t)
+            self.basis, rows = Basis(), world_derivatives(paths, t, ORDER)
         else:
             t = t.astype(polynomials.x.dtype)
             rows, angle = _moving_derivatives(polynomials, t)
             self.basis = Basis(angle, polynomials.placement)
         zero = jnp.zeros_like(rows[0][0])
-        self.rows = [_filled(row, zero) for row in rows]
+        self.rows = [filled(row, zero) for row in rows]
         self.duration = paths.duration[:, None].astype(zero.dtype)
 
     def derivative(self, k: int) -> Triple:
@@ -210,7 +211,7 @@ class Instants:
         t = jnp.broadcast_to(self.t.astype(rows.dtype), durations.shape)
         at = jax.vmap(jax.vmap(self.frame.at))(t, rows, durations)
         vectors = (at.tangent, at.normal, at.binormal, at.rate, at.acceleration)
-        tangent, normal, binormal, rate, acceleration = (_triple(v) for v in vectors)
+        tangent, normal, binormal, rate, acceleration = (triple(v) for v in vectors)
         axes = self.basis.local(tangent), self.basis.local(normal), self.basis.local(binormal)
         return FrameComponents(axes, rate, acceleration, at.defined)
 
@@ -224,11 +225,11 @@ class Basis:
             cos, sin = self.half = cos_sin(0.5 * angle)
             self.cos, self.sin = 1 - 2 * sin**2, 2 * sin * cos
         if angle is not None and placement is not None:
-            self.origin = _triple(placement.origin.astype(angle.dtype)[:, None])
+            self.origin = triple(placement.origin.astype(angle.dtype)[:, None])
             unit = jax.vmap(quaternion.unit)(placement.orientation.astype(angle.dtype))
             self.orientation = tuple(unit[:, k, None] for k in range(4))
             dcm = jax.vmap(rotation.to_dcm)(unit)[:, None]  # its rows are the placement's axes in the world
-            self.columns, self.rows = ([_triple(m[..., k, :]) for k in range(3)] for m in (dcm, dcm.mT))
+            self.columns, self.rows = ([triple(m[..., k, :]) for k in range(3)] for m in (dcm, dcm.mT))
 
     def world(self, v: Triple) -> Triple:
         """World components of a free vector."""
@@ -261,14 +262,6 @@ def _moving_derivatives(paths: MovingPolynomials, t: Times) -> tuple[list[Triple
     return in_moving_basis(x, y[0] if y else [0] * len(x), z, angle), angle[0]  # type: ignore[return-value]
 
 
-def _world_derivatives(paths: AbstractHodograph, t: Times) -> list[Triple]:
-    """The derivatives, world axes, of paths without polynomials."""
-    along = lambda path, t: jax.vmap(lambda t: path.derivatives(t, ORDER))(t)  # noqa: E731
-    each = jnp.broadcast_to(t, (paths.duration.shape[0], t.shape[1]))
-    r = eqx.filter_vmap(along, in_axes=(eqx.if_array(0), 0))(paths, each)
-    return [_triple(r[..., k, :]) for k in range(ORDER + 1)]
-
-
 def _axes(basis: Basis, r1: Triple, across: Triple, exists: Array) -> tuple[Triple, Triple, Triple]:
     """τ, n along `across` × τ, and b; where `exists` is false, n is level as in `trihedral`."""
     S, forward, up = dot(r1, r1), basis.local(FORWARD), basis.local(UP)
@@ -296,12 +289,3 @@ def _gibbs(q: Quaternion) -> tuple[Array, ...]:
 
 def _vanishes(square: Array) -> Array:
     return square < float(jnp.finfo(square.dtype).tiny)
-
-
-def _triple(v: Array) -> Triple:
-    return v[..., 0], v[..., 1], v[..., 2]
-
-
-def _filled(row: Triple, zero: Array) -> Triple:
-    """The row with `zero` in place of the integer 0."""
-    return tuple(zero if isinstance(x, int) else x for x in row)  # type: ignore[return-value]

@@ -130,13 +130,14 @@ def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
     numbers = limits.road(dtype) if limits.needs_vehicle else ()
     road = [xp.broadcast_to(xp.asarray(x, dtype), batch) for x in numbers]
     source, limits_array = _source(path, len(batch)), xp.stack([*table, *road], axis=-1)
+    road_numbers = limits_array[..., LIMIT_COUNT:]
     if traced:
         source, limits_array = jax.lax.stop_gradient((source, limits_array))
     findings = _judge_batch(source, limits_array, *indices(names), batch, _traced if traced else _on_cores)
     places = np.array([k for k, x in enumerate(LIMITS) if x.name in names])
     codes, times, values = (x[..., places] for x in findings)
     if traced:
-        values = differentiable(names, static, (arrays, limits_array[..., LIMIT_COUNT:]), times, values)
+        values = differentiable(names, static, (arrays, road_numbers), times, values)
     return Certificate(names, codes, times, values, xp.stack(bounds, axis=-1))
 
 
