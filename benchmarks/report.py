@@ -20,7 +20,7 @@ def body(race):
     made, machine = race["made"], race["made"]["machine"]
     settings = ", ".join(f"{key}: {text(value)}" for key, value in race["settings"].items() if key != "curves")
     before = machine.get("load_before")
-    load = "" if before is None else f", load before it {before:g}"
+    load = "" if before is None else f", system load before the run {before:g}"
     title = f"{race['title']} ({settings})" if settings else race["title"]
     remark = (
         f"{title}. `{made['command']}`, {made['date']}: {made['device']}, {machine['processor']}, "

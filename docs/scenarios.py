@@ -23,19 +23,19 @@ COMMANDS: dict[str, type[BaseModel]] = {kind.title: kind.model for kind in KINDS
 
 INTRODUCTION = """# Scenarios
 
-A scenario is a TOML file that says what a command is to do. These are all its keys; a dash as default means that a key
-may be left out. A key that is not listed is refused, and so is a value of another kind; the message names the key and
-what was expected. Files are named relative to the scenario. Numbers are in SI units; in scenarios of `qtraj slew` and
-`qtraj simulate` every angle, also in rates and accelerations, is in the unit that `angles` names. Complete scenarios
-are in the folder `examples`, and those that run without an argument in `src/qtraj/io/data`. The old name of a key,
-`[program.turn]` for `[program.slew]`, is read until 1.0, with a warning.
+A scenario is a TOML file with the input of a command. This page lists all keys. A dash as default means that a key is
+optional. Unknown keys and values of the wrong type are errors; the message names the key and the expected value. File
+names are relative to the scenario. Numbers are in SI units; in scenarios of `qtraj slew` and `qtraj simulate` every
+angle, also in rates and accelerations, is in the unit set by `angles`. The folder `examples` contains complete
+scenarios, and `src/qtraj/io/data` contains the built-in scenarios, which run without an argument. The old key
+`[program.turn]` is read as `[program.slew]` until 1.0, with a warning.
 
-This page is written by `docs/scenarios.py` from the models that read the files; change those, not this page.
+`docs/scenarios.py` generates this page from the models that read the files: change the models, not this page.
 """
 
 
 class Table(NamedTuple):
-    """A table of a scenario: the ways it may be headed, what it is for, and its model."""
+    """A table of a scenario: its possible headers, and its model."""
 
     headers: tuple[str, ...]
     model: type[BaseModel]
@@ -51,7 +51,7 @@ def page() -> str:
             title = ", ".join(f"`{header}`" for header in table.headers)
             parts.append(f"### {title}\n")
             if table.model in known:
-                parts.append(f"As {known[table.model]} above.\n")
+                parts.append(f"Same keys as {known[table.model]} above.\n")
                 continue
             known[table.model] = f"{title} of {heading}"
             parts += [*_about(table.model), _keys(table.model)]
@@ -59,7 +59,7 @@ def page() -> str:
 
 
 def _about(model: type[BaseModel]) -> list[str]:
-    """What a model says of itself, a paragraph to an entry."""
+    """The paragraphs of a model's docstring."""
     lines = [line.strip() for line in (model.__doc__ or "").strip().splitlines()]
     return [f"{paragraph}\n" for paragraph in " ".join(line or "\n" for line in lines).split(" \n ")]
 
@@ -98,7 +98,7 @@ def _cell(text: str | None) -> str:
 
 def _default(field: FieldInfo) -> str:
     if field.is_required():
-        return "must be given"
+        return "required"
     value = field.get_default(call_default_factory=True)
     if value is None or value == [] or value == {} or isinstance(value, BaseModel):
         return "–"

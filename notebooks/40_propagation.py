@@ -14,11 +14,11 @@
 # computed at once and multiplied in parallel. The examples are coning, which has a closed form, and a recorded gyro.
 #
 # The recording is trial 02 of BROAD (Laidig, Caruso, Cereatti, Seel, "BROAD – A Benchmark for Robust Inertial
-# Orientation Estimation", Data 6(7):72, 2021), CC BY 4.0; tests/data/README.md says which part of it is used.
+# Orientation Estimation", Data 6(7):72, 2021), CC BY 4.0; its README in `qtraj/io/data` says which part of it is used.
 
 # %%
 # %matplotlib inline
-from pathlib import Path
+from importlib.resources import as_file, files
 
 import jax
 import jax.numpy as jnp
@@ -103,8 +103,7 @@ assert np.isfinite(drift).all()
 # attitude; the optical reference shows the remaining error of the sensor.
 
 # %%
-folder = next(path for path in (Path("tests/data"), Path("../tests/data")) if path.exists())
-with np.load(folder / "broad_02_slow_rotation.npz") as file:
+with as_file(files("qtraj.io") / "data" / "broad_02_slow_rotation.npz") as path, np.load(path) as file:
     gyro, optical, every = file["gyro"].astype(float), file["quaternion"].astype(float), int(file["every"])
     times, rest = np.arange(len(gyro)) / float(file["sampling_rate"]), int(file["rest"])
 bias = gyro[:rest].mean(axis=0)

@@ -40,8 +40,8 @@ def turns():
 def brute_force():
     """Deviations in the comparisons with integrations and searches in plain NumPy."""
     tests = {
-        "end rates, least time": brute.test_slews_with_end_rates,
-        "end rates, given time": brute.test_slews_with_end_rates_of_a_fixed_duration,
+        "end rates, minimum time": brute.test_slews_with_end_rates,
+        "end rates, prescribed time": brute.test_slews_with_end_rates_of_a_fixed_duration,
         "S-curves": brute.test_s_curves,
     }
     rows = [[name, used(test) * brute.BRUTE, f"`{test.__name__}`"] for name, test in tests.items()]
@@ -60,7 +60,7 @@ def frames():
         ]
         lengths = np.abs(np.linalg.norm(found, axis=1) / abs(scale) - 1)
         rows.append([f"{scale:g}", float(angles(np.stack(found), np.stack(last)).max()), float(lengths.max())])
-    return table([f"λ scale, {len(CASES)} paths", "angle [rad]", "change of length, relative"], rows)
+    return table([f"λ scale, {len(CASES)} paths", "angle [rad]", "relative change of norm"], rows)
 
 
 class Rate(eqx.Module):

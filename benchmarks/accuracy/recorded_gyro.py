@@ -27,7 +27,7 @@ def gyro():
     rest = len(times) - tests.START
     rows = [
         ["20 s from the first movement", tests.deviation(data, rates)[0]],
-        ["the same, bias left in", tests.deviation(data, rates + bias)[0]],
+        ["the same, without bias correction", tests.deviation(data, rates + bias)[0]],
         ["the whole movement, 60 s", tests.deviation(data, rates, rest)[0]],
         ["the whole recording with its rest, 74 s", float(deviations()[1].max())],
     ]

@@ -11,6 +11,7 @@ RACES = (
     "memory",
     "bandwidth",
     "gradients",
+    "trihedra",
     "rotations",
     "propagation",
     "spline",

@@ -46,6 +46,7 @@ def measure(quick):
             part = bytes_moved / median / rate
             row = {"": f"{label}, {kind}", "time [ms]": 1e3 * median, "GB/s": bytes_moved / median * 1e-9}
             aim = "for GPUs" if on_cpu else "met" if part >= AIM else "missed"
-            rows.append(row | {"of the copy's": part, f"aim {AIM:.0%}": aim})
+            rows.append(row | {"fraction of copy bandwidth": part, f"goal {AIM:.0%}": aim})
     settings = {"device": str(jax.devices()[0]), "copy [GB/s]": rate * 1e-9}
-    return Measured("Bytes written and read in a second, against a compiled copy on the same device", rows, settings)
+    title = "Bytes written and read per second, compared with a compiled copy on the same device"
+    return Measured(title, rows, settings)

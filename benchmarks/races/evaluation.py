@@ -102,7 +102,7 @@ def measure(quick):
             best = min(spent[name]) if known else None
             row[f"{kind} [ns]"] = 1e9 * median / instants if known else "—"
             row[f"best {kind} [ns]"] = 1e9 * best / instants if known else "—"
-            row[f"qtraj over it, {kind}"] = float(np.median(spent[base])) / median if known else "—"
+            row[f"qtraj time / this time, {kind}"] = float(np.median(spent[base])) / median if known else "—"
         rows.append(row)
-    title = "Per instant: r, v, a, quaternion, curvature, torsion, rate of one path; medians and bests"
+    title = "Per instant: r, v, a, quaternion, curvature, torsion, rate of one path; medians and minima"
     return Measured(title, rows, {"instants": instants, "rounds": rounds, "device": str(jax.devices()[0])})

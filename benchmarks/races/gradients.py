@@ -55,8 +55,8 @@ def measure(quick):
                 "value [ms]": 1e3 * medians["value"],
                 "value and gradient [ms]": 1e3 * medians["both"],
                 "ratio": medians["both"] / medians["value"],
-                "temporary memory [MB]": round(temporary[1], 1),
-                "of the value [MB]": round(temporary[0], 1),
+                "temporary memory, value and gradient [MB]": round(temporary[1], 1),
+                "temporary memory, value only [MB]": round(temporary[0], 1),
             }
         )
     return Measured("Reverse mode, float64, both compiled", rows, {"instants": instants})

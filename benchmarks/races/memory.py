@@ -61,7 +61,7 @@ def measure(quick):
                 "measured / predicted": measured / predicted,
             }
         )
-    return Measured("Growth of the largest resident set", rows, {"above": f"{SMALL} instants"})
+    return Measured("Growth of the peak resident memory", rows, {"relative to a call with": f"{SMALL} instants"})
 
 
 if __name__ == "__main__":

@@ -74,7 +74,7 @@ def measure(quick):
             run = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
             for call, files in json.loads(run.stdout):
                 counts = [len(OPERATION.findall((Path(folder) / file).read_text(encoding="utf-8"))) for file in files]
-                rows.append({"process": process, "call": call, "operations": sum(counts), "programs": len(counts)})
+                rows.append({"process": process, "call": call, "operations": sum(counts), "executables": len(counts)})
     return Measured("StableHLO operations that a call compiles", rows, {})
 
 

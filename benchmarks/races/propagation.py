@@ -50,9 +50,12 @@ def measure(quick):
     base = rows[0]["time [ms]"]
     for each in rows:
         known = "—" not in (base, each["time [ms]"])
-        each[f"over {rows[0]['method']}"] = each["time [ms]"] / base if known else "—"
+        each[f"relative to {rows[0]['method']}"] = each["time [ms]"] / base if known else "—"
     curves = {name: {"errors": errors[name], "ms": ms[name]} for name in ways}
-    title = f"{count} coning problems over {SPAN:g} s: the loosest setting that keeps {TARGET:g} rad (—: none tried)"
+    title = (
+        f"{count} coning problems over {SPAN:g} s: the loosest setting (number of steps, or tolerance) with an error "
+        f"below {TARGET:g} rad (—: no setting tried reached it)"
+    )
     return Measured(title, rows, {"problems": count, "curves": curves})
 
 

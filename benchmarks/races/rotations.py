@@ -62,7 +62,7 @@ def measure(quick):
         spent = race({"qtraj": own, "jaxlie": lie, "SciPy": scipy}, 3 if quick else 9)
         ns = {key: 1e9 * float(np.median(times)) / count for key, times in spent.items()}
         row = {"operation": name} | {f"{key} [ns]": value for key, value in ns.items()}
-        rows.append(row | {f"qtraj over {key}": ns["qtraj"] / ns[key] for key in ("jaxlie", "SciPy")})
+        rows.append(row | {f"qtraj / {key}": ns["qtraj"] / ns[key] for key in ("jaxlie", "SciPy")})
     return Measured("Rotations, each operation on a batch, float64", rows, {"rotations": count})
 
 

@@ -28,4 +28,4 @@ def measure(quick):
             row[f"{label} [ms]"] = "—" if median is None else 1e3 * median
             row[f"{label} [ns/instant]"] = "—" if median is None else 1e9 * median / size
         rows.append(row)
-    return Measured("Time of one warm call against the number of instants, float64", rows, {"outputs": "as above"})
+    return Measured("Time of one warm call for different numbers of instants, float64", rows, {"outputs": "as above"})

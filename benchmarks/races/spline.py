@@ -15,5 +15,5 @@ def measure(quick):
     calls = {"TableProgram": functools.partial(ours, PROGRAM, jnp.asarray(WHEN)), "SciPy RotationSpline": with_scipy}
     spent = race(calls, 3 if quick else 15)
     ms = {name: 1e3 * float(np.median(times)) for name, times in spent.items()}
-    rows = [{"": name, "time [ms]": x, "over TableProgram": x / ms["TableProgram"]} for name, x in ms.items()]
+    rows = [{"": name, "time [ms]": x, "relative to TableProgram": x / ms["TableProgram"]} for name, x in ms.items()]
     return Measured(f"A spline through {KNOTS} attitudes at {INSTANTS} instants", rows, {"instants": INSTANTS})

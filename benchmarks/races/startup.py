@@ -60,8 +60,8 @@ def measure(quick):
     for name, (processor, wall) in medians.items():
         base = bases[1] if "tune" in name or "bare" in name else bases[0]
         least = np.min(np.asarray(times[name]), axis=0)
-        row = {"process": name, "wall [s]": float(wall), "least wall [s]": float(least[1])}
-        row |= {"processor [s]": float(processor), "over": base.partition(":")[0]}
+        row = {"process": name, "wall [s]": float(wall), "minimum wall [s]": float(least[1])}
+        row |= {"processor [s]": float(processor), "relative to": base.partition(":")[0]}
         ratios = {"wall ratio": float(wall / medians[base][1]), "processor ratio": float(processor / medians[base][0])}
         rows.append(row | ratios)
     return Measured("Start-up: whole processes", rows, {"runs": len(times["import qtraj"])})

@@ -14,7 +14,7 @@ def measure(quick):
     header, _, *body = ([cell.strip() for cell in line.split("|")] for line in lines)
     rows = [dict(zip(header, cells, strict=True)) for cells in body]
     title = (
-        "Boundary velocities within a curvature limit, random problems; solved and best of all: with all starts; time: "
-        "of one start, qtraj's amortised over a batch of all problems"
+        "Random problems with a curvature limit; 'solved' and 'best of all' use all starts; the time is for one start, "
+        "for qtraj amortised over a batch of all problems"
     )
     return Measured(title, rows, {"problems": problems})

@@ -121,7 +121,7 @@ def report(chosen, given: Problems, ours: qt.Tuned, seconds: float, single: floa
     least = np.min([own_costs, *(costs for costs, _ in rivals.values())], axis=0)
     allowed = least + WORSE * np.maximum(least, 1e-3)
     each = 1e3 / chosen.problems
-    print("| solver | starts | solved | best of all | a problem, one start |")
+    print("| solver | starts | solved | best of all | time per problem, one start |")
     print("|---|---|---|---|---|")
     rows = {"qtraj": (own_costs, single / chosen.problems, chosen.own_starts)}
     starts_of = {"SLSQP": chosen.slsqp_starts, "IPOPT": chosen.ipopt_starts}

@@ -28,8 +28,13 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
     from qtraj.design.proof.certificate import Certificate as Certificate
     from qtraj.design.proof.certify import certify as certify
     from qtraj.design.proof.route_certificate import RouteCertificate as RouteCertificate
+    from qtraj.design.timing.outcome import Retimed as Retimed
+    from qtraj.design.timing.retime import retime as retime
+    from qtraj.design.timing.timing import RetimedPath as RetimedPath, Timing as Timing
     from qtraj.design.tuning.outcome import Tuned as Tuned
     from qtraj.design.tuning.tune import tune as tune
+    from qtraj.design.tuning_route.tune_route import tune_route as tune_route
+    from qtraj.design.tuning_route.tuned_route import TunedRoute as TunedRoute
     from qtraj.foundation.compilation_cache import enable_compilation_cache as enable_compilation_cache
     from qtraj.foundation.outcome import ResultCode as ResultCode
     from qtraj.foundation.progress import Progress as Progress
@@ -136,8 +141,13 @@ _HOMES = {
     "qtraj.design.proof.certificate": ("Certificate",),
     "qtraj.design.proof.certify": ("certify",),
     "qtraj.design.proof.route_certificate": ("RouteCertificate",),
+    "qtraj.design.timing.outcome": ("Retimed",),
+    "qtraj.design.timing.retime": ("retime",),
+    "qtraj.design.timing.timing": ("RetimedPath", "Timing"),
     "qtraj.design.tuning.outcome": ("Tuned",),
     "qtraj.design.tuning.tune": ("tune",),
+    "qtraj.design.tuning_route.tune_route": ("tune_route",),
+    "qtraj.design.tuning_route.tuned_route": ("TunedRoute",),
     "qtraj.foundation.compilation_cache": ("enable_compilation_cache",),
     "qtraj.foundation.outcome": ("ResultCode",),
     "qtraj.foundation.progress": ("Progress",),
@@ -246,4 +256,5 @@ def __dir__() -> list[str]:
     return sorted({"__version__", *_HOME_OF, *_MODULES.keys() - {*_PACKAGES}})
 
 
-_drawing.set_plot_module("qtraj.viz.plots")  # results in lower layers, which must not import it, have `plot()`
+# Registered here because `plot()` of results in lower layers needs this module, and those layers must not import it.
+_drawing.set_plot_module("qtraj.viz.plots")

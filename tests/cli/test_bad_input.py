@@ -30,7 +30,10 @@ BAD = {
     "an empty file": ("", ["there is no path", "[track]", "[start] and [end]"]),
     "limits alone": ("[limits]\ncurvature = 1.0\n", ["there is no path"]),
     "no limits": (STATES.split("[limits]")[0], ["[limits] is missing or empty"]),
-    "one end alone": ("[start]\nposition = [1, 0, 0]\nvelocity = [0, 1, 0]\n", ["[start] stands alone", "[end]"]),
+    "one end alone": (
+        "[start]\nposition = [1, 0, 0]\nvelocity = [0, 1, 0]\n",
+        ["[start] requires [end]", "is missing"],
+    ),
     "two paths": (STATES + TRACK.split("[limits]")[0], ["several paths (track, start, end)"]),
     "a misspelt limit": (
         STATES.replace("curvature", "curvatur"),
@@ -39,38 +42,41 @@ BAD = {
     "a misspelt table": (STATES.replace("[limits]", "[limit]"), ["unknown key 'limit'", "did you mean 'limits'?"]),
     "a key of another table": (
         STATES + "duration = 4.0\n",
-        ["unknown key 'limits.duration'", "known here: curvature, torsion, speed"],
+        ["unknown key 'limits.duration'", "the known keys are curvature, torsion, speed"],
     ),
-    "a strange key": (STATES + "[tune]\nxyzzy = 1\n", ["unknown key 'tune.xyzzy'", "known here: objective, motion"]),
+    "a strange key": (
+        STATES + "[tune]\nxyzzy = 1\n",
+        ["unknown key 'tune.xyzzy'", "the known keys are objective, motion"],
+    ),
     "an unknown method": (
         STATES + "[tune]\nmethod = 'sgd'\n",
-        ["'tune.method' holds 'sgd'", "'sqp', 'lbfgs' or 'adam'"],
+        ["'tune.method' has the value 'sgd'", "'sqp', 'lbfgs' or 'adam'"],
     ),
     "a learning rate for nothing": (
         STATES + "[tune]\nlearning_rate = 0.1\n",
-        ["learning_rate belongs to method = 'adam', but the method is 'sqp'"],
+        ["learning_rate is valid only with method = 'adam', but the method is 'sqp'"],
     ),
     "inner steps for nothing": (
         STATES + "[tune]\ninner_steps = 10\n",
-        ["inner_steps belongs to method = 'lbfgs' or 'adam'"],
+        ["inner_steps is valid only with method = 'lbfgs' or 'adam'"],
     ),
     "a text for a number": (
         STATES.replace("0.1", "'0.1'"),
-        ["the key 'limits.curvature' holds '0.1'", "expected a positive finite number [1/m]"],
+        ["the key 'limits.curvature' has the value '0.1'", "expected a positive finite number [1/m]"],
     ),
-    "a truth for a number": (STATES.replace("0.1", "true"), ["'limits.curvature' holds True"]),
-    "a negative limit": (STATES.replace("0.1", "-0.1"), ["'limits.curvature' holds -0.1", "positive"]),
-    "a zero limit": (STATES.replace("0.1", "0"), ["'limits.curvature' holds 0", "positive"]),
-    "an infinite limit": (STATES.replace("0.1", "inf"), ["'limits.curvature' holds inf", "finite"]),
-    "a limit that is not a number": (STATES.replace("0.1", "nan"), ["'limits.curvature' holds nan"]),
-    "a limit beyond floats": (STATES.replace("0.1", "1" + "0" * 400), ["'limits.curvature' holds 1000"]),
+    "a truth for a number": (STATES.replace("0.1", "true"), ["'limits.curvature' has the value True"]),
+    "a negative limit": (STATES.replace("0.1", "-0.1"), ["'limits.curvature' has the value -0.1", "positive"]),
+    "a zero limit": (STATES.replace("0.1", "0"), ["'limits.curvature' has the value 0", "positive"]),
+    "an infinite limit": (STATES.replace("0.1", "inf"), ["'limits.curvature' has the value inf", "finite"]),
+    "a limit that is not a number": (STATES.replace("0.1", "nan"), ["'limits.curvature' has the value nan"]),
+    "a limit beyond floats": (STATES.replace("0.1", "1" + "0" * 400), ["'limits.curvature' has the value 1000"]),
     "two components": (
         STATES.replace("[12.0, 0.0, 0.0]", "[12.0, 0.0]"),
-        ["'start.position' holds [12.0, 0.0]", "three finite numbers [x, y, z] [m]"],
+        ["'start.position' has the value [12.0, 0.0]", "three finite numbers [x, y, z] [m]"],
     ),
     "a component that is a text": (
         STATES.replace("[0.0, 5.0, 0.0]", "[0.0, '5', 0.0]"),
-        ["'start.velocity[1]' holds '5'", "three finite numbers"],
+        ["'start.velocity[1]' has the value '5'", "three finite numbers"],
     ),
     "a missing velocity": (
         STATES.replace("velocity = [0.0, 5.0, 0.0]", ""),
@@ -78,63 +84,75 @@ BAD = {
     ),
     "an unknown motion": (
         STATES + "[tune]\nmotion = 'circular'\n",
-        ["'tune.motion' holds 'circular'", "'uniform' or 'hermite'"],
+        ["'tune.motion' has the value 'circular'", "'uniform' or 'hermite'"],
     ),
-    "a negative turn": (STATES + "[tune]\nturns = -1\n", ["'tune.turns' holds -1", "a whole number, 0 or more"]),
+    "a negative turn": (
+        STATES + "[tune]\nturns = -1\n",
+        ["'tune.turns' has the value -1", "a whole number, 0 or more"],
+    ),
     "a fixed name that is none": (
         STATES + "[tune]\nfixed = ['end.V_z']\n",
-        ["'end.V_z' is no variable of this problem", "start.V_rho"],
+        ["'end.V_z' is not a variable of this problem", "start.V_rho"],
     ),
-    "a bounded name that is none": (STATES + "[tune.bounds]\nspeed = [1, 2]\n", ["'speed' is no variable"]),
+    "a bounded name that is none": (STATES + "[tune.bounds]\nspeed = [1, 2]\n", ["'speed' is not a variable"]),
     "bounds that contradict": (
         STATES + "[tune.bounds]\nduration = [8.0, 4.0]\n",
-        ["the bounds of duration contradict: 8.0 is not below 4.0"],
+        ["the bounds of duration contradict each other: 8.0 is not below 4.0"],
     ),
     "fixed and bounded": (
         STATES + "[tune]\nfixed = ['end.V_h']\nbounds = {'end.V_h' = [0, 1]}\n",
         ["end.V_h is both fixed and bounded"],
     ),
-    "one bound": (STATES + "[tune.bounds]\nduration = [4.0]\n", ["'tune.bounds.duration' holds [4.0]", "[low, high]"]),
+    "one bound": (
+        STATES + "[tune.bounds]\nduration = [4.0]\n",
+        ["'tune.bounds.duration' has the value [4.0]", "[low, high]"],
+    ),
     "a bound of another word": (
         STATES + "[tune.bounds]\nduration = {low = 4.0}\n",
-        ["'tune.bounds.duration' holds {'low': 4.0}", "duration = {max = 8.0}, or {min = 4.0}"],
+        ["'tune.bounds.duration' has the value {'low': 4.0}", "duration = {max = 8.0}, or {min = 4.0}"],
     ),
-    "no bound": (STATES + "[tune.bounds]\nduration = {}\n", ["'tune.bounds.duration' holds {}", "{max = 8.0}"]),
+    "no bound": (STATES + "[tune.bounds]\nduration = {}\n", ["'tune.bounds.duration' has the value {}", "{max = 8.0}"]),
     "an infinite bound": (
         STATES + "[tune.bounds]\nduration = [4.0, inf]\n",
-        ["'tune.bounds.duration[1]' holds inf", "or of one of them alone: duration = {max = 8.0}, or {min = 4.0}"],
+        [
+            "'tune.bounds.duration[1]' has the value inf",
+            "or with one bound: duration = {max = 8.0}, or {min = 4.0}",
+        ],
     ),
     "one bound that is infinite": (
         STATES + "[tune.bounds]\nduration = {max = inf}\n",
-        ["'tune.bounds.duration' holds inf", "{max = 8.0}"],
+        ["'tune.bounds.duration' has the value inf", "{max = 8.0}"],
     ),
     "one-sided bounds that contradict": (
         STATES + "[tune.bounds]\nduration = {max = 4.0, min = 8.0}\n",
-        ["the bounds of duration contradict: 8.0 is not below 4.0"],
+        ["the bounds of duration contradict each other: 8.0 is not below 4.0"],
     ),
     "a bound without quotes": (
         STATES + "[tune.bounds]\nend.V_h = [0, 1]\n",
-        ["'tune.bounds.end' holds {'V_h': [0, 1]}", "a name with a dot stands in quotes"],
+        ["'tune.bounds.end' has the value {'V_h': [0, 1]}", "a name with a dot needs quotes"],
     ),
-    "turns twice": ("turns = 1\n" + STATES + "[tune]\nturns = 1\n", ["turns and tune.turns are the same thing"]),
-    "turns of a track": (TRACK + "[tune]\nturns = 1\n", ["tune.turns belongs to [start] and [end]"]),
-    "a fit of nothing": (STATES + "[fit]\nmotion = 'uniform'\n", ["[fit] belongs to a [track]"]),
-    "a purpose of nothing": (STATES + "[purpose]\nspeed = 'comfort'\n", ["purpose.speed", "[limits] has no 'speed'"]),
+    "turns twice": ("turns = 1\n" + STATES + "[tune]\nturns = 1\n", ["turns and tune.turns are the same setting"]),
+    "turns of a track": (TRACK + "[tune]\nturns = 1\n", ["tune.turns is valid only with [start] and [end]"]),
+    "a fit of nothing": (STATES + "[fit]\nmotion = 'uniform'\n", ["[fit] requires [track]"]),
+    "a purpose of nothing": (
+        STATES + "[purpose]\nspeed = 'comfort'\n",
+        ["purpose.speed", "there is no limit 'speed' in [limits]"],
+    ),
     "a window backwards": (
         TRACK.replace("[limits]", "window = [5, 1]\n[limits]"),
-        ["[track]: the key 'window' holds [5.0, 1.0]", "t0 < t1"],
+        ["[track]: the key 'window' has the value [5.0, 1.0]", "t0 < t1"],
     ),
     "a window outside": (
         TRACK.replace("[limits]", "window = [5, 50]\n[limits]"),
-        ["the window 5 to 50 s leaves the recording", "0 to 11 s"],
+        ["the window 5 to 50 s extends beyond the recording", "0 to 11 s"],
     ),
     "a parked car": (
         TRACK.replace("track.csv", "parked.csv"),
-        ["scenario.toml: the vehicle stands still in this window", "Choose a window in which it drives"],
+        ["scenario.toml: the vehicle stands still in this window", "Choose a window in which it moves"],
     ),
     "two bends": (
         TRACK.replace("track.csv", "bends.csv"),
-        ["holds 2 bends that turn against each other", "the largest, from about 69.79 to 77.36 s"],
+        ["contains 2 bends in opposite directions", "the largest, from about 69.79 to 77.36 s"],
     ),
     "a straight window": (TRACK.replace("track.csv", "straight.csv"), ["the window is nearly straight"]),
     "a missing recording": (TRACK.replace("track.csv", "gone.csv"), ["gone.csv: there is no such file"]),
@@ -153,7 +171,7 @@ BAD = {
     ),
     "a missing path": ("path = 'gone.toml'\n[limits]\nspeed = 1\n", ["gone.toml", "No such file"]),
     "a path that is none": ("path = 'track.csv'\n[limits]\nspeed = 1\n", ["track.csv", "must end in .toml or .json"]),
-    "a path of another format": ("path = 'scenario.toml'\n[limits]\nspeed = 1\n", ["no qtraj document"]),
+    "a path of another format": ("path = 'scenario.toml'\n[limits]\nspeed = 1\n", ["not a qtraj document"]),
     "states on the axis": (STATES.replace("12.0, 0.0, 0.0", "0, 0, 0"), ["radius 0"]),
     "equal azimuths": (STATES.replace("[0.0, 12.0, 1.5]", "[13.0, 0.0, 1.5]"), ["the same azimuth"]),
     "a start without sense": (
@@ -163,7 +181,7 @@ BAD = {
     "opposite senses": (STATES.replace("[-4.5, 0.0, 0.2]", "[9.0, 0.0, 0.2]"), ["opposite senses"]),
     "accelerations": (
         STATES.replace("velocity", "acceleration = [0, 0, 0]\nvelocity") + "[tune]\nmotion = 'hermite'\nduration = 4\n",
-        ["cannot keep given accelerations", "leave them out"],
+        ["cannot keep boundary accelerations", "omit them"],
     ),
     "one acceleration": (
         STATES.replace("[end]", "acceleration = [0, 0, 0]\n[end]") + "[tune]\nmotion = 'hermite'\nduration = 4\n",
@@ -173,10 +191,10 @@ BAD = {
     "bad syntax": ("[start]\nposition = [1, 2\nvelocity = 3", ["not valid TOML", "line 3"]),
     "a text without quotes": (
         TRACK.replace('"track.csv"', "track.csv  # here"),
-        ["line 3, column 8", "in 'file = track.csv  # here'", 'a text needs quotes: file = "track.csv"'],
+        ["line 3, column 8", "in 'file = track.csv  # here'", 'a string needs quotes: file = "track.csv"'],
     ),
     "a file with a date and without quotes": ("path = 2024.csv\n", ["in 'path = 2024.csv'", 'path = "2024.csv"']),
-    "names without quotes": ("a = [x, y]\n", ["in 'a = [x, y]'; a text needs quotes\n"]),
+    "names without quotes": ("a = [x, y]\n", ["in 'a = [x, y]'; a string needs quotes\n"]),
     "a number with a unit": ("duration = 0.5 s\n", ["in 'duration = 0.5 s'\n"]),
     "an unclosed array": ("[limits]\ncurvature = [1,", ["not valid TOML", "line 2, column 16"]),
     "a key twice": ("name = 'a'\nname = 'b'\n", ["not valid TOML", "line 2"]),
@@ -239,7 +257,7 @@ def test_an_out_that_is_a_file_is_refused_before_any_work(qtraj, folder, command
     [
         ("tune", 'write a .toml file with file = "track.csv" under [track], and with [limits]'),
         ("evaluate", 'write a .toml file with file = "track.csv" under [track]'),
-        ("slew", "`qtraj tune` and `qtraj evaluate` read one"),
+        ("slew", "to use it with `qtraj tune` and `qtraj evaluate`, write a .toml file"),
     ],
 )
 def test_a_recording_is_no_scenario(qtraj, folder, command, fragment):
@@ -280,7 +298,7 @@ def test_a_stored_document_that_is_no_path(qtraj, folder):
     (folder / "limits.toml").write_text('format = "qtraj/1"\ntype = "Limits"\nspeed = 3.0\n')
     result = qtraj("evaluate", folder / "limits.toml")
     assert result.exit_code == 2
-    assert "a saved path was expected, but the file holds a Limits" in result.stderr
+    assert "a saved path was expected, but the file contains a Limits" in result.stderr
 
 
 @pytest.mark.parametrize(

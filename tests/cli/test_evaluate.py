@@ -77,7 +77,7 @@ def test_further_outputs_are_added_to_the_files_and_to_json(qtraj, tmp_path):
     assert header[-10:-7] == ["yaw_rate [rad/s]", "dcm_forward_x", "dcm_forward_y"]
     refused = qtraj("evaluate", HELIX, "--also", "colour")
     assert refused.exit_code == 2
-    assert "unknown output 'colour'; known are position" in refused.stderr
+    assert "unknown output 'colour'; the known outputs are position" in refused.stderr
 
 
 def test_a_scenario_is_evaluated_before_tuning(qtraj):
@@ -150,7 +150,9 @@ def test_where_there_is_no_trihedral_a_dash_stands(qtraj, tmp_path):
     assert sum(line.rstrip().endswith(" -") for line in upright.stdout.splitlines()) == 7
     result = qtraj("evaluate", tmp_path / "straight.json", "--samples", 7, "--frame", "natural")
     assert result.exit_code == 0
-    assert "the natural frame does not exist (no motion, or no bend) at 7 instants" in result.stdout
+    assert "the natural frame does not exist (zero speed or zero curvature) at 7 instants" in " ".join(
+        result.stdout.split()
+    )
 
 
 @pytest.mark.parametrize(
@@ -184,4 +186,4 @@ def test_too_many_samples(qtraj):
 def test_samples_and_step_exclude_each_other(qtraj):
     result = qtraj("evaluate", HELIX, "--step", 1, "--samples", 5)
     assert result.exit_code == 2
-    assert "give one of them" in result.stderr
+    assert "pass one of them" in result.stderr

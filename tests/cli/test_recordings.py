@@ -62,4 +62,4 @@ def test_a_scenario_reads_latitudes_and_longitudes(qtraj, tmp_path):
     assert refused.exit_code == 2
     assert "tangent-plane" in refused.stderr
     (tmp_path / "s.toml").write_text(text.replace("projection = 'tangent-plane'", "origin = [1, 2, 3]"))
-    assert "belongs to projection" in qtraj("evaluate", tmp_path / "s.toml").stderr
+    assert "is valid only with projection" in qtraj("evaluate", tmp_path / "s.toml").stderr

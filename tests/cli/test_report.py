@@ -147,13 +147,13 @@ def test_what_is_no_result_is_refused(qtraj, results, path, tmp_path):
     qt.EulerTurn([1.0, 0, 0, 0], [0, 1.0, 0, 0], qt.Quintic(duration=1.0)).save(tmp_path / "turn.toml")
     qt.save_dataset(xarray.Dataset({"x": ("time", [1.0])}, {"time": [0.0]}), tmp_path / "x.nc")
     expected = {
-        "nothing": "this result does not exist",
-        "two": "contains several results: name one of",
-        "empty": "contains neither paths.nc nor table.nc",
+        "nothing": "this file or folder does not exist",
+        "two": "contains several results: pass one of",
+        "empty": "contains none of the files that qtraj writes",
         "a.nc": "not a netCDF-4 file",
-        "a.toml": "no qtraj document",
+        "a.toml": "not a qtraj document",
         "a.png": "must end in",
-        "turn.toml": "a saved path or tuning was expected, but the file holds a EulerTurn",
+        "turn.toml": "a saved path or tuning was expected, but the file contains type EulerTurn",
         "x.nc": "a report needs position or quaternion over time",
     }
     for name, fragment in expected.items():
@@ -199,5 +199,5 @@ def test_a_dataset_keeps_its_frame_and_says_so(qtraj, results, tmp_path):
     assert axes_of_page(tmp_path / "report.html") == ["τ", "n", "b"]
     refused = qtraj("report", results, "--out", tmp_path, "--frame", "upright")
     assert refused.exit_code == 2
-    assert "those of the natural frame: name the saved path beside it" in refused.stderr
+    assert "belong to the natural frame. Pass the saved path in the same folder" in refused.stderr
     assert "--frame upright" in refused.stderr

@@ -74,12 +74,33 @@ def test_a_violation_is_found_and_its_place_named(qtraj, tmp_path):
     assert max(found["broken_end"]) < 13.0
 
 
+@pytest.mark.slow
+def test_a_route_is_tuned_until_its_limits_are_proved(qtraj, tmp_path):
+    recording(tmp_path / "drive.csv")
+    scenario = tmp_path / "s.toml"
+    scenario.write_text('[track]\nfile = "drive.csv"\n[limits]\nlateral_acceleration = 1.8\n[tune]\ntube = 0.3\n')
+    result = qtraj("route", scenario, "--out", tmp_path / "out", "--json")
+    assert result.exit_code == 0, result.output
+    content = json.loads(result.stdout)
+    assert content["certificate"]["status"] == ["broken"]
+    assert content["tuned"]["status"] == ["proved"]
+    assert qtraj("report", tmp_path / "out").exit_code == 0
+    dataset = xarray.load_dataset(tmp_path / "out" / "paths.nc")
+    peak = dataset["lateral_acceleration"].sel(path="after").max()
+    assert float(peak) == pytest.approx(1.8, rel=1e-3)
+    assert float(peak) <= 1.8
+    tuned = qt.load(tmp_path / "out" / "tuning.json").path
+    assert np.asarray(qt.load(tmp_path / "out" / "route.json").coefficients) == pytest.approx(
+        np.asarray(tuned.coefficients)
+    )
+
+
 def test_a_recording_alone_is_fitted_without_limits(qtraj, tmp_path):
     file = tmp_path / "drive.csv.gz"
     file.write_bytes(gzip.compress(recording(tmp_path / "plain.csv").read_bytes()))
     result = qtraj("route", file, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.stderr
-    assert "No limits were given" in result.stdout
+    assert "No limits were checked" in result.stdout
     assert "0.200 km" in result.stdout
     assert not (tmp_path / "out" / "certificate.json").exists()
 
@@ -88,6 +109,7 @@ def test_a_recording_alone_is_fitted_without_limits(qtraj, tmp_path):
     ("text", "message"),
     [
         ("[fit]\nsmoothing = 1.0\ntolerance = 0.1\n", "smoothing and tolerance were both given: give one of them"),
+        ("[tune]\ntube = 1.0\n", "[tune] needs limits: add a table [limits]"),
         ("[fit]\nspacing = 0\n", "the key 'fit.spacing' holds 0, but expected a positive finite number"),
         ('[purpose]\nspeed = "slow"\n', "[limits] has no 'speed' that could have a purpose"),
         ("[limits]\ncurvatur = 1.0\n", "unknown key 'limits.curvatur'; did you mean 'curvature'?"),
@@ -122,13 +144,14 @@ def test_other_commands_name_it_for_recordings(qtraj, tmp_path):
 
 @pytest.mark.slow
 def test_the_whole_drive_of_the_examples(qtraj, tmp_path):
-    """7.9 km: how well it is followed, its stops, and which limits of a bus it breaks."""
+    """7.9 km: how well it is followed, its stops, and which limits of a bus it breaks before it is tuned."""
     result = qtraj("route", EXAMPLES / "bus_route.toml", "--out", tmp_path, "--json")
-    assert result.exit_code == 1
     content = json.loads(result.stdout)
-    fit, found = content["fit"], content["certificate"]
+    fit, found, tuned = content["fit"], content["certificate"], content["tuned"]
     assert fit["length"] == pytest.approx(7940.0, abs=5.0)
     assert len(fit["stops"]) == 9
     assert fit["prediction_error"] < 0.008
     assert set(found["status"]) == {"broken"}
+    assert "broken" not in tuned["status"]
+    assert np.linalg.norm(np.array(tuned["displacement"])[:, :2], axis=1).max() < 0.75 + 1e-6
     assert (tmp_path / "report.html").stat().st_size < 8e6

@@ -141,8 +141,8 @@ def test_a_departure_from_the_closed_form_is_no_agreement(simulated, default):
     assert (found.applies, found.agrees) == (True, False)
     assert found.deviation == pytest.approx(1e-6, rel=1e-2)
     text = printed(default[1] | {"verdict": plain(found.record())}, found)
-    assert "departs from it by 1e-06 of the largest error quaternion" in text
-    assert "exceeds 1.01e-08, which the tolerances explain" in text
+    assert "differs from it by 1e-06, relative to the largest |μ|" in text
+    assert "exceeds 1.01e-08, the largest that the tolerances explain" in text
 
 
 def test_a_passage_near_zero_between_two_instants_is_told(simulated, monkeypatch):
@@ -153,10 +153,10 @@ def test_a_passage_near_zero_between_two_instants_is_told(simulated, monkeypatch
         assert (int(found.code), float(found.least_error)) == (code, least)
 
 
-def test_an_unstable_law_is_told_on_the_terminal(simulated, default):
+def test_an_unstable_loop_is_reported_on_the_terminal(simulated, default):
     unstable = eqx.tree_at(lambda v: v.growth, simulated[2], jnp.asarray(0.25))
     text = printed(default[1], unstable)
-    assert "This law is unstable: with these gains errors grow, the fastest as exp(0.25 t)." in text
+    assert "The closed loop is unstable: with these gains the error grows as exp(0.25 t)." in text
 
 
 def test_the_files_hold_the_motion(default):
@@ -185,7 +185,7 @@ def test_a_path_is_followed(qtraj, tmp_path):
     text = " ".join(result.stdout.split())
     assert "natural frame of ramp_from_states.toml" in text
     assert "initial error 13°, near sign of λ" in text
-    assert "closed form met within" in text
+    assert "closed form agrees within" in text
     wide = [
         line
         for line in result.stdout.splitlines()
@@ -282,7 +282,7 @@ def test_a_baseline_under_a_constant_disturbance_stays_beside_the_program(qtraj,
     [("[0.25, 0.25, 0.3]", "0.25, 0.25, 0.3 °/s² along x, y, z"), ("0.3", "0.3 °/s² along each axis")],
 )
 def test_a_limit_of_each_axis_stands_beside_the_components(qtraj, tmp_path, limit, shown):
-    """A length of 0.43 °/s² within limits of 0.25, 0.25 and 0.3 °/s² must not look like a limit that was broken."""
+    """A magnitude of 0.43 °/s² within limits of 0.25, 0.25 and 0.3 °/s² must not look like a violated limit."""
     scenario = tmp_path / "loop.toml"
     actuator = f"[actuator]\nsaturation = 'axis'\nlimit = {limit}\n"
     error = "[error]\nrotation_vector = [20, 20, 20]\n"
@@ -296,10 +296,10 @@ def test_a_limit_of_each_axis_stands_beside_the_components(qtraj, tmp_path, limi
         re.split(r"\s{2,}", line.strip(), maxsplit=1) for line in result.stdout.splitlines() if "command" in line[:20]
     )
     assert lines["limit of command"] == shown
-    along, length = lines["largest command"].split(" °/s² along x, y, z; length ")
+    along, magnitude = lines["largest command"].split(" °/s² along x, y, z; magnitude ")
     limits = np.broadcast_to(np.fromstring(limit.strip("[]"), sep=","), 3)
     assert np.all(np.fromstring(along, sep=",") <= limits * (1 + 1e-9))
-    assert float(length.split()[0]) > limits.max()  # which is why it must not be compared
+    assert float(magnitude.split()[0]) > limits.max()  # which is why it must not be compared
     dataset = qt.load_dataset(out / "table.nc")
     assert dataset.attrs["saturation"] == "axis"
     report = report_of(dataset)
@@ -324,3 +324,19 @@ def test_a_closed_form_that_does_not_apply_is_in_no_picture(qtraj, tmp_path):
     assert not any("closed form" in axes.get_legend_handles_labels()[1] for axes in figure.axes)
     panels = {panel.title: panel for panel in report_of(dataset).panels}
     assert [line.name for line in panels["error angle"].series] == ["angle"]
+
+
+def test_the_open_loop_beside_the_feedback(qtraj, tmp_path):
+    """A disturbance about the axis of the slew is integrated twice, exactly; the feedback leaves d/k2."""
+    scenario = tmp_path / "loop.toml"
+    disturbance = "[disturbance]\nacceleration = [0, 0, 0.3]\n"
+    scenario.write_text(SLEW + LAW + disturbance + "[simulation]\nduration = 8\nsamples = 9\n")
+    result = qtraj("simulate", scenario, "--open-loop", "--json", "--out", tmp_path / "out")
+    content = json.loads(result.stdout)
+    expected = 0.5 * np.radians(0.3) * np.arange(9.0) ** 2
+    np.testing.assert_allclose(columns_of(content)["open_loop_angle"], expected, atol=1e-8)
+    assert content["open_loop"]["final_angle"] == pytest.approx(expected[-1])
+    assert content["open_loop"]["largest_angle"] == pytest.approx(expected[-1])
+    assert content["verdict"]["final_angle"] < 0.02 * expected[-1]
+    with xarray.open_dataset(tmp_path / "out" / "table.nc") as table:
+        np.testing.assert_allclose(table["open_loop_angle"], expected, atol=1e-8)

@@ -16,7 +16,10 @@ BAD = {
         SLEW + "[program]\nfile = 'p.toml'\n" + LAW,
         ["[program]: there are several programs (slew"],
     ),
-    "a frame of a turn": (SLEW + "[program]\nframe = 'natural'\n" + LAW, ["the key 'frame' belongs to a path"]),
+    "a frame of a turn": (
+        SLEW + "[program]\nframe = 'natural'\n" + LAW,
+        ["the key 'frame' requires a program along a path"],
+    ),
     "a misspelt limit": (
         SLEW.replace("max_acc", "max_ac") + LAW,
         ["unknown key 'program.slew.law.max_aceleration'", "did you mean 'max_acceleration'?"],
@@ -29,45 +32,48 @@ BAD = {
     ),
     "a turn that ends in motion, and longer": (
         SLEW + "max_rate = 4\nend_rate = 2\n" + LAW + "[simulation]\nduration = 60\n",
-        ["'simulation.duration' holds 60", "this program ends there, still turning"],
+        ["'simulation.duration' has the value 60", "this program ends there, while still rotating"],
     ),
-    "a negative gain": (SLEW + "[law]\nk1 = -1\nk2 = 1\n", ["'law.k1' holds -1", "a positive finite number"]),
-    "no gain of a rate law": (SLEW + "[law]\nkind = 'rate'\nk = 0\n", ["'law.k' holds 0", "a positive finite"]),
+    "a negative gain": (SLEW + "[law]\nk1 = -1\nk2 = 1\n", ["'law.k1' has the value -1", "a positive finite number"]),
+    "no gain of a rate law": (SLEW + "[law]\nkind = 'rate'\nk = 0\n", ["'law.k' has the value 0", "a positive finite"]),
     "a far sign in the normalization of Gibbs": (
         SLEW + LAW + "[error]\ngauge = 'gibbs'\nsign = 'far'\n",
         ["error.sign = 'far' contradicts error.gauge = 'gibbs'"],
     ),
     "a sign for a baseline": (
         SLEW + LAW + "kind = 'geometric'\n[error]\nsign = 'auto'\n",
-        ["'error.sign' suits no law of the kind 'geometric'", "takes λ and −λ alike"],
+        ["'error.sign' cannot be used with a law of kind 'geometric'", "the same for λ and −λ"],
     ),
     "a seed beyond integers": (
         SLEW + LAW + "[sensor]\nsampling = 1\nrate_noise = 1\nseed = 9223372036854775808\n",
-        ["'sensor.seed' holds 9223372036854775808", "from 0 to 2⁶³ − 1"],
+        ["'sensor.seed' has the value 9223372036854775808", "from 0 to 2⁶³ − 1"],
     ),
     "commands without end": (
         SLEW + LAW + "[sensor]\nsampling = 1e-7\n",
-        ["the key 'sensor.sampling': a sampling period of 1e-07 s means", "but the maximum is 1000000"],
+        ["the key 'sensor.sampling': a sampling period of 1e-07 s requires", "but the maximum is 1000000"],
     ),
     "a held command without end": (
         SLEW + LAW + "[actuator]\nsampling = 1e-7\n",
-        ["the key 'actuator.sampling': a sampling period of 1e-07 s means"],
+        ["the key 'actuator.sampling': a sampling period of 1e-07 s requires"],
     ),
     "two gains": (SLEW + LAW + "damping = 1\nfrequency = 1\n", ["there are several gains (settling_time, damping)"]),
-    "one gain of two": (SLEW + "[law]\nk1 = 1\n", ["the key 'k2' is missing: k1 and k2 belong together"]),
+    "one gain of two": (SLEW + "[law]\nk1 = 1\n", ["the key 'k2' is missing: k1 and k2 must be given together"]),
     "a gain that is a text": (
         SLEW + "[law]\nk1 = 'x'\nk2 = 1\n",
-        ["'law.k1' holds 'x'", "a positive finite"],
+        ["'law.k1' has the value 'x'", "a positive finite"],
     ),
-    "a gain beyond floats": (SLEW + f"[law]\nk1 = 1{'0' * 400}\nk2 = 1\n", ["'law.k1' holds 1000"]),
-    "a ragged gain": (SLEW + "[law]\nk1 = [[1, 2], [3]]\nk2 = 1\n", ["'law.k1' holds [[1, 2], [3]]", "square matrix"]),
+    "a gain beyond floats": (SLEW + f"[law]\nk1 = 1{'0' * 400}\nk2 = 1\n", ["'law.k1' has the value 1000"]),
+    "a ragged gain": (
+        SLEW + "[law]\nk1 = [[1, 2], [3]]\nk2 = 1\n",
+        ["'law.k1' has the value [[1, 2], [3]]", "square matrix"],
+    ),
     "a small gain": (SLEW + "[law]\nk1 = [1, 2, 3]\nk2 = 1\n", ["a gain of size 3", "4 for a diagonal"]),
-    "a gain of another law": (SLEW + "[law]\nk = 1\n", ["the key 'k' does not suit the kind 'body'"]),
+    "a gain of another law": (SLEW + "[law]\nk = 1\n", ["the key 'k' cannot be used with a law of kind 'body'"]),
     "a residual of nothing": (
         SLEW + "[law]\nk1 = 1\nk2 = 1\nresidual = 0.1\n",
-        ["'residual' belongs to"],
+        ["'residual' requires settling_time"],
     ),
-    "an infinite weight": (SLEW + "[law.weights]\nerror = inf\n", ["'law.weights.error' holds inf", "[1/s⁴]"]),
+    "an infinite weight": (SLEW + "[law.weights]\nerror = inf\n", ["'law.weights.error' has the value inf", "[1/s⁴]"]),
     "an error twice": (SLEW + LAW + "[error]\ngibbs = [0, 0, 0]\nquaternion = [1, 0, 0, 0]\n", ["[error]: there are"]),
     "a gauge at a half turn": (
         SLEW + LAW + "[error]\nrotation_vector = [180, 0, 0]\ngauge = 'gibbs'\n",
@@ -75,16 +81,19 @@ BAD = {
     ),
     "a rate error of a rate law": (
         SLEW + LAW + "kind = 'rate'\n[error]\nrate = [1, 0, 0]\n",
-        ["'error.rate' suits no law of the kind 'rate'"],
+        ["'error.rate' cannot be used with a law of kind 'rate'"],
     ),
     "a disturbed rate law": (
         SLEW + LAW + "kind = 'rate'\n[disturbance]\nacceleration = [1, 0, 0]\n",
-        ["[disturbance] suits no law of the kind 'rate'"],
+        ["[disturbance] cannot be used with a law of kind 'rate'"],
     ),
-    "a torque on nothing": (SLEW + LAW + "[disturbance]\ntorque = [1, 0, 0]\n", ["torque and inertia belong together"]),
+    "a torque on nothing": (
+        SLEW + LAW + "[disturbance]\ntorque = [1, 0, 0]\n",
+        ["torque and inertia must be given together"],
+    ),
     "two inertias": (
         SLEW + LAW + "[disturbance]\ntorque = [1, 0, 0]\ninertia = [1, 2]\n",
-        ["'disturbance.inertia' holds [1, 2]", "[kg m²]"],
+        ["'disturbance.inertia' has the value [1, 2]", "[kg m²]"],
     ),
     "a negative inertia": (
         SLEW + LAW + "[disturbance]\ntorque = [1, 0, 0]\ninertia = [1, 2, -3]\n",
@@ -93,19 +102,22 @@ BAD = {
     "noise without samples": (SLEW + LAW + "[sensor]\nrate_noise = 0.1\n", ["the key 'sampling' is missing: noise"]),
     "a negative noise": (
         SLEW + LAW + "[sensor]\nrate_noise = -0.1\n",
-        ["'sensor.rate_noise' holds -0.1", "negative"],
+        ["'sensor.rate_noise' has the value -0.1", "negative"],
     ),
     "two samplings": (
         SLEW + LAW + "[sensor]\nsampling = 0.1\n[actuator]\nsampling = 0.2\n",
         ["sensor.sampling and actuator.sampling differ"],
     ),
-    "a limit of each axis": (SLEW + LAW + "[actuator]\nlimit = [1, 2, 3]\n", ["needs saturation = 'axis'"]),
-    "a limit of zero": (SLEW + LAW + "[actuator]\nlimit = 0\n", ["'actuator.limit' holds 0", "a positive finite"]),
-    "one sample": (SLEW + LAW + "[simulation]\nsamples = 1\n", ["'simulation.samples' holds 1", "from 2 to"]),
+    "a limit of each axis": (SLEW + LAW + "[actuator]\nlimit = [1, 2, 3]\n", ["requires saturation = 'axis'"]),
+    "a limit of zero": (
+        SLEW + LAW + "[actuator]\nlimit = 0\n",
+        ["'actuator.limit' has the value 0", "a positive finite"],
+    ),
+    "one sample": (SLEW + LAW + "[simulation]\nsamples = 1\n", ["'simulation.samples' has the value 1", "from 2 to"]),
     "a missing program": ("angles = 'deg'\n[program]\nfile = 'gone.toml'\n" + LAW, ["gone.toml", "No such file"]),
     "a program that is none": (
         "angles = 'deg'\n[program]\nfile = 'path.toml'\n" + LAW,
-        ["a saved program was expected, but the file holds a SpiralHelix"],
+        ["a saved program was expected, but the file contains a SpiralHelix"],
     ),
     "a straight path": (
         "angles = 'deg'\n[program]\npath = 'path.toml'\nframe = 'natural'\n" + LAW,
@@ -113,11 +125,11 @@ BAD = {
     ),
     "a heading of another frame": (
         "angles = 'deg'\n[program]\npath = 'path.toml'\nframe = 'natural'\nheading = 3\n" + LAW,
-        ["the key 'heading' belongs to frame = 'thrust-aligned'"],
+        ["the key 'heading' is valid only with frame = 'thrust-aligned'"],
     ),
     "a path that ends": (
         "angles = 'deg'\n[program]\npath = 'path.toml'\nframe = 'upright'\n[simulation]\nduration = 9\n" + LAW,
-        ["'simulation.duration' holds 9", "no more than 3 s: this program ends there\n"],
+        ["'simulation.duration' has the value 9", "at most 3 s: this program ends there\n"],
     ),
 }
 

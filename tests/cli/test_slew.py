@@ -20,7 +20,7 @@ from .slew_scenarios import LAW, REST
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FILES = ["program.toml", "table.nc", "table.csv", "slew.png", "slew.svg"]
 ROUND_OFF = 1e-12
-V, A = np.radians(1.0), np.radians(0.05)  # of the embedded scenario
+V, A = np.radians(1.0), np.radians(0.05)  # of the built-in scenario
 
 
 @pytest.fixture(scope="module")
@@ -175,7 +175,7 @@ def test_a_chain_that_first_stays(qtraj, tmp_path):
     assert "axis, body - axis, inertial -" in text
     by = f"{np.degrees(expected.magnitude()):.6g}°"
     assert "The rotation vector of [end] is 400° long, more than a half turn." in text
-    assert f"takes the shorter way to the same attitude, by {by}." in text
+    assert f"uses the shorter rotation to the same attitude, {by}." in text
     assert min(fine_times(qt.load(tmp_path / "out" / "program.toml"))) == 0
 
 
@@ -183,7 +183,7 @@ def test_a_rate_at_the_end_jumps(qtraj, tmp_path):
     (tmp_path / "s.toml").write_text(REST + LAW + "start_rate = -0.25\nend_rate = 0.5\n")
     content = json.loads(qtraj("slew", tmp_path / "s.toml", "--out", tmp_path / "out", "--json").stdout)
     [note] = content["notes"]
-    assert note.startswith("The program starts at -0.25°/s and ends at 0.5°/s, but is at rest before and after")
+    assert note.startswith("The slew starts at -0.25°/s and ends at 0.5°/s, but the body is at rest before and after")
 
 
 def test_ctrl_c_ends_with_130_and_writes_nothing(qtraj, tmp_path, monkeypatch):

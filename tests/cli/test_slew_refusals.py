@@ -23,7 +23,10 @@ def embedded(kind):
 
 BAD = {
     "no unit": (REST.replace('angles = "deg"', "") + LAW, ["the key 'angles' is missing", "'deg' or 'rad'"]),
-    "another unit": (REST.replace('"deg"', '"grad"') + LAW, ["the key 'angles' holds 'grad'", "'deg' or 'rad'"]),
+    "another unit": (
+        REST.replace('"deg"', '"grad"') + LAW,
+        ["the key 'angles' has the value 'grad'", "'deg' or 'rad'"],
+    ),
     "no law": (REST, ["the key 'law' is missing", "a table [law]"]),
     "no end": (REST.split("[end]")[0] + LAW, ["the key 'end' is missing"]),
     "no attitude": (REST.replace("quaternion = [1, 0, 0, 0]", "") + LAW, ["[start]: there is no attitude"]),
@@ -31,11 +34,11 @@ BAD = {
     "a zero quaternion": (REST.replace("[1, 0", "[0, 0") + LAW, ["[start]: the quaternion is zero"]),
     "three components": (
         REST.replace("[1, 0, 0, 0]", "[1, 0, 0]") + LAW,
-        ["'start.quaternion' holds [1, 0, 0]", "four finite numbers"],
+        ["'start.quaternion' has the value [1, 0, 0]", "four finite numbers"],
     ),
     "angles without a sequence": (
         REST.replace("rotation_vector", "euler") + LAW,
-        ["[end]: euler and sequence belong together"],
+        ["[end]: euler and sequence must be given together"],
     ),
     "a strange sequence": (
         REST.replace("rotation_vector", "sequence = 'xxy'\neuler") + LAW,
@@ -55,30 +58,33 @@ BAD = {
     ),
     "a text for a component": (
         REST + "[[via]]\ngibbs = [0, 'x', 1]\n" + LAW,
-        ["'via[0].gibbs[1]' holds 'x'", "three finite numbers"],
+        ["'via[0].gibbs[1]' has the value 'x'", "three finite numbers"],
     ),
-    "a negative limit": (REST + LAW.replace("= 1", "= -1"), ["'law.max_rate' holds -1", "angle per s"]),
-    "another law": (REST + LAW + "kind = 'linear'\n", ["'law.kind' holds 'linear'", "'time_optimal', 's_curve'"]),
-    "a jerk of jumps": (REST + LAW + "max_jerk = 1\n", ["[law]: a time_optimal slew has jumps"]),
+    "a negative limit": (REST + LAW.replace("= 1", "= -1"), ["'law.max_rate' has the value -1", "angle per s"]),
+    "another law": (
+        REST + LAW + "kind = 'linear'\n",
+        ["'law.kind' has the value 'linear'", "'time_optimal', 's_curve'"],
+    ),
+    "a jerk of jumps": (REST + LAW + "max_jerk = 1\n", ["[law]: max_jerk cannot be used with a time_optimal slew"]),
     "a jerk of the jumps of a cubic": (
         REST + "[law]\nkind = 'cubic'\nduration = 9\nmax_jerk = 1\n",
-        ["[law]: a cubic slew has jumps", "'quintic'"],
+        ["[law]: max_jerk cannot be used with a cubic slew", "'quintic'"],
     ),
     "an end rate of a smooth law": (
         REST + LAW + "kind = 'cubic'\nend_rate = 0.1\n",
-        ["[law]: the key 'end_rate' belongs to 'time_optimal'"],
+        ["[law]: the key 'end_rate' is valid only with kind = 'time_optimal'"],
     ),
     "an end rate beyond the limit": (
         REST + LAW + "end_rate = 3\n",
-        ["'end_rate' holds 3", "no more than max_rate = 1"],
+        ["'end_rate' has the value 3", "at most max_rate = 1"],
     ),
     "an end rate a little beyond the limit": (
         REST + LAW + "end_rate = 1.00000001\n",
-        ["'end_rate' holds 1.00000001, but expected no more than max_rate = 1.0"],
+        ["'end_rate' has the value 1.00000001, but expected at most max_rate = 1.0"],
     ),
     "an end rate of a chain": (
         REST + "[[via]]\ngibbs = [0, 0, 1]\n" + LAW + "end_rate = 0.1\n",
-        ["the key 'law.end_rate' suits no sequence of slews"],
+        ["'law.end_rate' cannot be used with a sequence of slews"],
     ),
     "nothing that takes time": (REST + "[law]\nkind = 'cubic'\n", ["needs a duration or a limit"]),
     "too short a time": (

@@ -173,12 +173,12 @@ lateral_acceleration = 9.0
         (
             "uniform",
             "poor_fit",
-            "its speed differs by 66.1% of the recorded one, more than 50%: the path does not",
+            "its speed differs from the recorded speed by up to 66.1%, more than 50%: the path does not",
         ),
         (
             "hermite",
             "loose_fit",
-            "its speed differs by 27.1% of the recorded one, more than 25%: the path follows ",
+            "its speed differs from the recorded speed by up to 27.1%, more than 25%: the path follows ",
         ),
     ],
 )
@@ -238,7 +238,7 @@ def test_the_terminal_shows_it_all_within_80_columns(qtraj, default_run, tmp_pat
         f"{np.degrees(numbers['direction_rms']):.2f}° RMS",
         f"{numbers['radius_min']:.2f} to {numbers['radius_max']:.2f} m",
         "V_φ at B",
-        f"deviates from the path before by at most {default_run.content['change']['deviation']:.3g} m",
+        f"deviates from the original path by at most {default_run.content['change']['deviation']:.3g} m",
         "The heading changes by 7.1° to the left at A and",
         "mean rate",
         "standing passengers",
@@ -276,8 +276,8 @@ def test_what_cannot_be_met_is_written_and_explained(qtraj, tmp_path):
     assert "What would help" in content["tuning"]["result"]
     assert content["tuned"]["status"][content["tuned"]["limit"].index("speed")] == "broken"
     assert content["fit"] is None
-    assert content["warning"].startswith("The path after takes ")
-    assert content["warning"].endswith("[tune.bounds] keeps a path near the given one.")
+    assert content["warning"].startswith("The tuned path takes ")
+    assert content["warning"].endswith("[tune.bounds] keeps the path near the original one.")
     text = qtraj("tune", tmp_path / "tight.toml", "--out", out).stdout
     assert content["warning"] in " ".join(text.split())
     assert qtraj("report", out).exit_code == 0
@@ -379,7 +379,7 @@ def test_an_objective_that_the_limits_do_not_bound_is_bad_input(qtraj, tmp_path)
     )
     result = qtraj("tune", tmp_path / "s.toml", "--objective", "fastest", "--out", tmp_path / "out")
     assert result.exit_code == 2
-    assert "nothing bounds the fastest path" in result.stderr
+    assert "the fastest path is unbounded" in result.stderr
     assert not (tmp_path / "out").exists()
 
 
@@ -413,6 +413,6 @@ def test_help_explains_the_frames_where_they_are_chosen(qtraj):
         for words in (
             "upright (x forward, y left, z up",
             "natural (tangent, principal normal, binormal",
-            "never rolls",
+            "zero rate about the tangent",
         ):
             assert words in text, command

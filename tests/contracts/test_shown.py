@@ -93,6 +93,8 @@ EXAMPLES = [
     qt.ReactionWheels(np.eye(3), 0.1),
     qt.RigidBody([1.0, 2.0, 3.0], torque=[0.0, 0.0, 0.1]),
     ROUTE,
+    qt.Timing([[1.0, 0.1, 0.0, 0.0]], [0.0, 3.0]),
+    qt.RetimedPath(PATH, qt.Timing([[1.0, 0.1, 0.0, 0.0]], [0.0, 3.0])),
 ]
 
 

@@ -54,7 +54,7 @@ def largest(route, names, count=100_001):
 def test_largest_values_agree_with_dense_samples(certified):
     route, certificate = certified
     assert certificate.holds
-    assert certificate.result == "every limit is proved on the whole path."
+    assert certificate.result == "every limit is proved to be satisfied on the whole path."
     values, _ = largest(route, certificate.names)
     for name, seen in values.items():
         time, value, limit = certificate.worst[name]
@@ -85,8 +85,8 @@ def test_intervals_of_a_broken_limit_agree_with_dense_samples(certified):
         assert any(a <= broken.worst[name][0] <= b for a, b in broken.intervals(name))
     with pytest.raises(RuntimeError, match="curvature is broken"):
         qt.certify(route, qt.Limits(**lower), throw=True)
-    assert "is broken from" in str(broken)
-    assert "intervals with a broken limit" in repr(broken)
+    assert "is violated from" in str(broken)
+    assert "intervals with a violated limit" in repr(broken)
 
 
 def test_both_sides_of_a_joint_are_used():

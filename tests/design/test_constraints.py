@@ -21,7 +21,7 @@ START = qt.BoundaryState([20.0, 0.0, 0.0], [-3.0, 7.0, 0.3])
 END = qt.BoundaryState([0.0, 28.0, 1.5], [-9.8, -3.0, 0.1])
 AXIS = qt.Placement([1.0, -2.0, 0.5], [0.99, 0.02, -0.03, 0.1])
 LIMIT = jnp.asarray(1.7)
-INDEX = {name: k for k, name in enumerate(QUANTITIES)} | {"corridor": constraints.CORRIDOR_INDEX}
+INDEX = {name: np.uint32(k) for k, name in enumerate(QUANTITIES)} | {"corridor": np.uint32(constraints.CORRIDOR_INDEX)}
 PLACES = jnp.asarray([0.0, 0.3, 1.0])
 VEHICLE = qt.Vehicle(2.0, drag_area=0.7, rolling_resistance=0.02, friction=(0.7, 0.5), bank=0.2)
 ROAD = RoadParameters(*map(jnp.asarray, VEHICLE.parameters()))
@@ -37,7 +37,8 @@ def make_problem(motion, placement=None, objective="nearest"):
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_values_match_the_definition(motion, placement):
     problem, z = make_problem(motion, placement)
-    constraint_values = jax.jit(lambda index: constraints.values(make_setting(problem, z), index, LIMIT, PLACES))
+    values = constraints.of_one_path(constraints.values)
+    constraint_values = jax.jit(lambda index: values(make_setting(problem, z), index, LIMIT, PLACES))
     for name, index in INDEX.items():
         exact = [constraint(problem, z, u, name, LIMIT) for u in PLACES]
         np.testing.assert_allclose(constraint_values(index), exact, rtol=1e-9, atol=1e-12, err_msg=name)
@@ -70,7 +71,7 @@ def test_derivatives_match_the_definition(motion, placement, objective, names):
         at, derivatives = curve_derivatives(problem, z, problem.slopes(z)[0])
         here = setting(problem, at, problem.slopes(z)[1])
         arguments = here, derivatives, index, LIMIT, PLACES
-        return expansions(*arguments), slopes(*arguments)
+        return tuple(constraints.of_one_path(function)(*arguments) for function in (expansions, slopes))
 
     for name in names:
         index = INDEX[name]

@@ -261,7 +261,7 @@ def test_a_parked_car_whose_position_drifts_raises():
     positions = np.cumsum(rng.normal(0.0, 0.01, (300, 3)), axis=0)
     positions *= 0.8 / np.hypot(*(positions - positions.mean(axis=0))[:, :2].T).max()
     track = Track(np.arange(300) / 10, positions, rng.normal(0.0, 0.03, (300, 3)))
-    with pytest.raises(ValueError, match=r"stands still.*no more than velocity_sigma = 0\.08.*only drift"):
+    with pytest.raises(ValueError, match=r"stands still.*does not exceed velocity_sigma = 0\.08.*positions drift"):
         fit(track)
 
 
@@ -287,7 +287,7 @@ def test_bends_that_cancel_raise(velocities):
     speed = 8.0 * np.stack([np.cos(heading), np.sin(heading), 0 * heading], axis=1)
     positions = np.cumsum(speed, axis=0) * (times[1] - times[0])
     track = Track(20.0 + times, positions + np.array([EAST, NORTH, 0.0]), speed if velocities else None)
-    words = r"holds 2 bends that turn against each other: over 6\d.* one bend only.*the largest, from about 2\d"
+    words = r"contains 2 bends in opposite directions: over 6\d.* only one bend.*the largest, from about 2\d"
     with pytest.raises(ValueError, match=words):
         fit(track)
 

@@ -133,7 +133,7 @@ def test_outliers_are_found_and_have_no_effect():
     clean = qt.fit_route(track)
     fitted = qt.fit_route(qt.Track(track.times, positions, track.velocities))
     assert np.asarray(fitted.outliers).tolist() == wrong.tolist()
-    assert "Outliers that were left out: 7." in fitted.result
+    assert "Outliers excluded from the fit: 7." in fitted.result
     t = np.linspace(0, 119.9, 3001)
     assert np.max(distances(fitted.path, t)) < 1.5 * np.max(distances(clean.path, t)) + 0.01
     assert float(fitted.residual.maximum) < 0.1
@@ -147,7 +147,7 @@ def test_uneven_samples_and_gaps():
     fitted = qt.fit_route(track)
     [gap] = np.asarray(fitted.gaps)
     assert gap[1] - gap[0] > 6.9
-    assert "Gaps that were bridged by a guess: 1, the longest of 7" in fitted.result
+    assert "Gaps interpolated without data: 1, the longest 7" in fitted.result
     outside = np.linspace(0, float(fitted.path.duration), 2001)
     outside = outside[(outside + t[0] < 40) | (outside + t[0] > 47)]
     actual = np.asarray(qt.evaluate(fitted.path, outside, ("position",)).position)

@@ -15,7 +15,7 @@ TOLERANCE = 1e-8  # of numbers near one
 
 LOOSE_TOLERANCE = 1e-5  # for Hessians with a large condition number
 
-solve = jax.jit(jax.vmap(minimise))
+solve = jax.jit(lambda qps: minimise(qps, jnp.uint32(USED_SLOTS)))
 
 
 def random_qps(seed, curvature=1.0, penalty=2.0, duplicates=False):
@@ -33,7 +33,6 @@ def random_qps(seed, curvature=1.0, penalty=2.0, duplicates=False):
         gradient=rng.normal(size=(BATCH, VARIABLES)),
         normals=normals,
         bounds=bounds,
-        n_slots=np.full(BATCH, USED_SLOTS, np.int32),
         low=-rng.uniform(0.0, 1.0, (BATCH, VARIABLES)),
         high=rng.uniform(0.0, 1.0, (BATCH, VARIABLES)),
         penalty=np.full(BATCH, penalty),
@@ -125,8 +124,9 @@ def test_a_fixed_variable_does_not_move():
 
 
 def test_scipy_finds_no_lower_value():
-    qps = jax.tree.map(lambda x: x[0], random_qps(seed=5))
-    d, t, *_ = jax.tree.map(np.asarray, minimise(jax.tree.map(jnp.asarray, qps)))
+    qps = random_qps(seed=5)
+    solution = jax.tree.map(np.asarray, solve(jax.tree.map(jnp.asarray, qps)))
+    d, t, qps = solution.d[0], solution.t[0], jax.tree.map(lambda x: x[0], qps)
     normals, limits = constraints(qps)
 
     def value(x):

@@ -233,7 +233,7 @@ def test_an_impossible_limit_is_explained():
     assert best.status == "infeasible"
     assert not best.converged
     assert not best.certificate.met
-    assert "curvature can be met alone, but was not met with the others" in best.result
+    assert "curvature can be met on its own, but was not met together with the other limits" in best.result
     assert qt.tune(START, END, qt.Limits(curvature=0.02), bounds=SHORT_DURATION).certificate.met
     assert "What would help: raise curvature to" in best.result
     # The remedy does help.
@@ -247,8 +247,8 @@ def test_conflicting_limits_are_distinguished_from_impossible_ones():
     """At fixed duration, curvature alone can be met, and lateral acceleration cannot."""
     best = qt.tune(START, END, LIMITS, objective="smoothest", duration=math.pi / 2 / RATE)
     assert best.status == "infeasible"
-    assert "curvature can be met alone, but was not met with the others" in best.result
-    assert "lateral_acceleration: tuned alone from 8 starts it was not met either" in best.result
+    assert "curvature can be met on its own, but was not met together with the other limits" in best.result
+    assert "lateral_acceleration was not met even as the only limit (from 8 starts)" in best.result
     assert "longer duration" in best.result
 
 
@@ -268,7 +268,7 @@ def test_the_advised_limits_can_be_met():
     best = qt.tune(start, end, qt.Limits(**given), **options)
     assert best.status == "infeasible"
     assert np.all(np.asarray(best.certificate.values) < 1.2 * np.asarray(best.certificate.limits))
-    assert "angular_rate can be met alone, but was not met with the others" in best.result
+    assert "angular_rate can be met on its own, but was not met together with the other limits" in best.result
     assert qt.tune(start, end, qt.Limits(angular_rate=given["angular_rate"]), **options).certificate.met
     advised = {name: float(number) for name, number in re.findall(r"(\w+) to (\S+) (?:1/m|m/s²|rad/s)", best.result)}
     assert set(advised) <= set(given)
@@ -279,7 +279,7 @@ def test_the_advised_limits_can_be_met():
     alone = qt.tune(start, end, curvature, **options)
     more = qt.tune(start, end, curvature, **options, starts=32)
     assert alone.status == "infeasible"
-    assert "curvature: tuned alone from 8 starts it was not met either; the smallest peak found is" in alone.result
+    assert "curvature was not met even as the only limit (from 8 starts); the smallest peak found is" in alone.result
     assert "More starts may find a path: pass starts=32." in alone.result
     assert more.status == "converged", more.result
     for text in (best.result, alone.result):
@@ -339,7 +339,7 @@ def test_a_path_through_its_own_axis_gives_a_warning():
     start = qt.BoundaryState([10.0, 0.0, 0.0], [-30.0, 5.0, 0.0])
     end = qt.BoundaryState([0.0, 10.0, 0.0], [-5.0, 30.0, 0.0])
     best = qt.tune(start, end, qt.Limits(curvature=1e3, lateral_acceleration=1e4))
-    assert "runs through its own axis" in best.result
+    assert "crosses its own axis" in best.result
 
 
 def test_the_outcome_passes_through_jit():
@@ -360,17 +360,17 @@ def test_too_few_steps_are_reported():
         ({"motion": "circular"}, "'uniform' or 'hermite'"),
         ({"objective": "cheapest"}, "'nearest', 'fastest', 'smoothest'"),
         ({"limits": qt.Limits()}, "no limit was given"),
-        ({"objective": "fastest", "limits": qt.Limits(curvature=0.05)}, "nothing bounds the fastest path"),
+        ({"objective": "fastest", "limits": qt.Limits(curvature=0.05)}, "the fastest path is unbounded"),
         ({"duration": 5.0}, "the tuned rate of uniform motion determines the duration"),
         ({"duration": -5.0, "motion": "hermite"}, "must be positive"),
         ({"turns": -1}, "turns must be 0 or more"),
-        ({"turn": 1.0}, "does not lead from the start's azimuth"),
+        ({"turn": 1.0}, "does not lead from the azimuth of the start"),
         ({"end": START}, "same azimuth"),
         ({"start": qt.BoundaryState([20.0, 0, 0], [1.0, 0.0, 0.3])}, "sense of rotation is unknown"),
         ({"start": qt.BoundaryState([0.0, 0, 0], [1.0, 7.0, 0.3])}, "axis"),
         ({"end": qt.BoundaryState(END.position, -END.velocity)}, "opposite senses"),
         ({"start": qt.BoundaryState(START.position, START.velocity, [0.0, 0, 0])}, "accelerations"),
-        ({"fixed": ["start.V_phi"]}, "'start.V_phi' is no variable of this problem (uniform motion has V_phi"),
+        ({"fixed": ["start.V_phi"]}, "'start.V_phi' is not a variable of this problem (uniform motion has V_phi"),
         ({"fixed": ["duration"], "bounds": {"duration": (4.0, 5.0)}}, "duration is both fixed and bounded"),
         ({"bounds": {"end.V_h": (1.0, -1.0)}}, "the bounds of end.V_h contradict"),
         ({"bounds": {"duration": (-1.0, 5.0)}}, "must be positive"),
@@ -457,15 +457,15 @@ def test_a_batch_equals_its_elements(many):
     starts, ends, limits = stacked(5)
     assert len(many) == 5
     assert list(many.status) == ["converged"] * 5, many.result
-    assert "proved on the whole path" in many.result[3]
+    assert "proved to be satisfied on the whole path" in many.result[3]
     for k in (0, 4):
         one = qt.tune(*(jax.tree.map(lambda x, k=k: x[k], part) for part in (starts, ends, limits)), starts=2)
         np.testing.assert_allclose(many[k].path.radius, one.path.radius, atol=1e-9)
         assert float(many.objective[k]) == pytest.approx(float(one.objective), rel=1e-9)
         assert many[k].certificate.status == one.certificate.status
-    with pytest.raises(ValueError, match=r"one document holds one outcome, but these are 5"):
+    with pytest.raises(ValueError, match=r"one document contains one outcome, but this result has 5"):
         many.save("many.toml")
-    with pytest.raises(ValueError, match="stack the states likewise"):
+    with pytest.raises(ValueError, match="give all of them the same batch shape"):
         qt.tune(starts, ends, jax.vmap(lambda k: qt.Limits(curvature=k, lateral_acceleration=k))(jnp.ones(3)))
 
 
@@ -541,7 +541,7 @@ def test_a_batch_has_a_length_and_shares_unbatched_data(many):
     assert len(list(many)) == 5
     with pytest.raises(IndexError, match="there are 5 problems"):
         many[5]
-    with pytest.raises(ValueError, match="stack the states likewise"):
+    with pytest.raises(ValueError, match="give all of them the same batch shape"):
         qt.tune(START, END, limits)
     shared = qt.tune(starts, END, LIMITS, starts=1)
     np.testing.assert_array_equal(shared.end.position[1], END.position)

@@ -59,7 +59,7 @@ def test_a_violated_limit_raises_on_request(batch):
 def test_the_result_of_a_certificate_is_its_worst_finding(batch):
     codes = batch.certificate.code
     assert codes.tolist() == [qt.ResultCode.limits_broken] * 3 + [qt.ResultCode.successful]
-    assert batch.certificate.result[3] == "every limit is proved on the whole path."
+    assert batch.certificate.result[3] == "every limit is proved to be satisfied on the whole path."
     assert "curvature is broken: 0.359551" in batch.certificate.result[0]
     assert jax.jit(lambda c: c.successful)(batch.certificate).tolist() == [False, False, False, True]
     with pytest.raises(RuntimeError, match="element 0 of the batch: a limit is violated"):

@@ -12,6 +12,7 @@ def test_minimum_and_index_agree_with_numpy():
     lowest, index = jax.vmap(min_and_argmin)(jnp.asarray(values))
     np.testing.assert_array_equal(index, np.argmin(values, axis=1))
     np.testing.assert_array_equal(lowest, np.min(values, axis=1))
+    np.testing.assert_array_equal(min_and_argmin(jnp.asarray(values), 1)[1], index)
 
 
 def test_nan_counts_as_infinite():

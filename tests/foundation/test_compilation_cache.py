@@ -103,7 +103,7 @@ def test_without_a_home_folder_one_must_be_passed(monkeypatch):
         qt.enable_compilation_cache()
 
 
-@pytest.mark.parametrize(("name", "message"), [("file", "this is a file"), ("file/below", "cannot be made")])
+@pytest.mark.parametrize(("name", "message"), [("file", "this is a file"), ("file/below", "cannot be created")])
 def test_a_folder_that_cannot_be_created_is_an_error(tmp_path, name, message):
     (tmp_path / "file").write_text("")
     before = jax.config.jax_compilation_cache_dir

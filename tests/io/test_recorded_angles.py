@@ -96,7 +96,7 @@ def test_angles_without_a_convention_are_refused_with_the_options(tmp_path):
     with pytest.raises(ValueError, match=r"no columns for roll, pitch and heading were found"):
         qt.read_track(without, angles=AIRCRAFT)
     radians = table(tmp_path, "t,x,y,z,roll,pitch,yaw [rad]", np.zeros((COUNT, 7)), "radians.csv")
-    with pytest.raises(ValueError, match=r"'yaw \[rad\]' is in rad, but the attitude is read in deg"):
+    with pytest.raises(ValueError, match=r"'yaw \[rad\]' is in rad, but the attitude must be in deg"):
         qt.read_track(radians, angles=AIRCRAFT)
     with pytest.raises(ValueError, match=r"angles= must be a qtraj\.AttitudeAngles"):
         qt.read_track(file, angles="ZYX")
@@ -110,7 +110,7 @@ def test_angles_without_a_convention_are_refused_with_the_options(tmp_path):
     ("name", "value", "words"),
     [
         ("sequence", "ZYZ", "must be x, y and z in any order"),
-        ("sequence", "ZyX", "of one case"),
+        ("sequence", "ZyX", "all in one case"),
         ("heading", "north", "'north-clockwise' or 'x-anticlockwise'"),
         ("unit", "degrees", "'deg' or 'rad'"),
         ("body", "frd", "'forward-right-down' or 'forward-left-up'"),
@@ -174,7 +174,7 @@ def test_invalid_places_on_the_globe_are_refused(tmp_path):
     file = table(tmp_path, "t,longitude,latitude,altitude", rows)
     with pytest.raises(ValueError, match=r"position are incomplete.*projection='tangent-plane'.*TangentPlane"):
         qt.read_track(file)
-    with pytest.raises(ValueError, match=r"'longitude' seems to contain angles.*projection='tangent-plane'"):
+    with pytest.raises(ValueError, match=r"'longitude' seems to contain geographic.*projection='tangent-plane'"):
         qt.read_track(file, {"position": ["longitude", "latitude", "altitude"]})
     assert qt.read_track(file, projection="tangent-plane").positions.shape == (4, 3)
     with pytest.raises(ValueError, match="latitude comes before longitude"):
@@ -187,7 +187,7 @@ def test_invalid_places_on_the_globe_are_refused(tmp_path):
         qt.read_track(plain, projection="tangent-plane")
     with pytest.raises(ValueError, match=r"must be 'tangent-plane' or a qtraj\.TangentPlane"):
         qt.read_track(file, projection="utm")
-    with pytest.raises(ValueError, match=r"the origin of a tangent plane is \[latitude"):
+    with pytest.raises(ValueError, match=r"the origin of a tangent plane must be \[latitude"):
         qt.TangentPlane((1.0, 2.0))
     with pytest.raises(ValueError, match="within ±90°"):
         qt.TangentPlane((100.0, 2.0, 0.0))

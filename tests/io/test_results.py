@@ -68,6 +68,28 @@ def single():
             qt.Certificate(certificate.names, *np.arange(12.0).reshape(3, 2, 2) % 5, [0.5, 0.7]),
             [0.0, 1.5],
         ),
+        "tuned route": qt.TunedRoute(
+            qt.Route(INSTANTS, *(np.arange(9.0).reshape(3, 3) / k for k in (3, 5, 7))),
+            qt.RouteCertificate(
+                certificate,
+                qt.Certificate(certificate.names, *np.arange(12.0).reshape(3, 2, 2) % 5, [0.5, 0.7]),
+                INSTANTS[:2],
+            ),
+            1 / 3,
+            np.ones((2, 2)) / 7,
+            [True, False],
+            np.ones((3, 3)) / 3,
+            1 / 7,
+        ),
+        "retimed": qt.Retimed(
+            qt.RetimedPath(path, qt.Timing([[1.0, 0.1, 0, 0], [1.1, 0, 0, 1 / 3]], [0.0, 1.0, 2.0])),
+            2.0,
+            certificate,
+            np.arange(4.0).reshape(2, 2) / 3,
+            [1 / 3, 2.0],
+            0,
+            7,
+        ),
         "state": qt.BoundaryState([10.0, 0, 1 / 7], [1.0, 4.0, 1 / 3], [0.0, -1.6, 1 / 7]),
         "tuned": qt.Tuned(path, *ends, 1 / 3, certificate, 0, 7, "try less"),
         "table": qt.Table(jnp.asarray(INSTANTS), quaternion=jnp.asarray(quaternion), speed=jnp.asarray(INSTANTS)),
@@ -367,6 +389,7 @@ def test_functions_return_results():
         qt.Route,
         qt.RouteCertificate,
         qt.FittedRoute,
+        qt.Retimed,
     }
     wanted |= {
         qt.ArmMotion,
@@ -437,7 +460,7 @@ def test_certificates_of_a_batch_can_be_indexed_and_iterated():
     assert lots[-1].worst["curvature"] == (0.1, 1 / 3, 0.5)
     assert lots[jnp.asarray(1)].status == lots[1].status
     for index in (BATCH, -BATCH - 1, np.int64(BATCH), jnp.asarray(BATCH), np.asarray(-BATCH - 1)):
-        with pytest.raises(IndexError, match=f"there are 3 paths, so there is none with the index {index}"):
+        with pytest.raises(IndexError, match=f"index {index} is out of range: there are 3 paths"):
             lots[index]
     with pytest.raises(TypeError, match="only the certificate of a batch can be indexed"):
         lots[0][0]

@@ -115,7 +115,7 @@ HEAD = "# first\ntime,x,y,z\n"
         (HEAD + TEXT.replace("2.5,3.5", "2.5"), r"line 4: the cell of column 'z' is missing"),
         (
             HEAD + TEXT.replace("0.2,", "0.1,"),
-            r"line 5: times must increase strictly, but column 'time' has 0.1.* after",
+            r"line 5: times must increase strictly, but in column 'time' 0.1.* follows",
         ),
         (HEAD + TEXT.replace("0.2,", "0.05,"), r"line 5: times must increase strictly"),
         (
@@ -129,14 +129,14 @@ HEAD = "# first\ntime,x,y,z\n"
         (
             "time,x,y,z,vx,vy\n",
             r"velocity are incomplete: found vx, vy, missing vz\. .*velocity = \[\"vx\", \"vy\", \"\.\.\.\"\] under "
-            r'\[track\.columns\].*To leave the velocity out: velocity = \[\], in Python \{"velocity": None\}\.',
+            r'\[track\.columns\].*To omit the velocity: velocity = \[\], in Python \{"velocity": None\}\.',
         ),
         ("time,x,y,z,vel_up [m/s]\n", r"velocity are incomplete: found vel_up \[m/s\], missing vel_east, vel_north\. "),
-        ("t [ms],x,y,z\n" + TEXT, r"the column 't \[ms\]' is in ms, but the time is read in s: convert it first"),
-        ("time,x (km),y (km),z\n" + TEXT, r"the column 'x \(km\)' is in km, but the position is read in m"),
-        ("time,x,y,z,vx [km/h],vy,vz\n", r"'vx \[km/h\]' is in km/h, but the velocity is read in m/s"),
+        ("t [ms],x,y,z\n" + TEXT, r"the column 't \[ms\]' is in ms, but the time must be in s: convert it first"),
+        ("time,x (km),y (km),z\n" + TEXT, r"the column 'x \(km\)' is in km, but the position must be in m"),
+        ("time,x,y,z,vx [km/h],vy,vz\n", r"'vx \[km/h\]' is in km/h, but the velocity must be in m/s"),
         ("time,x (map) [km],y,z\n" + TEXT, r"is in km, but the position"),
-        ("time,x,y,z,qw [rad],qx,qy,qz\n", r"is in rad, but the attitude is read as a quaternion"),
+        ("time,x,y,z,qw [rad],qx,qy,qz\n", r"is in rad, but the attitude must be a quaternion"),
         ("time,x,y,z,qw,qx,qy\n", r"attitude are incomplete: found qw, qx, qy, missing qz"),
         (TEXT, r"line 1: expected a header row with column names"),
         ("", r"the file is empty"),
@@ -170,7 +170,7 @@ def test_faults_of_the_column_names(tmp_path, columns, words):
 def test_angles_on_the_globe_are_not_positions(tmp_path):
     file = written(tmp_path, HEAD.replace("x,y", "gps_lon,Lat") + TEXT)
     with pytest.raises(
-        ValueError, match=r"'gps_lon' seems to contain angles on the globe.*convert latitude and longitude"
+        ValueError, match=r"'gps_lon' seems to contain geographic coordinates.*convert latitude and longitude"
     ):
         read_track(file, {"position": ["gps_lon", "Lat", "z"]})
 
@@ -183,8 +183,8 @@ TUM = "\n".join(f"{k} {k} 2 3 0 0 0 1" for k in range(5))
     [
         (TUM.replace("3 3 2 3 0 0 0 1", "3 3 2 3 0 0 0"), r"line 4: the cell of column 'qw' is missing"),
         (TUM.replace("3 3 2 3", "3 3 up 3"), r"line 4: column 'ty' must have finite numbers.*'up'"),
-        (TUM.replace("3 3 2", "2 3 2"), r"line 4: times must increase strictly, but column 'timestamp'"),
-        (TUM.replace("3 0 0 0 1", "3 0 0 0 0"), r"quaternions other than zero, but sample 0"),
+        (TUM.replace("3 3 2", "2 3 2"), r"line 4: times must increase strictly, but in column 'timestamp'"),
+        (TUM.replace("3 0 0 0 1", "3 0 0 0 0"), r"must be nonzero quaternions, but sample 0"),
     ],
 )
 def test_faults_of_a_tum_file(tmp_path, text, words):

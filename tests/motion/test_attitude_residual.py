@@ -90,7 +90,7 @@ def test_samples_at_a_stop_are_left_out(program):
     result = qt.compare_attitude(starting, qt.Track(TIMES, positions, None, quaternions))
     assert (int(result.samples), float(result.maximum) < 1e-7) == (len(TIMES) - 1, True)
     standing = qt.FrameProgram(qt.Curve(lambda t: jnp.zeros(3) + 0 * t, 4.0), qt.Upright())
-    with pytest.raises(ValueError, match=r"defined at no sample.*track\.window"):
+    with pytest.raises(ValueError, match=r"not defined at any sample.*track\.window"):
         qt.compare_attitude(standing, qt.Track(TIMES, positions, None, quaternions))
 
 

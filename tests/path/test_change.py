@@ -20,14 +20,14 @@ def change(**fields):
     ("length", "duration", "deviation", "words"),
     [
         (29.0, 14.0, 9.0, None),
-        (31.0, 14.0, 9.0, "The path after is longer by a factor of 3.1 (31 m, before 10 m)."),
-        (29.0, 16.0, 9.0, "The path after takes 3.2 times as long (16 s, before 5 s)."),
-        (29.0, 14.0, 11.0, "deviates from the path before by 11 m, more than its size of 10 m."),
+        (31.0, 14.0, 9.0, "The tuned path is longer by a factor of 3.1 (31 m instead of 10 m)."),
+        (29.0, 16.0, 9.0, "The tuned path takes 3.2 times as long (16 s instead of 5 s)."),
+        (29.0, 14.0, 11.0, "deviates from the original path by 11 m, more than the size of that path, 10 m."),
         (
             31.0,
             16.0,
             11.0,
-            "(31 m, before 10 m), takes 3.2 times as long (16 s, before 5 s) and deviates from the path before",
+            "(31 m instead of 10 m), takes 3.2 times as long (16 s instead of 5 s) and deviates from the original path",
         ),
     ],
 )

@@ -24,7 +24,7 @@ class Own(AbstractFrame):
 NAMES = {
     "natural": (qt.Natural(), ["tangent", "normal", "binormal"], "y = principal normal, z = binormal"),
     "upright": (qt.Upright(), ["forward", "left", "up"], "y = left (level), z = up"),
-    "rotation-minimizing": (qt.RotationMinimizing(), ["tangent", "first", "second"], "never turns about x"),
+    "rotation-minimizing": (qt.RotationMinimizing(), ["tangent", "first", "second"], "no rotation about x"),
     "own": (Own(), ["x", "y", "z"], "the axes of the frame"),
 }
 

@@ -171,7 +171,7 @@ def test_float32_is_kept():
         (lambda: qt.BoundaryState([1.0, 2.0], [0.0, 0.0, 0.0]), "shape (3,)"),
         (lambda: qt.BoundaryState([1.0, 2.0, float("nan")], [0.0, 0.0, 0.0]), "finite"),
         (lambda: qt.BoundaryState(["a", "b", "c"], [0.0, 0.0, 0.0]), "3 real numbers"),
-        (lambda: qt.Placement(orientation=[0.0, 0.0, 0.0, 0.0]), "other than zero"),
+        (lambda: qt.Placement(orientation=[0.0, 0.0, 0.0, 0.0]), "must be a nonzero quaternion"),
     ],
 )
 def test_bad_input_is_an_error_with_a_reason(make, fragment):
@@ -181,5 +181,5 @@ def test_bad_input_is_an_error_with_a_reason(make, fragment):
 
 
 def test_coarse_float32_positions_warn():
-    with pytest.warns(UserWarning, match=r"resolves only 0\.5 m"):
+    with pytest.warns(UserWarning, match=r"has a resolution of only 0\.5 m"):
         qt.BoundaryState(jnp.asarray([623425.5, 4848821.0, 153.0], jnp.float32), jnp.zeros(3, jnp.float32))

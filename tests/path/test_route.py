@@ -139,7 +139,7 @@ def test_a_replaced_window_can_be_joined_to_the_rest(case):
 
 def test_routes_that_do_not_meet_are_not_joined(case):
     route, _, _ = case
-    with pytest.raises(ValueError, match="from the end of the first"):
+    with pytest.raises(ValueError, match="but the first ends at"):
         route + route
     with pytest.raises(TypeError):
         route + 1.0
@@ -221,7 +221,7 @@ def test_other_splines_and_invalid_splines():
     np.testing.assert_allclose(derivatives(route, [0.3, 1.7], 0)[:, 0], repeated([0.3, 1.7]), rtol=0, atol=1e-12)
     for bad, words in [
         (CubicSpline(X, Y[:, :2]), r"shape \(3,\)"),
-        (PPoly(np.ones((9, 1, 3)), [0, 1]), "degree 7 at most"),
+        (PPoly(np.ones((9, 1, 3)), [0, 1]), "at most degree 7"),
         (PPoly(np.full((2, 1, 3), np.nan), [0, 1]), "finite"),
         (lambda t: t, "PPoly, CubicSpline, BSpline or BPoly"),
     ]:
@@ -326,7 +326,10 @@ def test_evaluation_agrees_with_fifty_digits(case):
     ("arguments", "words"),
     [
         (([0.0], np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3))), "at least two"),
-        (([0.0, 0.0], np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3))), "joint 1 is at 0 s, after"),
+        (
+            ([0.0, 0.0], np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3))),
+            r"times\[1\] = 0 s follows times\[0\] = 0 s",
+        ),
         (([0.0, 1.0], np.zeros((2, 3)), np.zeros((2, 2)), np.zeros((2, 3))), "the velocity of a route must have shape"),
         (([0.0, 1.0], np.zeros((2, 3)), np.zeros((2, 3)), np.full((2, 3), np.nan)), "the acceleration of a route"),
     ],
@@ -340,7 +343,7 @@ def test_methods_that_need_concrete_values(case):
     route, _, _ = case
     with pytest.raises(ValueError, match="needs concrete values"):
         jax.jit(lambda r: r.window(0.0, 1.0).duration)(route)
-    with pytest.raises(IndexError, match="so 99 is not the index"):
+    with pytest.raises(IndexError, match="segment 99 does not exist"):
         route.segment(99)
     with pytest.raises(ValueError, match="a window must lie within"):
         route.window(1.0, 0.5)

@@ -54,8 +54,8 @@ def test_a_window_has_the_samples_of_its_closed_interval():
     [
         (100.6, 100.2, "must end after it starts"),
         (100.2, 100.2, "must end after it starts"),
-        (99.0, 100.5, r"leaves the recording; the recording runs from 100 to 101 s"),
-        (100.5, 103.0, r"leaves the recording; the recording runs from 100 to 101 s"),
+        (99.0, 100.5, r"extends beyond the recording; the recording runs from 100 to 101 s"),
+        (100.5, 103.0, r"extends beyond the recording; the recording runs from 100 to 101 s"),
         (100.15, 100.45, r"has 3 samples, but at least 4"),
         (100.51, 100.59, r"has 0 samples, but at least 4"),
         (float("nan"), 100.5, "must end after it starts"),
@@ -75,8 +75,8 @@ def changed(values, where, value):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda t, p: (changed(t, 4, t[3]), p), r"sample 4 has 100.3.* after 100.3"),
-        (lambda t, p: (changed(t, 4, t[2]), p), r"sample 4 has 100.2"),
+        (lambda t, p: (changed(t, 4, t[3]), p), r"times\[4\] = 100.3.* follows times\[3\] = 100.3"),
+        (lambda t, p: (changed(t, 4, t[2]), p), r"times\[4\] = 100.2"),
         (lambda t, p: (changed(t, 4, np.nan), p), r"times of a track must be finite, but sample 4 is nan"),
         (lambda t, p: (t, changed(p, (2, 1), np.inf)), r"positions of a track must be finite, but sample 2 is .*inf"),
         (lambda t, p: (t, p[:-1]), r"shape \(11, 3\).*\(10, 3\)"),
@@ -84,7 +84,7 @@ def changed(values, where, value):
         (lambda t, p: (t[:3], p[:3]), r"at least 4.*\(3,\)"),
         (lambda t, p: (t, p, p[:5]), r"velocities of a track must have shape \(11, 3\)"),
         (lambda t, p: (t, p, None, p), r"attitudes of a track must have shape \(11, 4\)"),
-        (lambda t, p: (t, p, None, np.eye(11, 4)), r"other than zero, but sample 4 is zero"),
+        (lambda t, p: (t, p, None, np.eye(11, 4)), r"nonzero quaternions, but sample 4 is zero"),
     ],
 )
 def test_invalid_recordings_are_errors(change, words):
@@ -101,7 +101,7 @@ def test_times_that_are_equal_in_float32_are_an_error():
 
 def test_a_coarse_float32_track_warns():
     times, positions = recording()
-    with pytest.warns(UserWarning, match=r"a recorded track in float32 resolves only"):
+    with pytest.warns(UserWarning, match=r"a recorded track in float32 has a resolution of only"):
         Track((times - times[0]).astype(np.float32), (positions + 4.8e6).astype(np.float32))
 
 

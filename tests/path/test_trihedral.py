@@ -210,3 +210,35 @@ def test_regularity_is_dimensionless():
     a = regularity(Invariants(path.derivatives(1.0, 3)), path.duration)
     b = regularity(Invariants(small.derivatives(1e3, 3)), small.duration)
     np.testing.assert_allclose([a.speed, a.cross_norm, a.level], [b.speed, b.cross_norm, b.level], rtol=1e-12)
+
+
+def test_a_direct_call_is_compiled_once():
+    traced = []
+
+    def position(t):
+        traced.append(t)
+        return jnp.stack([2.0 * jnp.cos(t), 2.0 * jnp.sin(t), 0.1 * t])
+
+    curve = qt.Curve(position, 3.0)
+    qt.trihedral(curve, 0.3)
+    count = len(traced)
+    at = qt.trihedral(curve, 1.3)
+    assert len(traced) == count
+    np.testing.assert_allclose(
+        at.tangent[:2], 2 / math.sqrt(4.01) * np.array([-math.sin(1.3), math.cos(1.3)]), rtol=1e-14
+    )
+
+
+def test_many_trihedra_are_computed_in_few_loops(tilted):
+    """As scalars side by side they would be dozens of loops, each of which repeats the path's derivatives."""
+    over_times = jax.jit(lambda path, times: jax.vmap(lambda t: qt.trihedral(path, t))(times))
+    times = jnp.linspace(0.0, float(tilted.duration), 1024)
+    text = over_times.lower(tilted, times).compile().as_text()
+    loops = [line for line in text[text.index("ENTRY") :].splitlines() if " fusion(" in line]
+    sizes = [line for line in loops if "1024" in line.split("fusion(")[0]]
+    assert len(sizes) <= 16, len(sizes)  # one for the numbers, the others stack components
+    many = over_times(tilted, times)
+    for k in (0, 500, 1023):
+        one = qt.trihedral(tilted, times[k])
+        for a, b in zip(jax.tree.leaves(many), jax.tree.leaves(one), strict=True):
+            np.testing.assert_allclose(a[k], b, rtol=1e-11, atol=1e-13)

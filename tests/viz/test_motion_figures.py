@@ -84,7 +84,7 @@ def test_the_loop_has_its_closed_form_and_its_limit():
     assert angle.get_yscale() == "log"
     assert legend(angle) == ["simulated", "closed form", "1°"]
     assert legend(error)[-1] == "closed form"
-    assert legend(command) == ["ε₁", "ε₂", "ε₃", "length", "limit 28.65"]
+    assert legend(command) == ["ε₁", "ε₂", "ε₃", "norm", "limit 28.65"]
     assert legend(rate) == ["ω₁", "ω₂", "ω₃", "program"]
     assert rate.lines[-1].get_linestyle() == "-"  # dots would be hidden by those of ω₃
     labels = [axes.get_ylabel() for axes in (angle, command, virtual, rate)]
@@ -97,7 +97,7 @@ def test_a_rate_law_without_a_closed_form():
     figure = simulation_figure(loop(closed=False, unit="rad s-1"), np.radians(2.0), None)
     angle, _, command, *_ = figure.axes
     assert legend(angle) == ["simulated", "2°"]
-    assert legend(command) == ["ω₁", "ω₂", "ω₃", "length"]
+    assert legend(command) == ["ω₁", "ω₂", "ω₃", "norm"]
     assert command.get_ylabel() == "command [°/s]"
 
 

@@ -73,9 +73,9 @@ def test_undefined_values_are_not_drawn():
 
 def test_messages_say_why_nothing_can_be_plotted(tuned):
     table = qt.evaluate(HELIX, TIMES, ("curvature",))
-    with pytest.raises(ValueError, match="no 'rate'; it has curvature"):
+    with pytest.raises(ValueError, match="not contain 'rate'; it contains curvature"):
         table.plot("rate")
-    with pytest.raises(ValueError, match="nothing to plot in a table of only dcm"):
+    with pytest.raises(ValueError, match="no outputs to plot: it only contains dcm"):
         qt.evaluate(HELIX, TIMES, ("dcm",)).plot()
     with pytest.raises(ValueError, match="expected one path, but got a batch of 2"):
         jax.tree.map(lambda x: jnp.stack([x, x]), HELIX).plot()

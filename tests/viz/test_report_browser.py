@@ -226,7 +226,7 @@ def test_another_path_can_be_selected_and_its_gap_is_reported(page):
         10 * 21.5 / 64,
     )
     WebDriverWait(page, PATIENCE).until(lambda driver: arrow(driver, "τ") is None)
-    assert page.find_element(By.ID, "state").text == "the axes do not exist here"
+    assert page.find_element(By.ID, "state").text == "the axes are not defined at this instant"
     page.find_element(By.ID, "slider").send_keys(Keys.END)
     assert page.find_element(By.ID, "state").text == "this path has ended"
     position, _ = expected(10.0, 10.0)

@@ -185,7 +185,10 @@ def test_precision_is_drawn_on_logarithmic_axes_down_to_round_off():
     [
         (lambda loop: profiles_figure({}), "at least one profile"),
         (lambda loop: loops_figure({}), "needs solutions with commands, from qtraj.simulate"),
-        (lambda loop: loops_figure({"a": loop}, {"b": loop.error}), "closed form named 'b', but no solution"),
+        (
+            lambda loop: loops_figure({"a": loop}, {"b": loop.error}),
+            "closed_forms contains 'b', but solutions",
+        ),
         (lambda loop: precision_figure({}), "at least one method"),
         (lambda loop: precision_figure({"a": ([1, 2], [1.0, 0.0])}), "must be positive, but those of 'a'"),
     ],

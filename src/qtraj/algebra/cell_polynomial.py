@@ -18,9 +18,10 @@ ELLIPSES_RADIUS = 3.0
 
 
 class CellPolynomial(eqx.Module):
-    """A vector of polynomials with ascending `coefficients`; `shifts[l]` are those of the l-th derivative over l!.
+    """A vector of polynomials with ascending `coefficients`.
 
-    `error` bounds, for each component, the sum of the errors of its coefficients about any centre.
+    `shifts[l]` are the coefficients of the l-th derivative divided by l!. `error` bounds, for each component, the sum
+    of the errors of its coefficients about any centre.
     """
 
     coefficients: Float[Array, "axes k 1 paths"]
@@ -44,7 +45,7 @@ def cell_polynomial(coefficients: Float[Array, "axes k 1 paths"], error: Float[A
 
 @jax.jit
 def _shifts(coefficients: Float[Array, "axes k 1 paths"]) -> Array:
-    """All Taylor coefficients: row l is the l-th derivative over l!."""
+    """All Taylor coefficients: row l is the l-th derivative divided by l!."""
     n = coefficients.shape[AXIS] - 1
     weights = jnp.asarray(_binomials(n), coefficients.dtype)[:, :, None, None]
     rows = [jnp.pad(coefficients[:, k:], [(0, 0), (0, k), (0, 0), (0, 0)]) for k in range(n + 1)]

@@ -1,8 +1,8 @@
 """Branch and bound on [−1, 1]: enclose the minimum of a function in cells, and subdivide the undecided cells.
 
-In a cell the function is a polynomial plus a bounded error. The least Bernstein coefficient is a lower bound. Where the
-polynomial is convex, the tangent at its minimum is a second lower bound; it is much tighter there, so cells need not
-become very small. Each round does a fixed amount of work for many paths together. The bounds include all rounding
+In a cell the function is a polynomial plus a bounded error. The smallest Bernstein coefficient is a lower bound. Where
+the polynomial is convex, the tangent at its minimum is a second lower bound; it is much tighter there, so cells need
+not become very small. Each round does a fixed amount of work for many paths together. The bounds include all rounding
 errors.
 """
 
@@ -19,7 +19,7 @@ from qtraj.algebra.chebyshev_model import MIN_LAST_SEMI_AXIS, SEMI_AXES, SLACK, 
 from qtraj.algebra.polynomial import taylor_terms
 
 CELLS = 8
-"""Cells of a round: a power of two, so that their limits are exact in binary."""
+"""Number of cells in a round: a power of two, so that their limits are exact in binary."""
 
 MIN_HALF_WIDTH = 2.0**-26
 """Undecided cells of this half width or less are not subdivided further."""
@@ -42,7 +42,7 @@ class Enclosure(eqx.Module):
 
 
 def semi_axes(half: Cells) -> Float[Array, "ellipses cells paths"]:
-    """The long semi-axes of the ellipses on which functions are bounded, in half widths of their cell.
+    """The semi-major axes of the ellipses on which functions are bounded, in half widths of their cell.
 
     The largest ellipse gives the best bound in small cells; a small one is better where a function varies much.
     """
@@ -71,7 +71,7 @@ def enclose_minimum(c: Float[Array, "k cells paths"], error: Cells) -> Enclosure
     low = jnp.maximum(jnp.min(b, axis=0), below) - error
     centre_is_lower = c[0] < value
     high, at = jnp.where(centre_is_lower, c[0], value) + error, jnp.where(centre_is_lower, 0.0, u)
-    # After an overflow nothing is known: NaN must not count as a bound.
+    # After an overflow there is no bound: NaN must not count as one.
     return Enclosure(jnp.where(jnp.isnan(low), -jnp.inf, low), jnp.where(jnp.isnan(high), jnp.inf, high), at)
 
 
@@ -93,10 +93,11 @@ def _quadratic_minimum(c: Float[Array, "k cells paths"]) -> Cells:
 
 
 class Front(eqx.Module):
-    """The state of the search: the undecided cells, `centre` ± `half` where `active`, and bounds from the others.
+    """The state of the search: undecided cells, `centre` ± `half` where `active`, and bounds from the decided cells.
 
     `lower_bound` bounds the function from below in each active cell, and `low` in all decided cells. The value at the
-    lowest point evaluated, `at`, is at most `high`. `overfull`: there were more undecided cells than array elements.
+    lowest point evaluated, `at`, is at most `high`. `overfull` is true if there were more undecided cells than array
+    elements.
     """
 
     centre: Cells
@@ -176,7 +177,7 @@ def _evaluate(c: Float[Array, "k cells paths"], u: Cells) -> tuple[Cells, Cells,
 
 
 def _newton_step(c: Float[Array, "k cells paths"], u: Cells) -> Cells:
-    """Newton's step towards the minimum, kept in [−1, 1]; no step where the polynomial is not convex."""
+    """Newton's step towards the minimum, clipped to [−1, 1]; no step where the polynomial is not convex."""
     _, slope, half_curvature = _evaluate(c, u)
     convex = half_curvature > 0
     return jnp.clip(u - jnp.where(convex, 0.5 * slope / jnp.where(convex, half_curvature, 1.0), 0.0), -1.0, 1.0)

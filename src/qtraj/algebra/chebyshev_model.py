@@ -13,6 +13,7 @@ Values have the shape (*vector, node, cell, path). Cells and paths come last bec
 act on the last axes.
 """
 
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -32,7 +33,7 @@ AXIS = -3
 
 
 def _cosine(m: np.ndarray) -> np.ndarray:
-    """cos(mπ/2n) to one unit of round-off: the angle is reduced in integers, then its sine is taken."""
+    """cos(mπ/2n) to one unit of round-off: the angle is reduced in integers before its sine is computed."""
     n = NODES
     k = (3 * n - m) % (4 * n) - 2 * n
     k = np.where(k > n, 2 * n - k, np.where(k < -n, -2 * n - k, k))
@@ -56,7 +57,7 @@ LEBESGUE = 3.0
 """Bound on max|p|/max|values| for the polynomial p through the values."""
 
 SEMI_AXES, MIN_LAST_SEMI_AXIS = (3.0, 6.0), 16.0
-"""Long semi-axes of the ellipses; the last ellipse is larger than `MIN_LAST_SEMI_AXIS` where the interval is small."""
+"""Semi-major axes of the ellipses; the last ellipse is larger than `MIN_LAST_SEMI_AXIS` where the interval is small."""
 
 INTERPOLATION_FACTOR = 4 / 1.6 / 1.94 ** (NODES - 1)
 """With the semi-axis a, the theorem's 4/(ρ − 1)/ρ^(NODES−1) is below this factor over a^NODES: ρ > 1.94 a and
@@ -98,15 +99,25 @@ class ChebyshevModel(eqx.Module):
 
     def __rmul__(self, factor: int) -> "ChebyshevModel":
         """Product with an integer; a power of two adds no rounding error."""
-        size, error, bound = (abs(factor) * x for x in (self.size, self.error, self.bound))
-        if abs(factor) & (abs(factor) - 1):
-            size, error, bound = size * SLACK, add_rounding(error, 1, size), bound * SLACK
-        return ChebyshevModel(factor * self.values, size, error, bound)
+        return _integer_multiple(factor, self)
 
     def one(self) -> "ChebyshevModel":
         """The constant 1 in the same cells."""
-        ones = jnp.ones_like(self.error)
-        return ChebyshevModel(jnp.ones_like(self.values), ones, 0.0 * ones, jnp.ones_like(self.bound))
+        return _one(self)
+
+
+@partial(jax.jit, static_argnums=0)
+def _integer_multiple(factor: int, p: ChebyshevModel) -> ChebyshevModel:
+    size, error, bound = (abs(factor) * x for x in (p.size, p.error, p.bound))
+    if abs(factor) & (abs(factor) - 1):
+        size, error, bound = size * SLACK, add_rounding(error, 1, size), bound * SLACK
+    return ChebyshevModel(factor * p.values, size, error, bound)
+
+
+@jax.jit
+def _one(p: ChebyshevModel) -> ChebyshevModel:
+    ones = jnp.ones_like(p.error)
+    return ChebyshevModel(jnp.ones_like(p.values), ones, 0.0 * ones, jnp.ones_like(p.bound))
 
 
 @jax.jit
@@ -121,7 +132,7 @@ def multiple(p: ChebyshevModel, factor: Float[Array, "1 paths"], error: Float[Ar
 def interpolated(p: ChebyshevModel, semi_axes: Float[Array, "ellipses cells paths"]) -> tuple[Array, Array]:
     """Coefficients (k, cells, paths) of the interpolating polynomial, and a bound on its error on [−1, 1].
 
-    `semi_axes` are the long semi-axes of the ellipses to which `p.bound` refers.
+    `semi_axes` are the semi-major axes of the ellipses to which `p.bound` refers.
     """
     eps = float(np.finfo(p.values.dtype).eps)
     a = _apply(TO_CHEBYSHEV, p.values)

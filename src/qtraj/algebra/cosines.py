@@ -1,11 +1,10 @@
 """Direction cosines α (inertial → body; the rows are the body axes) and quaternions."""
 
 import jax.numpy as jnp
-from jax.lax import stop_gradient
 
 from qtraj.algebra.quaternion import canonical, norm_squared, unit as unit_quaternion
 from qtraj.algebra.vector import balanced
-from qtraj.foundation.types import Mat3, Mat4, Quat
+from qtraj.foundation.types import Mat3, Quat, Scalar
 
 SIGNS = ((1, 1, 1, 1), (1, 1, -1, -1), (1, -1, 1, -1), (1, -1, -1, 1))
 """Paper S's matrix H with H·H = 4E, which maps the squares of a unit quaternion to (1, α11, α22, α33)."""
@@ -35,26 +34,34 @@ def from_dcm(C: Mat3) -> Quat:
 
 def squares_from_dcm(C: Mat3) -> Quat:
     """(α0², α1², α2², α3²) of the unit quaternion by paper S's linear system, ¼H(1, α11, α22, α33)."""
-    column = jnp.concatenate([jnp.ones_like(C, shape=1), jnp.diagonal(C)])
-    return 0.25 * jnp.sum(jnp.asarray(SIGNS, column.dtype) * column[None, :], axis=1)
+    return 0.25 * jnp.stack(_squares(C))
 
 
-def outer_from_dcm(C: Mat3) -> Mat4:
-    """4 α_i α_k for all pairs of components of the unit quaternion: linear in the direction cosines."""
-    squares = 4 * squares_from_dcm(C)
+def pivot_row(C: Mat3) -> Quat:
+    """4 α_k (α0, α1, α2, α3) for the k with the largest square: a multiple of the quaternion, of norm ≥ 2.
+
+    All products 4 α_i α_k are linear in the direction cosines. Numbers are chosen one by one, because an array of rows
+    with an index compiles to slow code for many matrices.
+    """
+    rows = _outer(C)
+    a, b, c, d = (rows[k][k] for k in range(4))
+    first, second, third = (a >= b) & (a >= c) & (a >= d), (b >= c) & (b >= d), c >= d
+    choose = lambda w, x, y, z: jnp.where(first, w, jnp.where(second, x, jnp.where(third, y, z)))  # noqa: E731
+    return jnp.stack([choose(*column) for column in zip(*rows, strict=True)])
+
+
+def _outer(C: Mat3) -> list[list[Scalar]]:
+    """4 α_i α_k for all pairs of components of the unit quaternion."""
+    squares = _squares(C)
     d1, d2, d3 = C[1, 2] - C[2, 1], C[2, 0] - C[0, 2], C[0, 1] - C[1, 0]
     s1, s2, s3 = C[1, 2] + C[2, 1], C[2, 0] + C[0, 2], C[0, 1] + C[1, 0]
-    rows = [
+    return [
         [squares[0], d1, d2, d3],
         [d1, squares[1], s3, s2],
         [d2, s3, squares[2], s1],
         [d3, s2, s1, squares[3]],
     ]
-    return jnp.stack([jnp.stack(row) for row in rows])
 
 
-def pivot_row(C: Mat3) -> Quat:
-    """4 α_k (α0, α1, α2, α3) for the k with the largest square: a multiple of the quaternion, of norm ≥ 2."""
-    outer = outer_from_dcm(C)
-    largest = stop_gradient(jnp.argmax(jnp.diagonal(outer)))
-    return jnp.sum(jnp.where((jnp.arange(4) == largest)[:, None], outer, 0.0), axis=0)
+def _squares(C: Mat3) -> list[Scalar]:
+    return [1 + i * C[0, 0] + j * C[1, 1] + k * C[2, 2] for _, i, j, k in SIGNS]

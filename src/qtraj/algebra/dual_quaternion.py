@@ -2,10 +2,10 @@
 
 The pose with the position r (inertial axes) and the attitude λ is Λ = λ + s ½ r∘λ: a point x of the body is at
 r + λ∘x∘λ⁻¹. Poses multiply like attitudes: Λ_AC = Λ_AB∘Λ_BC. With the twist U = ω + s u, 2Λ̇ = Λ∘U_x = U_ξ∘Λ, where
-u_x is the velocity of the body's origin in body axes, and u_ξ = v + r × ω that of the body point at the inertial origin
-(Kotelnikov's transference principle; Chelnokov and Nelaeva, 2015). λ may have any length but 0.
+u_x is the velocity of the body's origin in body axes, and u_ξ = v + r × ω is the velocity of the body point at the
+inertial origin (Kotelnikov's transference principle; Chelnokov and Nelaeva, 2015). λ may have any nonzero norm.
 
-A dual quaternion is an array (8,), λ first. The functions take one; use `jax.vmap` for batches.
+A dual quaternion is an array (8,), λ first. Each function takes one; use `jax.vmap` for batches.
 """
 
 import jax.numpy as jnp
@@ -29,7 +29,7 @@ def to_pose(dual: DualQuat) -> tuple[Vec3, Quat]:
 
 
 def product(a: DualQuat, b: DualQuat) -> DualQuat:
-    """Λ_a∘Λ_b: if Λ_b is relative to the pose a, the pose b relative to the inertial axes."""
+    """Λ_a∘Λ_b: if Λ_b is a pose relative to the pose Λ_a, the same pose relative to the inertial axes."""
     cross = quaternion.product(a[:4], b[4:]) + quaternion.product(a[4:], b[:4])
     return jnp.concatenate([quaternion.product(a[:4], b[:4]), cross])
 

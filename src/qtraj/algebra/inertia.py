@@ -7,13 +7,13 @@ from qtraj.foundation.arrays import as_float, concrete, require_finite
 from qtraj.foundation.types import ArrayInput, Mat3
 
 SYMMETRY = 1e-6
-"""Asymmetry of an inertia, relative to its largest entry, that counts as round-off of a file."""
+"""Asymmetry of an inertia tensor, relative to its largest entry, that counts as round-off from a file."""
 
 
 def inertia_matrix(inertia: ArrayInput) -> Mat3:
     """An inertia as a (3, 3) tensor [kg m²].
 
-    **Raises:** ValueError for another shape, or a known value that is not symmetric and positive definite.
+    **Raises:** ValueError for another shape, or a concrete value that is not symmetric and positive definite.
     """
     J = as_float(inertia)
     if J.shape not in ((), (3,), (3, 3)):

@@ -31,7 +31,7 @@ def taylor(coefficients: Float[Array, " n"], t: ScalarLike, order: int) -> Float
 def split_taylor(coefficients: Float[Array, "n *rest"], t: ScalarLike, order: int) -> list[Any]:
     """The coefficients of `taylor` as a list; expressions of separate numbers compile to faster loops.
 
-    Orders above the degree are the integer 0. Axes after the first hold polynomials side by side.
+    Orders above the degree are the integer 0. Further axes contain separate polynomials.
     """
     c = [x.reshape(x.shape[1:]) for x in jax.lax.split(coefficients, (1,) * coefficients.shape[0])]
     return taylor_terms(c, as_float(t).astype(coefficients.dtype), order)
@@ -46,7 +46,7 @@ def taylor_terms(coefficients: Sequence[Any], t: Any, order: int) -> list[Any]:
     """Taylor coefficients at `t`, orders 0 … `order`, from a list of coefficients that broadcast with `t`.
 
     Repeated synthetic division (Ruffini–Horner). Orders above the degree are the integer 0, so that terms with them can
-    be left out.
+    be omitted.
     """
     c = list(coefficients)
     for k in range(min(order + 1, len(c) - 1)):
@@ -56,10 +56,10 @@ def taylor_terms(coefficients: Sequence[Any], t: Any, order: int) -> list[Any]:
 
 
 def hermite(start: Float[Array, " m"], end: Float[Array, " n"], duration: ScalarLike) -> Float[Array, " m+n"]:
-    """The polynomial of least degree with given value and derivatives at both ends of [0, duration].
+    """The polynomial of lowest degree with given value and derivatives at both ends of [0, duration].
 
-    `start[k]` and `end[k]` are the k-th derivatives in t at 0 and at `duration`. Two of each give the cubic of paper S
-    (its ρ2 and ρ3, with the sign of ρ3 corrected), three of each a quintic.
+    `start[k]` and `end[k]` are the k-th derivatives with respect to t at 0 and at `duration`. Two of each give the
+    cubic of paper S (its ρ2 and ρ3, with the sign of ρ3 corrected), three of each a quintic.
     """
     m, n = start.shape[0], end.shape[0]
     duration = as_float(duration).astype(start.dtype)
@@ -84,5 +84,5 @@ def _cubic(start: Float[Array, " 2"], end: Float[Array, " 2"], duration: Scalar)
 
 
 def _unit_scales(count: int, duration: Scalar) -> Float[Array, " count"]:
-    """duration^k / k!: turns derivatives in t into Taylor coefficients in t/duration."""
+    """duration^k / k!: converts derivatives with respect to t to Taylor coefficients in t/duration."""
     return jnp.stack([duration**k / math.factorial(k) for k in range(count)])

@@ -31,7 +31,7 @@ class Answer(eqx.Module):
 
 
 def prove_positive(build: Build, widest: Float[Array, " paths"]) -> Answer:
-    """Prove that the functions that `build` makes, one for each path, are positive on the whole of [−1, 1].
+    """Prove that the functions that `build` makes, one for each path, are positive on the whole interval [−1, 1].
 
     The interval is swept from left to right in pieces. The first piece has the width `widest`, a power of two for each
     path. Where a piece has too many undecided cells, a narrower one is tried.
@@ -67,7 +67,7 @@ def prove_positive(build: Build, widest: Float[Array, " paths"]) -> Answer:
 
 
 class _Sweep(NamedTuple):
-    """The state of the sweep: all before `left` is decided, and the next piece has this width."""
+    """The state of the sweep: everything below `left` is decided, and the next piece has the width `width`."""
 
     left: Float[Array, " paths"]
     width: Float[Array, " paths"]

@@ -8,7 +8,7 @@
 | as an active rotation   | R(λ)v = λ∘v∘λ⁻¹ turns the inertial basis into the body basis                             |
 | rotation by Φ about e   | λ = cos Φ/2 + e sin Φ/2 = exp(Φe/2), positive by the right-hand rule                     |
 | composition             | λ_AC = λ_AB∘λ_BC for C → B → A; a further rotation in body axes multiplies on the right  |
-| rates                   | 2λ̇ = λ∘ω_x (body axes) = ω_ξ∘λ (inertial axes); ω is (3,), or (4,) with scalar part first |
+| rates                   | 2λ̇ = λ∘ω_X (body axes) = ω_ξ∘λ (inertial axes); ω is (3,), or (4,) with scalar part first |
 | scalar part of ω        | ω0 = d/dt ln(λ∘λ̄); the attitude does not depend on it                                   |
 | direction cosines α     | inertial → body, v_X = α v_ξ, α = R(λ)ᵀ; the rows of α are the body axes (τ, n, b)       |
 | Gibbs vector            | G = λ_v/λ0 = e tan Φ/2, the same components in both axes (αG = G)                        |
@@ -130,7 +130,7 @@ def exp(v: Vec3) -> Quat:
 def log(q: Quat) -> Vec3:
     """The vector part of ln q: half a rotation vector.
 
-    exp(log(q)) = q/|q|, and log(cq) = log(q) for c > 0. Its length is in [0, π]. The scalar part of ln q is `log_norm`.
+    exp(log(q)) = q/|q|, and log(cq) = log(q) for c > 0. Its norm is in [0, π]. The scalar part of ln q is `log_norm`.
     A negative real q has no axis; the result is then (π, 0, 0), with zero derivative. For the shortest rotation use
     `rotation.to_rotation_vector`.
     """
@@ -152,7 +152,7 @@ def log_norm(q: Quat) -> Scalar:
 
 
 def derivative(q: Quat, omega: Vec3 | Quat, axes: str = "body") -> Quat:
-    """λ̇ [1/s] at the rate `omega` [rad/s]: 2λ̇ = λ∘ω_x in body axes, ω_ξ∘λ in inertial axes.
+    """λ̇ [1/s] at the rate `omega` [rad/s]: 2λ̇ = λ∘ω_X in body axes, ω_ξ∘λ in inertial axes.
 
     `omega` is a vector (3,), or (4,) with the scalar part ω0 = d/dt ln|λ|² first.
 

@@ -1,7 +1,7 @@
 """Sums and products in which the integers 0 and 1 cost nothing.
 
-A term that vanishes identically is the Python integer 0, and a factor that is one the integer 1. They are dropped while
-Python traces, so no operation is compiled for them. All other terms are numbers or arrays.
+The Python integer 0 represents a term that vanishes identically, and the integer 1 a factor of one. They are dropped
+during tracing, so no operation is compiled for them. All other terms are numbers or arrays.
 """
 
 from collections.abc import Sequence

@@ -74,7 +74,7 @@ def mapped(work: Work, paths: Any, columns: Any, shape: tuple[int, int], samples
 def reduced(
     work: Work, join: Callable[[Any], Any], paths: Any, columns: Any, shape: tuple[int, int], samples: int = SAMPLES
 ) -> Any:
-    """The results of `work` for each path, (paths,); `join` combines those of its blocks, stacked on a leading axis."""
+    """The results of `work` for each path, (paths,); `join` combines the stacked results of its blocks (first axis)."""
 
     def joined(main: Any, rest: Any) -> Any:
         parts = [part for part in (main, None if rest is None else _leading(rest)) if part is not None]

@@ -18,14 +18,14 @@ Channels = dict[str, tuple[Array, ...]]
 def channels(
     paths: AbstractHodograph,
     t: Float[Array, "rows instants"],
-    seen: tuple[AbstractFrame, str, Vehicle | None],
+    frame: tuple[AbstractFrame, str, Vehicle | None],
     names: tuple[str, ...],
 ) -> Channels:
     """The named outputs of a stack of paths (every array with a leading axis) at `t` [s], one row or one for each.
 
-    `seen`: a frame, the axes of its rate and acceleration, and the vehicle if there is one.
+    `frame`: a frame, the axes of its rate and acceleration, and the vehicle if there is one.
     """
-    at, shape = Instants(paths, t, *seen), (paths.duration.shape[0], t.shape[1])
+    at, shape = Instants(paths, t, *frame), (paths.duration.shape[0], t.shape[1])
 
     def components(value: Any) -> tuple[Array, ...]:
         return tuple(jnp.broadcast_to(x, shape) for x in (value if isinstance(value, tuple) else (value,)))

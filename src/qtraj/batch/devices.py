@@ -41,7 +41,7 @@ class Spread(NamedTuple):
 
 
 def spread(count: int, instants: int, devices: Sequence[Any] | None) -> Spread | None:
-    """Divide the paths if their number is a multiple of the devices, else the instants; None for a single device.
+    """Divide the paths if their number is a multiple of the number of devices, else the instants; None for one device.
 
     By default all local devices are used if there are at least `MIN_INSTANTS` instants.
     """

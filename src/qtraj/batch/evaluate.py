@@ -51,8 +51,8 @@ def evaluate(
     The labels of `to_xarray()` depend on it: tangent, normal, binormal, or forward, left, up. The sign of a quaternion
     is arbitrary at each instant; with `continuous=True` it is continuous in time.
 
-    `axes` are those of `rate` and `angular_acceleration`, and of `force` and `moment`: "body", the frame's own, or
-    "inertial", the world's.
+    `axes` are the axes of `rate`, `angular_acceleration`, `force` and `moment`: "body", the frame's own, or "inertial",
+    the world's.
 
     `vehicle` is needed for the outputs `force`, `moment` (with an inertia), `longitudinal_force`, `lateral_force`,
     `normal_load`, `friction` and `power`.
@@ -140,11 +140,11 @@ def _minimizing(
 def _names(outputs: Sequence[str]) -> tuple[str, ...]:
     if isinstance(outputs, str):
         raise ValueError(
-            f"outputs must be a sequence of names, such as ({outputs!r},), but the text {outputs!r} was given"
+            f"outputs must be a sequence of names, such as ({outputs!r},), but the string {outputs!r} was given"
         )
     names = tuple(dict.fromkeys(outputs))
     if unknown := [name for name in names if name not in CHANNELS]:
-        raise ValueError(f"unknown output {unknown[0]!r}; known are {', '.join(CHANNELS)}")
+        raise ValueError(f"unknown output {unknown[0]!r}; the known outputs are {', '.join(CHANNELS)}")
     return names
 
 

@@ -12,9 +12,9 @@ from jax.sharding import PartitionSpec, SingleDeviceSharding
 from jaxtyping import Array
 
 from qtraj.algebra import hamilton
+from qtraj.algebra.cpu import in_one_loop
 from qtraj.batch.blocks import SAMPLES, filled, mapped, reduced
 from qtraj.batch.channels import channels
-from qtraj.batch.cpu import in_one_loop
 from qtraj.batch.devices import AXIS, Spread, spread
 from qtraj.batch.long_rows import LONG, by_path, long_row
 from qtraj.batch.reduction import LINEAR, block_peak, joiner
@@ -29,7 +29,7 @@ def run(
 ) -> Any:
     """Results by name, or values and times of a reduction, for `work`: a path or stack, a frame, and a vehicle or None.
 
-    `times` are (instants,) or (paths, instants). The compiled code adds the leading axis, where that copies nothing.
+    `times` are (instants,) or (paths, instants). The compiled code adds the leading axis without a copy.
     """
     if traced:
         return _traced(task, work, jnp.atleast_2d(times))
@@ -61,8 +61,8 @@ def _traced(task: Task, request: Any, times: Array) -> Any:
 def _differentiable_peaks(task: Task, paths: Any, frame: Any, times: Array) -> Any:
     """Peaks with the derivatives at the instants where they are attained (envelope theorem).
 
-    The search itself is not differentiated, so no reverse pass over all samples is needed. If several instants attain
-    the peak to rounding, the derivatives are those at the first. A peak that is not finite has none.
+    The search itself is not differentiated, so a reverse pass over all samples is not needed. If several instants
+    attain the peak to rounding, the derivatives are those at the first. A peak that is not finite has no derivatives.
     """
     peaks = _stop_gradient(_peaks(task, _stop_gradient(paths), _stop_gradient(frame), _stop_gradient(times)))
     first = jnp.stack([when for name in task.names for _, when in peaks[name]], axis=1)
@@ -104,7 +104,7 @@ def _stop_gradient(tree: Any) -> Any:
 def _writing(task: Task, over: Spread | None, donate: bool) -> Any:
     """A compiled function that writes every block into its results.
 
-    An old table only provides its memory for the results.
+    An old table provides only its memory for the results.
     """
 
     def call(static: Any, dynamic: Any, times: Array, old: Any) -> Any:
@@ -116,7 +116,7 @@ def _writing(task: Task, over: Spread | None, donate: bool) -> Any:
             arrays, work = _worker(paths, frame, task.names)
 
             def empty(name: str, dtype: Any) -> Array:
-                # Different values: the compiler would merge equal buffers into one and then copy it.
+                # Different fill values, because the compiler would merge equal buffers into one and then copy it.
                 return jnp.full(task.raw_shape(name, count, instants), task.names.index(name), dtype)
 
             return filled(work, empty, task.write, arrays, (times,), (count, instants), _samples())
@@ -245,7 +245,7 @@ def _continuous(q: Array) -> Array:
 
 
 def _long() -> float:
-    """Minimum number of instants to reduce in segments; on other devices blocks are equally fast."""
+    """Minimum number of instants for `long_row`; infinite on devices other than CPUs, where blocks are equally fast."""
     return float(LONG) if jax.default_backend() == "cpu" else float("inf")
 
 

@@ -1,8 +1,8 @@
 """Peaks over very many instants of a path, without derivatives.
 
 The instants are divided into segments, which are processed side by side, each with a running peak. This is elementwise
-work, which compilers for CPUs vectorise; they reduce a single row sample by sample. The time of the peak is computed
-afterwards, from the one segment that contains it.
+work, which compilers for CPUs vectorise, whereas they reduce a single row sample by sample. The time of the peak is
+computed afterwards, from the one segment that contains it.
 """
 
 from collections.abc import Callable
@@ -73,7 +73,7 @@ def _with_times(work: Work, sign: int, path: Any, times: Array, segment_peaks: A
     def time_of_peak(component: Array, segment: Array, peak: Array, in_segments: Array) -> Array:
         own_times = times[segment][None]
         samples = sign * jnp.stack(jax.tree.leaves(work(path, (own_times,))))[component]
-        # The samples are computed a second time. If rounding differs, so that none equals the peak, take the largest.
+        # The samples are computed a second time. If rounding differs and none equals the peak, use the largest.
         first = jnp.min(jnp.where(attained(samples, peak), own_times, jnp.inf))
         largest = own_times[0, jnp.argmax(samples)]
         return jnp.where(jnp.isinf(first) & in_segments, largest, first)

@@ -18,12 +18,14 @@ from qtraj.path.rate_axes import BODY, in_axes
 REDUCTIONS = ("max", "min", "integral", "mean")
 
 LINEAR = ("integral", "mean")
-"""Reductions that add up samples; the others select one."""
+"""Reductions that sum samples; the others select one sample."""
 
 ROUNDING = 8
 """In machine epsilons: samples within this relative distance of a peak count as equal to it."""
 
-QUATERNIONS = "scalar first, Hamilton product, body to world; each component reduced by itself, so of any norm"
+QUATERNIONS = (
+    "scalar first, Hamilton product, body to world; each component is reduced separately, so the norm is not 1"
+)
 
 
 class Reduced(AbstractResult):

@@ -1,7 +1,7 @@
 """Integrals over the instants of each path by the trapezoidal rule, differentiable, without storing samples.
 
-The blocks are added elementwise, which compilers for CPUs vectorise; they reduce a single block sample by sample. Only
-the sum of all blocks is reduced to one number. The reverse pass recomputes each block.
+The blocks are added elementwise, which compilers for CPUs vectorise, whereas they reduce a single block sample by
+sample. Only the sum of all blocks is reduced to one number. The reverse pass recomputes each block.
 """
 
 from typing import Any
@@ -16,8 +16,8 @@ from qtraj.batch.blocks import SAMPLES, Work
 from qtraj.foundation.derivatives import with_tangent_of
 
 WIDTH = 64
-"""Blocks of one row are multiples of this width. Loops over other sizes take twice as long, because vectors and threads
-do not divide them evenly."""
+"""Blocks of one row are multiples of this width. Loops over other sizes take twice as long, because they do not divide
+evenly into vectors and threads."""
 
 
 def neighbours(times: Float[Array, "rows n"], pieces: int = 1) -> Float[Array, "rows _"]:

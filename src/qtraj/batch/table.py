@@ -22,7 +22,7 @@ class Table(AbstractResult):
 
     Each output of `evaluate` is an attribute: `table.position`, `table.curvature`, `table.yaw_rate`; outputs that were
     not requested are None. `time` [s], (n,) or (b, n), is measured from each path's own start. `axes`, "body" or
-    "inertial", are those of `rate` and `angular_acceleration`.
+    "inertial", are the axes of `rate` and `angular_acceleration`.
 
     **Raises:** TypeError for unknown names of arrays.
     """
@@ -45,7 +45,7 @@ class Table(AbstractResult):
         **values: "Array | None",
     ):
         if unknown := values.keys() - CHANNELS.keys():
-            raise TypeError(f"unknown output {min(unknown)!r}; known are {', '.join(CHANNELS)}")
+            raise TypeError(f"unknown output {min(unknown)!r}; the known outputs are {', '.join(CHANNELS)}")
         self.time = time
         self.values = {name: x for name, x in values.items() if x is not None}
         self.batched, self.components, self.frame, self.axes = batched, components, frame, axes
@@ -53,7 +53,7 @@ class Table(AbstractResult):
     def __getattr__(self, name: str) -> Any:
         if name in CHANNELS:
             return self.values.get(name)
-        raise AttributeError(f"a table has no {name!r}")
+        raise AttributeError(f"a table has no attribute {name!r}")
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *CHANNELS]
@@ -62,7 +62,7 @@ class Table(AbstractResult):
         """Plot outputs over time, one panel each, as a matplotlib figure (extra `viz`).
 
         By default all outputs except `dcm` and `defined` are plotted. Components are labelled by the axes of the frame.
-        Of many paths the first eight are plotted.
+        If there are many paths, the first eight are plotted.
 
         **Raises:** ModuleNotFoundError, naming the extra, if matplotlib is missing; ValueError for an output that the
         table does not have.

@@ -34,7 +34,7 @@ class Task:
         return CHANNELS[name].shape + ((count, instants) if self.batched else (instants,))
 
     def write(self, name: str, k: int, raw: Array, values: Array, p: Array, c: Array) -> Array:
-        """`raw`, components first, with `values` (paths, instants) of its k-th component from path p, instant c on."""
+        """`raw`, components first, with `values` (paths, instants) of component k, starting at path p, instant c."""
         inner = CHANNELS[name].shape
         indices = [jnp.asarray(i, c.dtype) for i in np.unravel_index(k, inner)] if inner else []
         lead = values.shape if self.batched else values.shape[1:]

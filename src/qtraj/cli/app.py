@@ -27,7 +27,7 @@ def _prose(docstring: str | None) -> str:
 
 
 def _examples(*lines: str) -> str:
-    """The examples below the help of a command, one per line."""
+    """The text with the examples of a command, one per line, for the end of its help."""
     return "\n\n".join(("Examples:", *lines))
 
 
@@ -48,7 +48,7 @@ def _add(command: Callable[..., None], *examples: str, old: str | None = None) -
 
 _add(
     tune,
-    "qtraj tune  (the embedded scenario)",
+    "qtraj tune  (the built-in scenario)",
     "qtraj tune turn.toml --out results",
     "qtraj tune turn.toml --objective fastest --motion hermite",
 )
@@ -59,19 +59,19 @@ _add(
 )
 _add(
     route,
-    "qtraj route  (the embedded scenario)",
+    "qtraj route  (the built-in scenario)",
     "qtraj route drive.csv --out drive",
     "qtraj route bus.toml --out results",
 )
 _add(
     slew,
-    "qtraj slew  (the embedded scenario)",
+    "qtraj slew  (the built-in scenario)",
     "qtraj slew camera.toml --out results --samples 401",
     old="turn",
 )
 _add(
     simulate,
-    "qtraj simulate  (the embedded scenario)",
+    "qtraj simulate  (the built-in scenario)",
     "qtraj simulate loop.toml --out results --json",
     old="track",
 )
@@ -83,18 +83,18 @@ _add(
 )
 
 
-def _version(wanted: bool) -> bool:
-    if wanted:
+def _version(requested: bool) -> bool:
+    if requested:
         typer.echo(f"qtraj {__version__}")
         raise typer.Exit
-    return wanted
+    return requested
 
 
 @app.callback(
     epilog=_examples(
-        "qtraj tune  (runs the embedded scenario, writes qtraj-out)",
-        "qtraj report  (makes a page of it for the browser)",
-        "qtraj --install-completion  (commands and options by the Tab key)",
+        "qtraj tune  (runs the built-in scenario, writes qtraj-out)",
+        "qtraj report  (writes an HTML report of it)",
+        "qtraj --install-completion  (installs tab completion)",
     )
 )
 def root(
@@ -102,5 +102,5 @@ def root(
 ) -> None:
     """Where a vehicle must be, and how it must turn: paths from boundary states or recordings.
 
-    Exit codes: 0 done, 1 limits not met or no convergence (results are written all the same), 2 bad input.
+    Exit codes: 0 success, 1 limits not met or no convergence (the results are still written), 2 invalid input.
     """

@@ -30,7 +30,7 @@ FORCES_TITLE = "t [s], forces F between tyres and road [N], use of the grip, pow
 
 SAMPLES = 25
 MAX_INSTANTS = 1_000_000
-"""Larger numbers of instants are refused as a mistake."""
+"""Larger numbers of instants are rejected as probable mistakes."""
 
 ROAD = {"time": ["t"], **dict(zip(FORCES, (["|F_τ|"], ["|F_n|"], ["F_b"], ["friction"], ["P"]), strict=True))}
 MOTION = {"time": ["t"], "position": ["x", "y", "z"], "speed": ["speed"], "curvature": ["κ"], "torsion": ["χ"]}
@@ -39,13 +39,13 @@ MOTION = {"time": ["t"], "position": ["x", "y", "z"], "speed": ["speed"], "curva
 def evaluate(
     scenario: Path = typer.Argument(..., metavar="SCENARIO", help="A scenario, or a saved path (TOML or JSON)."),
     samples: int | None = typer.Option(
-        None, min=2, metavar="N", help=f"Number of instants, both ends included. \\[default: {SAMPLES}]"
+        None, min=2, metavar="N", help=f"Number of instants, including both ends. \\[default: {SAMPLES}]"
     ),
     step: float | None = typer.Option(
-        None, metavar="SECONDS", help="Time between instants instead; the end is always included."
+        None, metavar="SECONDS", help="Time between instants, instead of --samples; the end is always included."
     ),
     also: list[str] = typer.Option(
-        [], metavar="NAME", help="A further output of qtraj.evaluate, such as yaw_rate; several with one option each."
+        [], metavar="NAME", help="Additional output of qtraj.evaluate, such as yaw_rate. May be repeated."
     ),
     frame: FrameName | None = terminal.frame_option(),
     out: Path | None = typer.Option(None, metavar="DIR", help="Folder for table.nc and table.csv."),
@@ -53,9 +53,9 @@ def evaluate(
 ) -> None:
     """Tabulate a path: time, position, speed, curvature, torsion, attitude and rate.
 
-    The path of a scenario is the one before tuning. Attitude and rate are those of the upright frame, unless --frame
-    names another; the quaternion is scalar first, body to world. With a table [vehicle] the forces, the use of the grip
-    and the power follow. Outputs named by --also are added to the files and to JSON. Exit code 1 if the path does not
+    The path of a scenario is not tuned. Attitude and rate belong to the upright frame, unless --frame selects another;
+    the quaternion is scalar first, body to world. With a table [vehicle] the output includes forces, friction and
+    power. Outputs requested by --also are added to the files and to the JSON output. Exit code 1 if the path does not
     follow its recording.
     """
     with terminal.guarded():
@@ -138,15 +138,15 @@ def instants(duration: float, samples: int | None, step: float | None) -> np.nda
         raise ValueError("--samples and --step were both given: pass one of them")
     if not (step > 0 and duration / step < MAX_INSTANTS):
         raise ValueError(
-            f"--step {step:g} was given, but expected a positive number of seconds that makes at most {MAX_INSTANTS} "
-            f"instants of this path, which lasts {duration:.6g} s"
+            f"--step {step:g} was given, but expected a positive number of seconds that gives at most {MAX_INSTANTS} "
+            f"instants: this path lasts {duration:.6g} s"
         )
     times = step * np.arange(int(duration / step * (1 + 1e-12)) + 1)
     return times if times[-1] >= duration * (1 - 1e-9) else np.append(times, duration)
 
 
 def _show(console: Console, content: dict[str, Any]) -> None:
-    """The facts about the path, and two tables, since one would not fit into 80 characters."""
+    """Print the facts about the path, and two tables, because one table would be wider than 80 columns."""
     from qtraj.path.existence import MISSING
     from qtraj.path.frame_axes import axes_of
 
@@ -174,9 +174,7 @@ def _show(console: Console, content: dict[str, Any]) -> None:
         console.print(layout.numbers_table(columns, block, exists))
     if len(defined) > layout.MAX_ROWS:
         console.print(
-            Text(
-                f"… : {len(defined) - layout.MAX_ROWS} instants are not shown; --out DIR and --json contain all of them"
-            )
+            Text(f"… : {len(defined) - layout.MAX_ROWS} instants are not shown; --out DIR or --json gives all of them")
         )
     if missing := int(np.sum(~defined)):
         console.print(Text(f"- : the {frame} frame does not exist ({MISSING[frame]}) at {missing} instants"))

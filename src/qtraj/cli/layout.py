@@ -16,13 +16,13 @@ MAX_ROWS = 100
 """Longer tables of numbers show only their first and last rows."""
 
 ROWS = 21
-"""Instants of a motion on the terminal; the files and --json contain all of them."""
+"""Number of instants of a motion that the terminal shows; the files and --json contain all of them."""
 
 VERDICTS = {"met": "green", "proved": "green", "sampled": "yellow", "active": "bold green"}
 
 
 def print_scenario(console: Console, scenario: dict[str, Any]) -> None:
-    """Name, description, source and file of a scenario."""
+    """Print the name, description, source and file of a scenario."""
     console.print(Text(scenario["name"] or scenario["file"], style="bold"))
     if scenario["description"]:
         console.print(Text(scenario["description"]))
@@ -32,7 +32,7 @@ def print_scenario(console: Console, scenario: dict[str, Any]) -> None:
 
 
 def print_files(console: Console, files: list[str]) -> None:
-    """The files that were written, one per line."""
+    """Print the names of the files that were written, one per line."""
     if files:
         heading(console, "Files written")
     for file in files:
@@ -40,7 +40,7 @@ def print_files(console: Console, files: list[str]) -> None:
 
 
 def heading(console: Console, text: str) -> None:
-    """A title above a table, after an empty line."""
+    """Print an empty line and a title."""
     console.print()
     console.print(Text(text, style="bold"))
 
@@ -70,7 +70,7 @@ def plain_table(*names: str, right: tuple[str, ...] = (), last: tuple[str, ...] 
 
 
 def facts_table(rows: Sequence[tuple[str, str]]) -> Table:
-    """A table of names and texts, without a header."""
+    """A table of names and their values, without a header."""
     table = plain_table("", "")
     table.show_header = False
     for name, text in rows:
@@ -110,7 +110,7 @@ def print_instants(
     headers: Mapping[str, Sequence[str]],
     significant: Container[str] = (),
 ) -> None:
-    """A `numbers_table` of equally spaced instants, at most 21."""
+    """Print a `numbers_table` of at most 21 equally spaced instants."""
     count = len(columns["time"])
     shown = np.unique(np.linspace(0, count - 1, min(ROWS, count)).round().astype(int))
     console.print(numbers_table({name: columns[name][shown] for name in headers}, headers, {}, significant))

@@ -14,7 +14,7 @@ NEEDED = ("typer", "rich", "pydantic", "xarray", "h5netcdf", "matplotlib")
 """Packages that the command line needs in addition to the core of qtraj."""
 
 GC_THRESHOLDS = (100_000, 20, 100)
-"""Thresholds of Python's garbage collector, which with its defaults takes a tenth of the run time."""
+"""Thresholds of Python's garbage collector; with the default thresholds it takes a tenth of the run time."""
 
 
 def main() -> None:
@@ -22,8 +22,8 @@ def main() -> None:
     missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
     if missing:
         sys.stderr.write(
-            f"error: the command line needs {', '.join(missing)}, which this environment lacks. "
-            "Install it with: pip install 'qtraj[all]'\n"
+            f"error: the command line needs packages that are not installed: {', '.join(missing)}. "
+            "Install them with: pip install 'qtraj[all]'\n"
         )
         sys.exit(BAD_INPUT)
     gc.set_threshold(*GC_THRESHOLDS)
@@ -35,7 +35,7 @@ def main() -> None:
         from qtraj.cli.app import app  # after the settings, because an import may compute
 
         app(prog_name="qtraj")
-    except KeyboardInterrupt:  # before a command, which handles interrupts itself
+    except KeyboardInterrupt:  # before a command starts; commands handle interrupts themselves
         sys.stderr.write("interrupted\n")
         _leave()
     except SystemExit as end:
@@ -47,7 +47,7 @@ def main() -> None:
 def _leave() -> NoReturn:
     """End an interrupted process at once.
 
-    JAX's threads may still compile or compute. At the usual exit JAX clears its caches, and these threads can crash.
+    JAX's threads may still compile or compute. A normal exit clears JAX's caches, and these threads can then crash.
     """
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):

@@ -25,19 +25,19 @@ def header(command: str, loaded: ScenarioFile[Any]) -> dict[str, Any]:
     scenario = loaded.scenario
     about = {name: getattr(scenario, name, None) for name in ("name", "description")}
     about["source"] = getattr(getattr(scenario, "track", None), "source", None)
-    known = {"file": str(loaded.file), "sha256": loaded.hash} | {k: v and v.strip() for k, v in about.items()}
-    return {"qtraj": __version__, "command": command, "scenario": known}
+    facts = {"file": str(loaded.file), "sha256": loaded.hash} | {k: v and v.strip() for k, v in about.items()}
+    return {"qtraj": __version__, "command": command, "scenario": facts}
 
 
 def provenance(loaded: ScenarioFile[Any]) -> dict[str, str]:
     """Attributes of a dataset that state its origin."""
     about = header("", loaded)["scenario"]
-    known = {"title": about["name"], "recording": about["source"], "scenario_sha256": about["sha256"]}
-    return {name: text for name, text in known.items() if text} | {"scenario_file": loaded.file.name}
+    facts = {"title": about["name"], "recording": about["source"], "scenario_sha256": about["sha256"]}
+    return {name: text for name, text in facts.items() if text} | {"scenario_file": loaded.file.name}
 
 
 def tabular(record: Record) -> dict[str, Any]:
-    """The `units` and `columns` of a record over instants, by the names of its quantities."""
+    """The `units` and the `columns` of a record over instants, keyed by the names of its quantities."""
     columns = plain(record)
     return {"units": columns.pop("units"), "columns": {name: columns[name] for name in record.everything()}}
 

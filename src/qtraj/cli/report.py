@@ -1,4 +1,4 @@
-"""`qtraj report`: a result as a page for the browser."""
+"""`qtraj report`: writes an HTML report of a result."""
 
 from pathlib import Path
 from typing import Any
@@ -12,25 +12,25 @@ from qtraj.cli.terminal import FrameName, Outcome
 from qtraj.foundation.progress_bar import watching
 
 PAGE = "report.html"
-"""The page of a folder, or of the main dataset in it."""
+"""The file name of the report of a folder, or of the main dataset in it."""
 
 
 def report(
     result: Path = typer.Argument(
         Path("qtraj-out"), metavar="RESULT", help="A folder of results, a dataset, or a saved path."
     ),
-    out: Path | None = typer.Option(None, metavar="DIR", help="Folder for the page; without it, that of RESULT."),
-    frame: FrameName | None = terminal.frame_option("that of the dataset; upright for a saved path"),
+    out: Path | None = typer.Option(None, metavar="DIR", help="Folder for the page (default: the folder of RESULT)."),
+    frame: FrameName | None = terminal.frame_option("the frame of the dataset; upright for a saved path"),
     as_json: bool = terminal.json_option(),
 ) -> None:
-    """Write a result as one HTML file to look at in a browser, without any network.
+    """Write a report of a result as one HTML file, which needs no network.
 
-    It shows the path with its moving frame, or an attitude with its moving
-    axes, beside everything over time, with slider, play and pause, tables and
-    provenance. RESULT is what the other commands write: a folder, a dataset
-    (.nc, .zarr, .parquet, .csv), or a saved path (.toml, .json). The page of a
-    folder, and of its paths.nc or table.nc, is report.html; that of another file
-    has its name: path.toml becomes path.html.
+    The report animates the path with its moving frame, or the attitude with its
+    axes, with a slider, play and pause. It also contains plots over time, tables
+    and provenance. RESULT is an output of another command: a folder, a dataset
+    (.nc, .zarr, .parquet, .csv), or a saved path (.toml, .json). The report of a
+    folder, and of its paths.nc or table.nc, is named report.html. Any other report
+    is named after its file: path.toml gives path.html.
     """
     with terminal.guarded():
         outcome = run(result, out, frame)
@@ -38,7 +38,7 @@ def report(
 
 
 def run(result: Path, out: Path | None, frame: FrameName | None = None) -> Outcome:
-    """Write the page of a result; `frame` is the frame of a saved path, upright if None.
+    """Write the report of a result; `frame` is the frame of a saved path, upright if None.
 
     **Raises:** OSError or ValueError for bad input, or a missing package, before anything is written.
     """
@@ -66,14 +66,14 @@ def run(result: Path, out: Path | None, frame: FrameName | None = None) -> Outco
         content = {"qtraj": __version__, "command": "report", "result": str(source.file)} | summary.summary()
         watch.say("writing")
         whole = is_folder(result) or result.name in DATASETS
-        name = PAGE if whole else f"{result.stem}.html"  # so that several files in a folder have their own pages
+        name = PAGE if whole else f"{result.stem}.html"  # several files in one folder get separate reports
         writers = {name: lambda file: file.write_text(page, encoding="utf-8", newline="\n")}
         content["files"] = [str(file) for file in write_all(folder, writers)]
     return Outcome(content, lambda console: _show(console, content))
 
 
 def _show(console: Console, content: dict[str, Any]) -> None:
-    """The contents of the page, and the file to open."""
+    """Print a summary of the report, and the file to open."""
     console.print(Text(content["title"], style="bold"))
     for fact in (*content["findings"], *content["notes"]):
         console.print(Text(fact))

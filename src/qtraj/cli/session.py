@@ -12,7 +12,7 @@ import jax
 from qtraj.foundation.compilation_cache import enable_compilation_cache
 
 NOISY = ("jax", "jaxlib", "xarray", "matplotlib", "mpl_toolkits", "h5netcdf", "pandas")
-"""Packages whose warnings and log messages do not concern a user of the command line."""
+"""Packages whose warnings and log messages are of no use to a user of the command line."""
 
 
 def prepare() -> None:
@@ -34,7 +34,8 @@ def prepare() -> None:
 def _enable_cache() -> None:
     """Store compiled code for the next run, if there is a folder for it.
 
-    `JAX_ENABLE_COMPILATION_CACHE=0` switches this off, and a folder in `JAX_COMPILATION_CACHE_DIR` is left to JAX.
+    `JAX_ENABLE_COMPILATION_CACHE=0` switches the cache off. If `JAX_COMPILATION_CACHE_DIR` is set, JAX uses that
+    folder itself.
     """
     enabled = jax.config.jax_enable_compilation_cache  # type: ignore[attr-defined]
     if enabled and not os.environ.get("JAX_COMPILATION_CACHE_DIR"):

@@ -25,6 +25,7 @@ HEADERS = {
     "time": ["t"],
     "angle": ["error"],
     "closed_form_angle": ["closed form"],
+    "open_loop_angle": ["open loop"],
     "rate": ["ω1", "ω2", "ω3"],
     "command": ["command"],
     "norm": ["|λ|"],
@@ -32,25 +33,29 @@ HEADERS = {
 RESULTS = {
     ResultCode.successful: "finished: every instant was reached.",
     ResultCode.max_steps_reached: (
-        "stopped: too many steps between two instants. Take smaller gains, larger simulation.rtol and simulation.atol, "
+        "stopped: too many steps between two instants. Use smaller gains, larger simulation.rtol and simulation.atol, "
         "or a shorter simulation.duration."
     ),
     ResultCode.step_too_small: (
-        "stopped: the step fell to round-off, since the command grows without bound there or the tolerances are too "
-        "fine. Take another [error], smaller gains, or larger simulation.rtol and simulation.atol."
+        "stopped: the step size became too small for floating point. The command grows without bound there, or the "
+        "tolerances are too tight. Use another initial [error], smaller gains, or larger simulation.rtol and "
+        "simulation.atol."
     ),
     ResultCode.near_zero_error: "finished, but the error quaternion came near zero, where the command grows as 1/|μ|².",
     ResultCode.wrong_sign: (
-        "stopped: the error quaternion started with a negative scalar part (μ0 < 0) and ran into zero, where the law "
-        "has no command."
+        "stopped: the error quaternion started with a negative scalar part (μ0 < 0) and reached zero, where the law "
+        "is undefined."
     ),
 }
 """Result texts in terms of the scenario."""
 
-OTHER_SIGN = "λ and −λ are one attitude: sign = 'auto' in [error] takes the one that passes more smoothly."
+OTHER_SIGN = (
+    "λ and −λ represent the same attitude: sign = 'auto' in [error] chooses the one whose error quaternion stays "
+    "farther from zero."
+)
 NO_SIGN = (
-    "Neither sign of λ passes more smoothly: take a smaller error.rate, other gains, or a law of the kind "
-    "'quaternion', which looks at the attitude alone."
+    "The other sign of λ does not avoid this: use a smaller error.rate, other gains, or a law of kind 'quaternion', "
+    "whose command is the same for λ and −λ."
 )
 
 
@@ -58,24 +63,29 @@ def simulate(
     scenario: Path | None = terminal.scenario_argument("loop"),
     out: Path = terminal.out_option(),
     samples: int | None = typer.Option(
-        None, min=2, max=100_000, metavar="N", help="Number of instants, both ends included; overrides the scenario."
+        None, min=2, max=100_000, metavar="N", help="Number of instants, including both ends; overrides the scenario."
     ),
     frame: FrameName | None = terminal.frame_option("the scenario's; upright"),
+    open_loop: bool = typer.Option(
+        False, "--open-loop", help="Also simulate the body without feedback, under the program's acceleration alone."
+    ),
     as_json: bool = terminal.json_option(),
 ) -> None:
     """Simulate a body that follows an attitude program under a feedback law.
 
-    The program is a slew, the frame of a path, or a saved one; disturbance, sensor and actuator may be added. The
-    error is compared with its closed form. Writes the motion (solution.toml), its table (table.nc, table.csv) and a
-    figure (simulation.png, simulation.svg). Exit code 1 if the integration did not finish.
+    The program is a slew, the frame of a path, or a saved program. A disturbance, a sensor and an actuator may be
+    added. The error is compared with its closed form. Writes the motion (solution.toml), its table (table.nc,
+    table.csv) and a figure (simulation.png, simulation.svg). Exit code 1 if the integration did not finish.
     """
     with terminal.guarded():
-        outcome = run(scenario, out, samples, frame and frame.value)
+        outcome = run(scenario, out, samples, frame and frame.value, open_loop)
     terminal.finish(outcome, as_json)
 
 
-def run(file: Path | None, out: Path, samples: int | None, frame: str | None = None) -> Outcome:
-    """Simulate a closed loop and write it.
+def run(
+    file: Path | None, out: Path, samples: int | None, frame: str | None = None, open_loop: bool = False
+) -> Outcome:
+    """Simulate a closed loop, with `open_loop` also the body without feedback, and write it.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
@@ -91,7 +101,7 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
 
         check_folder(out)
         loaded = read_scenario(file, "loop")
-        task, history, verdict = _simulated(loaded, samples, frame, watch)
+        task, history, verdict = _simulated(loaded, samples, frame, watch, open_loop)
         table = history[np.searchsorted(history.times, task.times)]
         actuator = task.actuator or Actuator()
         limit = None if actuator.limit is None else np.asarray(actuator.limit).tolist()
@@ -111,6 +121,7 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
             "command_limit": limit,
             "saturation": saturation,
             "verdict": plain(verdict.record()),
+            **_without_feedback(history),
             "finished": bool(history.solution.successful),
             "result": _result(history, verdict, loaded.scenario.error.sign),
             **tabular(table.record()),
@@ -131,12 +142,13 @@ def run(file: Path | None, out: Path, samples: int | None, frame: str | None = N
 
 
 def _simulated(
-    loaded: "ScenarioFile[Any]", samples: int | None, frame: str | None, watch: Watch
+    loaded: "ScenarioFile[Any]", samples: int | None, frame: str | None, watch: Watch, with_open_loop: bool = False
 ) -> tuple["LoopTask", "LoopHistory", "LoopVerdict"]:
     """The closed loop of a scenario, its motion, and its assessment; a ValueError names the file."""
     import qtraj.motion.simulation.simulate as simulation
     from qtraj.motion.simulation.loop_history import judging_times, loop_history, references_at
     from qtraj.motion.simulation.loop_verdict import SETTLED, judge_loop
+    from qtraj.motion.simulation.open_loop import open_loop
     from qtraj.scenario.part import radians
 
     with naming(f"{loaded.file}: "):
@@ -149,10 +161,24 @@ def _simulated(
         around = (task.disturbance, task.sensor, task.actuator)
         tolerances: Any = {"rtol": task.rtol, "atol": task.atol}
         solution = simulation.simulate(*loop, times, *around, jumps=task.jumps, sign="as given", **tolerances)
-        history = loop_history(*loop, solution)
+        alone = None
+        if with_open_loop:
+            watch.say("simulating without feedback")
+            start: Any = {"disturbance": task.disturbance, "jumps": task.jumps, "sign": "as given"}
+            alone = open_loop(task.program, times, task.quaternion, task.rate, **start, **tolerances)
+        history = loop_history(*loop, solution, alone)
     settled = loaded.scenario.simulation.settled
     angle = SETTLED if settled is None else radians(loaded.scenario.angles) * settled
     return task, history, judge_loop(history, task.law, *around, angle, **tolerances)
+
+
+def _without_feedback(history: "LoopHistory") -> dict[str, Any]:
+    """The angles of the open loop, if it was simulated; None where its integration did not arrive."""
+    if history.open_loop_angle is None:
+        return {}
+    angles = np.asarray(history.open_loop_angle)
+    values = {"final_angle": angles[-1], "largest_angle": angles.max()}
+    return {"open_loop": {name: float(x) if np.isfinite(x) else None for name, x in values.items()}}
 
 
 def _gains(task: "LoopTask") -> dict[str, Any]:
@@ -188,15 +214,17 @@ def _show(console: Console, content: dict[str, Any], verdict: "LoopVerdict") -> 
     console.print(layout.facts_table(loop))
     if not verdict.stable:
         unstable = (
-            f"This law is unstable: with these gains errors grow, the fastest as exp({float(verdict.growth):.4g} t)."
+            f"The closed loop is unstable: with these gains the error grows as exp({float(verdict.growth):.4g} t)."
         )
-        neutral = "With the gains of this law errors neither grow nor decay."
+        neutral = "The closed loop is not asymptotically stable: with these gains the error does not decay."
         console.print(Text(unstable if verdict.growth > 0 else neutral, style="bold red"))
     layout.heading(console, "Motion")
-    console.print(layout.facts_table(_motion(content, content["verdict"], unit)))
+    console.print(layout.facts_table(_motion(content, content["verdict"], unit) + _alone(content)))
     if verdict.agrees is False:
-        text = f"The deviation from the closed form exceeds {float(verdict.bound):.3g}, which the tolerances explain. "
-        console.print(Text(text + "Take smaller simulation.rtol and simulation.atol.", style="bold red"))
+        text = (
+            f"The deviation from the closed form exceeds {float(verdict.bound):.3g}, the largest that the tolerances "
+        )
+        console.print(Text(text + "explain. Use smaller simulation.rtol and simulation.atol.", style="bold red"))
     _show_columns(console, content["columns"], verdict.applies, unit)
     layout.heading(console, "Result")
     console.print(Text(content["result"]))
@@ -205,9 +233,9 @@ def _show(console: Console, content: dict[str, Any], verdict: "LoopVerdict") -> 
 
 def _motion(content: dict[str, Any], verdict: dict[str, Any], unit: str) -> list[tuple[str, str]]:
     settling, drift, least = verdict["settling_time"], verdict["norm_drift"], verdict["least_error"]
-    when = "not reached permanently" if settling is None else f"from {settling:.4f} s on"
-    drifted = "" if drift is None else f", up to {layout.number(drift, 3)} from its exact value"
-    exactly = ", at any time, by the closed form" if verdict["least_error_exact"] else ""
+    when = "not settled" if settling is None else f"from {settling:.4f} s on"
+    drifted = "" if drift is None else f", within {layout.number(drift, 3)} of its exact value"
+    exactly = ", over continuous time, by the closed form" if verdict["least_error_exact"] else ""
     error, lowest, highest = verdict["final_angle"], verdict["least_norm"], verdict["largest_norm"]
     return [
         ("final error", "-" if error is None else f"{layout.degrees(error)}°"),
@@ -216,42 +244,51 @@ def _motion(content: dict[str, Any], verdict: dict[str, Any], unit: str) -> list
         ("largest command", _peak(verdict, unit, content["saturation"] == "axis")),
         ("limit of command", _limit(content["command_limit"], unit, content["saturation"])),
         ("|λ|", f"{layout.number(lowest)} to {layout.number(highest)}{drifted}"),
-        ("least |μ|", "-" if least is None else f"{layout.number(least)}{exactly}"),
-        ("evaluated at", f"{verdict['instants']} instants, independently of the table"),
+        ("smallest |μ|", "-" if least is None else f"{layout.number(least)}{exactly}"),
+        ("evaluated at", f"{verdict['instants']} instants, not only those of the table"),
     ]
 
 
+def _alone(content: dict[str, Any]) -> list[tuple[str, str]]:
+    if "open_loop" not in content:
+        return []
+    final = content["open_loop"]["final_angle"]
+    return [("without feedback", "-" if final is None else f"{layout.degrees(final)}° from the program at the end")]
+
+
 def _show_columns(console: Console, columns: dict[str, Any], applies: bool, unit: str) -> None:
-    left_out = () if applies else ("closed_form_angle",)
-    headers = {name: names for name, names in HEADERS.items() if name in columns and name not in left_out}
+    omitted = () if applies else ("closed_form_angle",)
+    headers = {name: names for name, names in HEADERS.items() if name in columns and name not in omitted}
     values = {name: np.array(columns[name], dtype=float) for name in headers}
-    for name in {"angle", "closed_form_angle", "rate", "command"} & headers.keys():
+    for name in {"angle", "closed_form_angle", "open_loop_angle", "rate", "command"} & headers.keys():
         values[name] = np.degrees(values[name])
     values["command"] = np.linalg.norm(values["command"], axis=1)
     layout.heading(console, f"t [s], error angle [°], body rate ω [°/s], length of the command [{unit}], |λ|")
-    layout.print_instants(console, values, headers, significant=("angle", "closed_form_angle", "command"))
+    layout.print_instants(
+        console, values, headers, significant=("angle", "closed_form_angle", "open_loop_angle", "command")
+    )
 
 
 def _closed(verdict: dict[str, Any]) -> str:
     if verdict["deviation"] is None:
         return verdict["closed_form"]
-    relative = f"{layout.number(verdict['deviation'], 3)} of the largest error quaternion"
-    return f"met within {relative}" if verdict["closed_form"] == "agrees" else f"departs from it by {relative}"
+    relative = f"{layout.number(verdict['deviation'], 3)}, relative to the largest |μ|"
+    return f"agrees within {relative}" if verdict["closed_form"] == "agrees" else f"differs from it by {relative}"
 
 
 def _peak(verdict: dict[str, Any], unit: str, each_axis: bool) -> str:
-    """The largest command, of its length or of each component, like its limit."""
+    """The largest magnitude of the command; also the largest components if `each_axis` has its own limit."""
     if verdict["peak_command"] is None:
         return "-"
-    length = f"{layout.degrees(verdict['peak_command'])} {unit} at {verdict['peak_time']:.6g} s"
-    return f"{_degrees(verdict['peak_components'])} {unit} along x, y, z; length {length}" if each_axis else length
+    norm = f"{layout.degrees(verdict['peak_command'])} {unit} at {verdict['peak_time']:.6g} s"
+    return f"{_degrees(verdict['peak_components'])} {unit} along x, y, z; magnitude {norm}" if each_axis else norm
 
 
 def _limit(limit: float | list[float] | None, unit: str, saturation: str | None) -> str:
     if limit is None:
         return "none"
     if saturation == "norm":
-        return f"{_degrees(limit)} {unit}, of the length"
+        return f"{_degrees(limit)} {unit}, on the magnitude"
     return f"{_degrees(limit)} {unit} along {'x, y, z' if isinstance(limit, list) else 'each axis'}"
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from qtraj.scenario.slew import SlewScenario
 
 BOUNDED = {"max_rate": "angle_rate", "max_acceleration": "angle_acceleration"}
-"""The column that each limit bounds."""
+"""The column to which each limit applies."""
 HEADERS = {
     "time": ["t"],
     "angle": ["Φ"],
@@ -33,14 +33,14 @@ HEADERS = {
 def slew(
     scenario: Path | None = terminal.scenario_argument("slew"),
     out: Path = terminal.out_option(),
-    samples: int = typer.Option(201, min=2, max=100_000, metavar="N", help="Number of instants, both ends included."),
+    samples: int = typer.Option(201, min=2, max=100_000, metavar="N", help="Number of instants, including both ends."),
     as_json: bool = terminal.json_option(),
 ) -> None:
     """Slew from one attitude to another, or through several, about fixed axes.
 
-    The slew takes the minimum time within limits of rate, acceleration, jerk and torque, or a given time. Torques need
-    the inertia of the body, in the table `body`. Writes the program (program.toml), its table (table.nc, table.csv) and
-    a figure (slew.png, slew.svg). Exit code 1 if a limit is broken.
+    The duration is the minimum within the limits of rate, acceleration, jerk and torque, unless the scenario sets it.
+    Torques need the inertia of the body, in the table `body`. Writes the program (program.toml), its table (table.nc,
+    table.csv) and a figure (slew.png, slew.svg). Exit code 1 if a limit is violated.
     """
     with terminal.guarded():
         outcome = run(scenario, out, samples)
@@ -98,16 +98,19 @@ def _notes(scenario: "SlewScenario", verdict: "SlewVerdict") -> list[str]:
     notes = []
     for k, (name, attitude) in enumerate(scenario.attitudes().items()):
         if (length := attitude.beyond_half_turn(scenario.angles)) is not None:
-            slewed = "." if k == 0 else f", by {layout.degrees(float(verdict.angles[k - 1]))}°."
+            slewed = "." if k == 0 else f", {layout.degrees(float(verdict.angles[k - 1]))}°."
             notes.append(
                 f"The rotation vector of [{name}] is {layout.degrees(length)}° long, more than a half turn. The slew "
-                f"takes the shorter way to the same attitude{slewed}"
+                f"uses the shorter rotation to the same attitude{slewed}"
             )
     scale = math.degrees(1.0) if scenario.angles == "rad" else 1.0
     rates = {"starts": scenario.law.start_rate, "ends": scenario.law.end_rate}
     moving = [f"{verb} at {layout.number(scale * rate)}°/s" for verb, rate in rates.items() if rate]
     if moving:
-        notes.append(f"The program {' and '.join(moving)}, but is at rest before and after it: its rate jumps there.")
+        notes.append(
+            f"The slew {' and '.join(moving)}, but the body is at rest before and after it: the commanded rate is "
+            "discontinuous there."
+        )
     return notes
 
 
@@ -117,10 +120,11 @@ def _show(console: Console, content: dict[str, Any], verdict: "SlewVerdict") -> 
     for k in range(len(verdict.angles)):
         _show_slew(console, content["verdict"], k)
     if verdict.sign < 0:
-        text = f"The program ends at λ = {_vector(verdict.end)}, the given quaternion with the opposite sign: "
-        console.print(Text(text + "the same attitude by the shorter way. Continue from this sign."))
+        text = f"The program ends at λ = {_vector(verdict.end)}, the given quaternion with the opposite sign: the same "
+        hint = "attitude, reached by the shorter rotation. Start the next program from the quaternion with this sign."
+        console.print(Text(text + hint))
     if np.isfinite(verdict.least_duration):
-        console.print(Text(f"The shortest slew within the limits takes {float(verdict.least_duration):.4f} s."))
+        console.print(Text(f"The fastest slew within the limits takes {float(verdict.least_duration):.4f} s."))
     for note in content["notes"]:
         console.print(Text(note))
     _show_limits(console, content["verdict"])
@@ -164,5 +168,5 @@ def _show_limits(console: Console, verdict: dict[str, Any]) -> None:
 
 
 def _vector(values: Any) -> str:
-    known = np.array(values, dtype=float)
-    return "-" if np.isnan(known).any() else "(" + ", ".join(f"{round(v, 6) + 0.0:.6f}" for v in known) + ")"
+    vector = np.array(values, dtype=float)
+    return "-" if np.isnan(vector).any() else "(" + ", ".join(f"{round(v, 6) + 0.0:.6f}" for v in vector) + ")"

@@ -1,4 +1,4 @@
-"""Options that the commands share, output streams, and the end of a command."""
+"""Options that the commands share, output streams, and exit codes."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -33,15 +33,15 @@ class FrameName(StrEnum):
 
     def frame(self) -> "Frame":
         """The frame of this name."""
-        from qtraj.scenario.loop import FRAMES  # here, so that --help need not wait
+        from qtraj.scenario.loop import FRAMES  # imported here, so that --help does not wait for it
 
         return FRAMES[self.value]()
 
 
 ABOUT_FRAMES = (
-    "upright (x forward, y left, z up: what a vehicle on wheels has), natural (tangent, principal normal, binormal: it "
-    "flips over where the bend changes sides), rotation-minimizing (it never rolls), or thrust-aligned (z along the "
-    "thrust, acceleration less gravity: what a multirotor has)."
+    "upright (x forward, y left, z up; for wheeled vehicles), natural (tangent, principal normal, binormal; flips "
+    "where the curvature changes sign), rotation-minimizing (zero rate about the tangent), or thrust-aligned (z along "
+    "the thrust, acceleration minus gravity; for multirotors)."
 )
 
 
@@ -59,17 +59,17 @@ def out_option() -> Any:
 
 def json_option() -> Any:
     """The option `--json`."""
-    return typer.Option(False, "--json", help="Print the results as JSON instead.")
+    return typer.Option(False, "--json", help="Print the results as JSON instead of text.")
 
 
 def scenario_argument(kind: str) -> Any:
     """The argument SCENARIO, of one kind."""
-    about = f"A scenario of {KINDS[kind].about}. Without it: the embedded scenario."
+    about = f"A scenario of {KINDS[kind].about} (default: the built-in scenario)."
     return typer.Argument(None, metavar="SCENARIO.toml", help=about)
 
 
 class Outcome(NamedTuple):
-    """The result of a command: for JSON, for the terminal, whether it failed (exit code 1), renamed keys."""
+    """The result of a command: as JSON, a function that prints it, failure (exit code 1), warnings on renamed keys."""
 
     content: dict[str, Any]
     show: Callable[[Console], None]
@@ -105,7 +105,7 @@ def warn(text: str) -> None:
 
 @contextmanager
 def guarded() -> Iterator[None]:
-    """Turn bad input into one message and exit code 2, and an interrupt into exit code 130."""
+    """Convert invalid input to one message and exit code 2, and an interrupt to exit code 130."""
     try:
         yield
     except BrokenPipeError:  # the reader of the output has closed it

@@ -30,12 +30,12 @@ if TYPE_CHECKING:  # type checkers cannot read names from a registry
 
     Motion = StrEnum
     Objective = StrEnum
-else:  # enumerations, for completion by the Tab key
+else:  # enumerations, for shell completion
     Motion = StrEnum("Motion", {name: name for name in MOTIONS})
     Objective = StrEnum("Objective", {name: name for name in OBJECTIVES})
 
 SYMBOLS = ("V_ρ", "V_φ", "V_h")
-CAUSES = "A limit may be too small or in another unit; [tune.bounds] keeps a path near the given one."
+CAUSES = "A limit may be too small or in the wrong unit; [tune.bounds] keeps the path near the original one."
 
 
 def tune(
@@ -52,7 +52,7 @@ def tune(
         None,
         min=1,
         metavar="N",
-        help="Number of searches, from the given states and around them; overrides the scenario.",
+        help="Number of starts: the given states, and perturbations of them. Overrides the scenario.",
     ),
     frame: FrameName | None = terminal.frame_option(),
 ) -> None:
@@ -68,7 +68,7 @@ def tune(
 
 
 def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int | None], frame: FrameName) -> Outcome:
-    """Tune a scenario and write its results; motion, objective and starts that are `chosen` replace its own.
+    """Tune a scenario and write the results; the `chosen` motion, objective and starts override those of the scenario.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
@@ -93,9 +93,9 @@ def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int 
         change = compare_paths(task.path, best.path, (task.start, task.end))
         warning = change.warning and f"{change.warning} {CAUSES}"
         search = {"objective": task.objective, "motion": task.motion}
-        held = {"fixed": ", ".join(task.part.fixed), "bounds": _ranges(task.part), "warning": warning}
+        settings = {"fixed": ", ".join(task.part.fixed), "bounds": _ranges(task.part), "warning": warning}
         outcome = {"status": best.status, "result": best.result}
-        about = {f"tuning_{key}": text for key, text in (search | outcome | held).items() if text}
+        about = {f"tuning_{key}": text for key, text in (search | outcome | settings).items() if text}
         dataset = path_dataset(
             {"before": task.path, "after": best.path},
             task.limits,
@@ -120,7 +120,7 @@ def run(file: Path | None, out: Path, chosen: tuple[str | None, str | None, int 
         }
 
         def draw(file: Path) -> None:
-            from qtraj.viz.figures import save, tuning_figure  # last, because matplotlib takes long to load
+            from qtraj.viz.figures import save, tuning_figure  # imported last, because matplotlib loads slowly
 
             save(tuning_figure(dataset), file)
 
@@ -148,11 +148,11 @@ def _tuned(
     from qtraj.design.tuning.tune import tune
 
     if not loaded.scenario.limits.limits():
-        raise ValueError(f"{loaded.file}: the table [limits] is missing or empty: there is nothing to tune for")
-    watch.say("fitting the recording" if loaded.scenario.track else "laying the path")
+        raise ValueError(f"{loaded.file}: the table [limits] is missing or empty: a tuning needs at least one limit")
+    watch.say("fitting the recording" if loaded.scenario.track else "constructing the path")
     task: PathTask = KINDS["path"].build(loaded, *chosen)
     with naming(f"{loaded.file}: "):
-        watch.say("judging the path")
+        watch.say("checking the path")
         corridor = task.part.corridor
         before = certify(task.path, task.limits, corridor=corridor, reference=None if corridor is None else task.path)
         watch.say("tuning")
@@ -185,7 +185,7 @@ def _show(
         show_fit(console, content["fit"])
     _show_limits(console, before, best.certificate, content["purpose"])
     _show_change(console, change)
-    console.print(Text(f"The path after deviates from the path before by at most {float(change.deviation):.3g} m."))
+    console.print(Text(f"The tuned path deviates from the original path by at most {float(change.deviation):.3g} m."))
     console.print(Text(change.text))
     layout.heading(console, f"Result: objective '{task.objective}', motion '{task.motion}'")
     for what, text in (("Fixed", ", ".join(task.part.fixed)), ("Bounded", _ranges(task.part))):
@@ -198,7 +198,7 @@ def _show(
 
 
 def show_fit(console: Console, fit: Mapping[str, Any]) -> None:
-    """The fitted spiral-helix against its recording."""
+    """Print how well the fitted spiral-helix follows its recording."""
     from qtraj.design.fitting.facts import TITLE, fact_rows
 
     layout.heading(console, TITLE)
@@ -218,9 +218,9 @@ def _show_limits(console: Console, before: "Certificate", after: "Certificate", 
     for was, now in zip(before.findings(), after.findings(), strict=True):
         unit = f"[{symbol(quantity(was.name).unit) or '-'}]"
         for label, path, finding in ((was.name, "before", was), (unit, "after", now)):
-            known = math.isfinite(finding.value)
-            margin = "active" if finding.active else f"{finding.limit - finding.value:+.3g}" if known else "-"
-            value, limit = layout.number(finding.value if known else None), layout.number(finding.limit)
+            finite = math.isfinite(finding.value)
+            margin = "active" if finding.active else f"{finding.limit - finding.value:+.3g}" if finite else "-"
+            value, limit = layout.number(finding.value if finite else None), layout.number(finding.limit)
             time = layout.number(finding.time, 4)
             table.add_row(Text(label), path, value, limit, margin, time, layout.verdict(finding.status))
         table.add_section()
@@ -244,7 +244,7 @@ def _show_change(console: Console, change: "PathChange") -> None:
     console.print(Text("A: start, B: end. V_ρ: away from the axis, V_φ: about it, V_h: along it."))
     if change.given is not None and not np.allclose(change.given, before, rtol=1e-6, atol=1e-6):
         start, end = (", ".join(f"{v:.4f}" for v in state) for state in np.asarray(change.given))
-        console.print(Text(f"The given (V_ρ, V_φ, V_h) were ({start}) m/s at A and ({end}) m/s at B."))
+        console.print(Text(f"The given states have (V_ρ, V_φ, V_h) = ({start}) m/s at A and ({end}) m/s at B."))
 
 
 def _compare(table: Table, label: str, values: Any, unit: str) -> None:

@@ -1,1 +1,1 @@
-"""Floor 4: limits on a path, and the boundary velocities that meet them."""
+"""Layer 4: limits on a path, and boundary velocities that satisfy them."""

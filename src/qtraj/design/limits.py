@@ -27,7 +27,7 @@ class Limits(eqx.Module):
 
     - `curvature`, `torsion` [1/m]; `speed` [m/s].
     - `acceleration` |r̈|, `lateral_acceleration` |ṙ×r̈|/|ṙ|, `longitudinal_acceleration` |ṙ·r̈|/|ṙ| [m/s²].
-    - `slope`: rise over run, with respect to the world's z axis [-].
+    - `slope`: rise over run, relative to the horizontal plane [-].
     - `angular_rate` [rad/s] and `angular_acceleration` [rad/s²] of the natural trihedral.
     - `jerk` |r⃛| [m/s³].
     - `yaw_rate` [rad/s] and `yaw_acceleration` [rad/s²] of the upright frame, about its own z axis.

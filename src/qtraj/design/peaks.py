@@ -3,8 +3,8 @@
 [0, duration] is divided into cells about equally spaced nodes. In each cell the maximum is refined by Newton's method
 from the node; the node and the borders of the cell are candidates as well. The largest value is the maximum over the
 whole interval, except for peaks narrower than a cell. Each cell's value is a continuous function of the parameters of
-`f`. The times of the maxima are constants for differentiation: inside a cell ∂f/∂t = 0 there, so the gradient of
-f(t*, x) in x is exact (envelope theorem), and on the border of a cell t* is fixed.
+`f`. Differentiation treats the times of the maxima as constants. The gradient of f(t*, x) with respect to x is still
+exact: inside a cell ∂f/∂t = 0 at the maximum (envelope theorem), and on the border of a cell t* is fixed.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -34,8 +34,8 @@ PathFunction = Callable[[AbstractHodograph, Scalar], Scalar]
 def peak(path: AbstractHodograph, name: str, vehicle: Vehicle | None = None) -> tuple[Scalar, Scalar]:
     """Time [s] and value of the maximum of one path quantity (a field of `Limits`) over the whole path.
 
-    The search refines 1025 cells of time, or four cells of every segment of a route, by Newton's method. The value is
-    differentiable in the path (envelope theorem).
+    The search refines 1025 cells of time, or four cells of every segment of a route, by Newton's method. The value can
+    be differentiated with respect to the path (envelope theorem).
 
     **Raises:** ValueError for an unknown name, or a quantity that needs a `vehicle` without one.
     """
@@ -44,9 +44,9 @@ def peak(path: AbstractHodograph, name: str, vehicle: Vehicle | None = None) -> 
 
 
 def cell_peaks(f: PathFunction, path: AbstractHodograph, cells: int) -> Float[Array, " n"]:
-    """The places of the maxima of f(path, t) in each of `cells` cells: fractions of the duration, without gradients."""
+    """The maximiser of f(path, t) in each of `cells` cells, as a fraction of the duration, without gradients."""
     nodes, low, high = _cells(path, cells)
-    # Gradients stop before the search: otherwise the search itself would be differentiated, to no effect.
+    # The gradients stop before the search: differentiating the search would change nothing but the cost.
     constant = _constant(path)
 
     def g(u: Scalar) -> Scalar:
@@ -58,13 +58,13 @@ def cell_peaks(f: PathFunction, path: AbstractHodograph, cells: int) -> Float[Ar
 
 
 def _cells(path: AbstractHodograph, cells: int) -> tuple[Array, Array, Array]:
-    """Midpoints and ends of the cells, in fractions of the duration; those of a route end just before a joint."""
-    joints = path.nodes()
-    if joints is None:
+    """Midpoints and ends of the cells, as fractions of the duration; the cells of a route end just before a knot."""
+    knots = path.nodes()
+    if knots is None:
         half = 0.5 / (cells - 1)
         nodes = jnp.linspace(0.0, 1.0, cells, dtype=path.duration.dtype)
         return nodes, jnp.clip(nodes - half, 0.0, 1.0), jnp.clip(nodes + half, 0.0, 1.0)
-    low = jax.lax.stop_gradient(joints / path.duration)
+    low = jax.lax.stop_gradient(knots / path.duration)
     ends = jnp.concatenate([low[1:], jnp.ones_like(low[:1])])
     high = jnp.maximum(jnp.nextafter(ends, jnp.zeros_like(ends)), low)
     return 0.5 * (low + high), low, high
@@ -89,7 +89,7 @@ def newton_max(
     high: Float[Array, " n"],
     steps: int = NEWTON_STEPS,
 ) -> Float[Array, " n"]:
-    """Newton's method for a maximum of g in every cell at once; where g is not concave, a step uphill to the border."""
+    """Newton's method for a maximum of g in all cells; if g is not concave, step uphill to the border of the cell."""
 
     def slope(u: Scalar) -> Scalar:
         return jax.jvp(g, (u,), (jnp.ones_like(u),))[1]

@@ -5,19 +5,19 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 
-def min_and_argmin(values: Float[Array, "n *rest"]) -> tuple[Float[Array, "*rest"], Int[Array, "*rest"]]:
-    """The minimum of n ≥ 1 values along the first axis, and its index.
+def min_and_argmin(values: Float[Array, "..."], axis: int = 0) -> tuple[Float[Array, "..."], Int[Array, "..."]]:
+    """The minimum of one or more values along an axis, and its index.
 
-    Of equal values any index may be returned; if all are infinite it is 0. NaN counts as infinite. The result has no
-    derivatives. Several times faster than `jnp.argmin`, which treats NaN and ties exactly and so keeps XLA from
-    compiling plain comparisons.
+    If several values are equal, any of their indices may be returned; if all are infinite, the index is 0. NaN counts
+    as infinite. The result has no derivatives. It is several times faster than `jnp.argmin`, whose exact rules for NaN
+    and ties prevent XLA from compiling plain comparisons.
     """
     finite = jax.lax.stop_gradient(jnp.where(values == values, values, jnp.inf))
-    indices = jax.lax.broadcasted_iota(jnp.int32, values.shape, 0)
+    indices = jax.lax.broadcasted_iota(jnp.int32, values.shape, axis)
 
     def smaller(a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
         better = b[0] < a[0]
         return jnp.where(better, b[0], a[0]), jnp.where(better, b[1], a[1])
 
     initial = jnp.full((), jnp.inf, values.dtype), jnp.zeros((), indices.dtype)
-    return jax.lax.reduce((finite, indices), initial, smaller, (0,))
+    return jax.lax.reduce((finite, indices), initial, smaller, (axis,))

@@ -1,4 +1,4 @@
-"""Convert input to float arrays, and check values that are known before tracing."""
+"""Convert input to float arrays, and check concrete values."""
 
 import warnings
 from typing import Any
@@ -15,7 +15,7 @@ COARSE_METRES = 1e-3
 """Positions in float32 with a coarser resolution than this [m] cause a warning."""
 
 MAX_SHOWN = 12
-"""Error messages repeat arrays up to this size; of larger ones they name the first invalid row."""
+"""Error messages show arrays up to this size; for larger arrays they show only the first invalid row."""
 
 MIN_BUCKET = 64
 """Arrays are padded to at least this number of rows."""
@@ -26,7 +26,7 @@ _warned: set[str] = set()
 def as_float(x: ArrayInput) -> Array:
     """`x` as a float array: float dtypes are kept, others become JAX's default float.
 
-    **Raises:** ValueError for complex numbers, objects and texts.
+    **Raises:** ValueError for complex numbers, objects and strings.
     """
     x = x if isinstance(x, jax.Array) else np.asarray(x)
     if jnp.issubdtype(x.dtype, jnp.floating):
@@ -50,7 +50,7 @@ def concrete(x: Any) -> np.ndarray | None:
 
 
 def part(x: Array | np.ndarray, index: Any) -> Array:
-    """`x[index]`, computed by NumPy if both are concrete, since a small JAX gather costs more than the data."""
+    """`x[index]`, computed by NumPy if both are concrete, because a small JAX gather takes longer."""
     return x[index] if isinstance(x, Tracer) or isinstance(index, Tracer) else as_array(np.asarray(x)[index], x.dtype)
 
 
@@ -111,7 +111,7 @@ def require_finite(x: Array, name: str) -> None:
 
 
 def _first_not_finite(value: np.ndarray) -> str:
-    """A text with the small array, or with the first row of a larger one that is not finite."""
+    """A small array as a string, or the first row of a larger array that is not finite."""
     if value.ndim == 0 or value.size <= MAX_SHOWN:
         return f"{value.tolist()} was given"
     bad = ~np.isfinite(value).reshape(len(value), -1).all(axis=1)
@@ -134,7 +134,7 @@ def require_element(index: Any, count: int, what: str) -> None:
     if value is None or value.ndim > 0 or value.dtype.kind not in "iu":
         return
     if not -count <= int(value) < count:
-        raise IndexError(f"there are {count} {what}, so there is none with the index {index}")
+        raise IndexError(f"index {index} is out of range: there are {count} {what}")
 
 
 def warn_if_coarse(x: Array, name: str) -> None:
@@ -146,7 +146,7 @@ def warn_if_coarse(x: Array, name: str) -> None:
     if resolution > COARSE_METRES and name not in _warned:
         _warned.add(name)
         warnings.warn(
-            f"{name} in float32 resolves only {resolution:.2g} m so far from the origin. "
+            f"{name} in float32 has a resolution of only {resolution:.2g} m at this distance from the origin. "
             "Call jax.config.update('jax_enable_x64', True) first, or move the origin near the path.",
             stacklevel=2,
         )

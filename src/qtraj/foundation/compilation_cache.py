@@ -9,16 +9,17 @@ def enable_compilation_cache(folder: str | os.PathLike[str] | None = None) -> Pa
     """Make JAX store compiled functions in `folder`, which is created if missing and returned.
 
     Later processes load them instead of compiling; they still trace. The default is `qtraj/jax` in the user's cache
-    folder, as for the command line: `XDG_CACHE_HOME` or `LOCALAPPDATA` where set, else `~/Library/Caches` on
+    folder, as for the command line: `XDG_CACHE_HOME` or `LOCALAPPDATA` if set, else `~/Library/Caches` on
     macOS and `~/.cache` elsewhere. The folder may be deleted at any time. JAX runs the code it finds there, so only
     trusted users should have write access.
 
-    Call it at the start, since functions that are already compiled are not stored. All others are, however quickly they
-    compile. `JAX_ENABLE_COMPILATION_CACHE=0` in the environment still switches the cache off.
+    Call it at the start, since functions that are already compiled are not stored. All others are
+    stored, however quickly they compile. `JAX_ENABLE_COMPILATION_CACHE=0` in the environment still switches the cache
+    off.
 
     **Raises:** ValueError if the folder cannot be created or written to, or is a file.
     """
-    import jax  # here, so that importing this module costs nothing
+    import jax  # imported here, so that importing this module is fast
     from jax.experimental.compilation_cache.compilation_cache import reset_cache
 
     path = default_folder() if folder is None else Path(folder).expanduser().absolute()
@@ -28,7 +29,7 @@ def enable_compilation_cache(folder: str | os.PathLike[str] | None = None) -> Pa
         raise ValueError(f"{path}: a folder for compiled code was expected, but this is a file") from error
     except OSError as error:
         raise ValueError(
-            f"{path}: this folder for compiled code cannot be made ({error.strerror}). Pass one that can be written to."
+            f"{path}: this folder for compiled code cannot be created ({error.strerror}). Pass one that is writable."
         ) from error
     if not os.access(path, os.W_OK | os.X_OK):
         raise ValueError(f"{path}: this folder for compiled code cannot be written to. Pass one that can.")
@@ -51,5 +52,5 @@ def default_folder() -> Path:
     try:
         home = Path.home()
     except RuntimeError as error:
-        raise ValueError("there is no home folder to keep compiled code in. Pass the folder to use.") from error
+        raise ValueError("there is no home folder in which to store compiled code. Pass a folder.") from error
     return (home / "Library" / "Caches" if sys.platform == "darwin" else home / ".cache") / "qtraj" / "jax"

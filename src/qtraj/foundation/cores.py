@@ -1,4 +1,4 @@
-"""Spread a batch over the CPU cores: blocks of one size, as independent calls of one compiled function.
+"""Distribute a batch over the CPU cores, in blocks of one size, as independent calls of one compiled function.
 
 One executable serves batches of any size, and a block is small enough to stay in the cache.
 """
@@ -21,7 +21,7 @@ MAX_SMALL_BATCH = 32
 
 
 def block_size(elements: int) -> int:
-    """The number of elements in a block, for a batch of so many `elements`."""
+    """The number of elements in a block, for a batch with this number of `elements`."""
     return SIZES[0] if elements <= MAX_SMALL_BATCH * CORES else SIZES[1]
 
 
@@ -31,7 +31,7 @@ def split(indices: np.ndarray, size: int) -> list[np.ndarray]:
 
 
 def take(tree: Any, block: np.ndarray, size: int) -> Any:
-    """The elements of a block from all arrays, padded with copies of its first to the size that is compiled."""
+    """The elements of a block from all arrays, padded to the compiled size with copies of the first element."""
     padded = np.concatenate([block, np.full(size - block.size, block[0])])
     return jax.tree.map(lambda x: x[padded], tree)
 
@@ -59,7 +59,7 @@ def map_blocks(call: Callable[..., Any], arguments: Sequence[tuple[Any, ...]], d
     if not arguments:
         return
     signature = hash((call, x64, used_device, _signature(arguments[0])))
-    n_first = 0 if signature in _compiled else 1  # else several threads would compile the same function
+    n_first = 0 if signature in _compiled else 1  # otherwise several threads would compile the same function
     yield from map(one, arguments[:n_first])
     _compiled.add(signature)
     rest = arguments[n_first:]

@@ -1,6 +1,6 @@
 """Save and load Modules as TOML or JSON documents, exact in float64, without pickle.
 
-A document is a table of the Module's fields, with its class name under `type`; fields that are None are left out.
+A document is a table of the Module's fields, with its class name under `type`; fields that are None are omitted.
 `@storable` registers a class, whose fields must be arguments of its `__init__`.
 """
 
@@ -26,7 +26,7 @@ FORMAT = "qtraj/1"
 _NON_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 
 Change = Callable[[dict[str, Any]], dict[str, Any]]
-"""Maps the fields of an older document to the present ones, before they are decoded."""
+"""A function that maps the fields of an older document to the present ones, before they are decoded."""
 
 _classes: dict[str, type] = {}
 _changes: dict[str, Change] = {}
@@ -97,11 +97,11 @@ def load(file: str | os.PathLike[str]) -> Any:
     except ValueError as error:
         raise ValueError(f"{path}: not valid {path.suffix[1:].upper()}: {error}") from error
     if not isinstance(data, dict) or data.pop("format", None) != FORMAT:
-        raise ValueError(f"{path}: no qtraj document: the key 'format' must be {FORMAT!r}")
+        raise ValueError(f"{path}: not a qtraj document: the key 'format' must be {FORMAT!r}")
     if not jax.config.read("jax_enable_x64"):
         warnings.warn(
             f"{path}: the stored float64 numbers are rounded to float32. "
-            "Call jax.config.update('jax_enable_x64', True) first to have them exactly.",
+            "Call jax.config.update('jax_enable_x64', True) first to keep full precision.",
             stacklevel=2,
         )
     try:

@@ -68,9 +68,9 @@ def move(staged: Path, target: Path) -> None:
 def sweep(folder: Path) -> None:
     """Remove the staging folders in `folder` whose process was killed.
 
-    Only this user's folders are removed, and only those created since this machine started, which their names show: a
-    lock is reliable only within one running kernel. Folders from other machines on a shared file system stay. Without
-    file locks (Windows, some network file systems) nothing is removed.
+    Only this user's folders are removed, and only folders created since this machine started (their names contain the
+    boot ID), because a lock is reliable only within one running kernel. Folders from other machines on a shared file
+    system stay. Without file locks (Windows, some network file systems) nothing is removed.
     """
     prefix = _prefix()
     if prefix is None:
@@ -85,7 +85,7 @@ def sweep(folder: Path) -> None:
 
 
 def _new_stage(folder: Path) -> tuple[Path, int | None]:
-    """A staging folder and its acquired lock, or None in place of the lock if there are no locks."""
+    """A staging folder and its acquired lock, or None in place of the lock if locks are not supported."""
     prefix = _prefix()
     for _ in range(0 if prefix is None else 10):
         stage = Path(tempfile.mkdtemp(prefix=prefix, dir=folder))
@@ -96,7 +96,7 @@ def _new_stage(folder: Path) -> tuple[Path, int | None]:
         try:
             if _acquire(lock, stage):
                 return stage, lock
-        except OSError:  # this file system has no locks
+        except OSError:  # this file system does not support locks
             os.close(lock)
             shutil.rmtree(stage, ignore_errors=True)
             break
@@ -108,7 +108,7 @@ def _remove_unowned(stage: Path) -> None:
     try:
         lock = os.open(stage / _LOCK, os.O_RDWR | os.O_NOFOLLOW)
     except FileNotFoundError:
-        os.rmdir(stage)  # fails unless empty; a process about to lock it then creates another
+        os.rmdir(stage)  # fails unless it is empty; a process that was about to lock it creates another
         return
     try:
         if _acquire(lock, stage):
@@ -118,12 +118,12 @@ def _remove_unowned(stage: Path) -> None:
 
 
 def _acquire(lock: int, stage: Path) -> bool:
-    """Take the lock; False if another process has it, or if the folder has been removed.
+    """Acquire the lock; False if another process has it, or if the folder has been removed.
 
-    **Raises:** OSError if the file system has no locks.
+    **Raises:** OSError if the file system does not support locks.
     """
     if fcntl is None:
-        raise OSError("this system has no locks on files")
+        raise OSError("this system does not support file locks")
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -134,7 +134,7 @@ def _acquire(lock: int, stage: Path) -> bool:
 
 
 def _discard(stage: Path) -> None:
-    """Remove a staging folder, the lock last, so that no other process considers it abandoned before."""
+    """Remove a staging folder; its lock is removed last, so that no other process considers the folder abandoned."""
     with suppress(OSError):
         for old in stage.glob(f"{_REPLACED}/*"):
             if not os.path.lexists(stage.parent / old.name):

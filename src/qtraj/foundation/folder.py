@@ -1,4 +1,4 @@
-"""Writes several files into a folder: all of them completely, or none."""
+"""Write several files into a folder: all of them completely, or none."""
 
 import os
 import signal
@@ -26,8 +26,8 @@ def write_all(out: Path, writers: Mapping[str, Writer]) -> list[Path]:
     """Write all files into the folder `out`; `writers` write one file each, by name.
 
     The files are written into a hidden folder of the same file system and moved when all are complete. So an error or
-    an interrupt leaves no files behind, and the next run removes the hidden folder of a killed one. Files with other
-    names in `out` are not changed.
+    an interrupt leaves no files behind, and the next run removes the hidden folder of a killed process. Files with
+    other names in `out` are not changed.
 
     **Raises:** OSError if a file cannot be written.
     """
@@ -67,10 +67,10 @@ def _uninterrupted() -> Iterator[None]:
         yield
         return
     pending: list[Any] = []
-    before = signal.signal(signal.SIGINT, lambda number, frame: pending.append(number))
+    previous_handler = signal.signal(signal.SIGINT, lambda number, frame: pending.append(number))
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, previous_handler)
     if pending:
         raise KeyboardInterrupt

@@ -1,4 +1,4 @@
-"""Adds the place in the input to error messages."""
+"""Add the place in the input to error messages."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""Formats columns of numbers for printed tables."""
+"""Format columns of numbers for printed tables."""
 
 import math
 
@@ -6,12 +6,12 @@ import numpy as np
 
 
 def digits(values: np.ndarray, known: np.ndarray) -> list[str]:
-    """A column with four significant digits; a dash for values that are not `known`."""
+    """A column with four significant digits; a dash where `known` is false."""
     return [f"{v:.4g}" if ok and np.isfinite(v) else "-" for v, ok in zip(values.tolist(), known, strict=True)]
 
 
 def decimals(values: np.ndarray, known: np.ndarray) -> list[str]:
-    """A column with enough decimals to distinguish its values, at most six; a dash for values that are not `known`."""
+    """A column with enough decimals to distinguish its values, at most six; a dash where `known` is false."""
     finite = values[known & np.isfinite(values)]
     size = float(np.abs(finite).max(initial=0.0))
     spread = float(np.ptp(finite)) if finite.size else 0.0

@@ -25,7 +25,7 @@ NOTES, FAILURES, ILL_POSED = 10, 20, 60
 
 
 class ResultCode(enum.IntEnum):
-    """How a solve ended; `.text` says it in words, with advice."""
+    """The outcome of a solve; `.text` describes it and gives advice."""
 
     text: str
 
@@ -41,7 +41,7 @@ class ResultCode(enum.IntEnum):
     near_zero_error = (
         NOTES + 0,
         "finished, but the error quaternion came near zero, where the command grows as 1/|μ|²: look at peak_command. "
-        "The other sign of λ may pass more smoothly: start from choose_sign(law, program(t0), quaternion, rate) with "
+        "The other sign of λ may avoid this: start from choose_sign(law, program(t0), quaternion, rate) with "
         "sign='as given'.",
     )
     held_by_bounds = (
@@ -56,8 +56,12 @@ class ResultCode(enum.IntEnum):
     )
     limits_sampled = (
         NOTES + 2,
-        "every limit is met, but for some only sampling shows it. For a proof relax those limits a little, or describe "
-        "the path by polynomials.",
+        "every limit is satisfied, but some were checked only by sampling, not proved. For a proof, relax these limits "
+        "a little, or describe the path by polynomials.",
+    )
+    undefined_at_stops = (
+        NOTES + 4,
+        "every limit is proved except at stops, where a limited quantity is undefined; the route is not changed there.",
     )
 
     max_steps_reached = (
@@ -67,18 +71,18 @@ class ResultCode(enum.IntEnum):
     )
     step_too_small = (
         FAILURES + 1,
-        "stopped: the step size fell to round-off. The acceleration has a pole there or is not finite: check its "
-        "values near the last instant reached. If the tolerance is below round-off, raise rtol.",
+        "stopped: the step size became too small for floating point. The acceleration has a pole there or is not "
+        "finite: check its values near the last instant reached. If the tolerance is below round-off, raise rtol.",
     )
     wrong_sign = (
         FAILURES + 2,
-        "stopped: the error quaternion started with a negative scalar part (μ0 < 0) and ran into zero, where the law "
-        "has no command. λ and −λ are one attitude: start from −λ (leave out sign='as given'), or from "
+        "stopped: the error quaternion started with a negative scalar part (μ0 < 0) and reached zero, where the law "
+        "is undefined. λ and −λ represent the same attitude: start from −λ (omit sign='as given'), or from "
         "choose_sign(law, program(t0), quaternion, rate).",
     )
     not_finite = (
         FAILURES + 3,
-        "stopped: a number is NaN or infinite. Check the initial values, the times and the values of the given rate or "
+        "stopped: a number is NaN or infinite. Check the initial values, the times and the values of the rate or "
         "acceleration.",
     )
     tolerance_not_reached = (
@@ -89,8 +93,8 @@ class ResultCode(enum.IntEnum):
     not_converged = FAILURES + 5, "the search stopped before it converged. Try a larger max_steps."
     infeasible = (
         FAILURES + 6,
-        "no boundary velocities were found that meet the limits. Try more starts, raise the violated limits, or move "
-        "the ends.",
+        "no boundary velocities were found that satisfy the limits. Try more starts, raise the violated limits, or "
+        "move the ends.",
     )
     poor_fit = (
         FAILURES + 11,
@@ -100,12 +104,28 @@ class ResultCode(enum.IntEnum):
     limits_broken = FAILURES + 8, "a limit is violated. Tune the path, or raise the limit."
     limits_undecided = (
         FAILURES + 9,
-        "a limit is neither proved nor violated: the largest value equals it to rounding. Change the limit a little.",
+        "a limit is neither proved nor violated: the largest value equals it to within rounding error. Change the "
+        "limit a little.",
     )
     limits_undefined = (
         FAILURES + 10,
         "a limited quantity is undefined somewhere on the path, where it stops or is straight. Limit another quantity, "
         "or change the path.",
+    )
+    route_infeasible = (
+        FAILURES + 12,
+        "no route was found within the tube that satisfies the limits. Widen the tube, raise the limits without a "
+        "proof, or fix fewer states; with the objective 'smoothest', which keeps the duration, take 'nearest'.",
+    )
+    broken_at_stops = (
+        FAILURES + 13,
+        "a limit is violated or undecided on a segment that touches a stop, which is not changed. Raise that limit, or "
+        "give the route other states there.",
+    )
+
+    end_speed_not_reached = (
+        FAILURES + 12,
+        "a given speed at an end cannot be had within the limits. Give a lower speed there, or raise the limits.",
     )
 
     velocity_vanishes = (
@@ -127,13 +147,13 @@ class ResultCode(enum.IntEnum):
     )
     senses_opposite = (
         ILL_POSED + 4,
-        "the given states turn in opposite senses, so they have no common duration. Give the end a velocity in the "
-        "sense of the start's, or take motion='hermite' with a duration.",
+        "the given states rotate in opposite senses, so they have no common duration. Give the end a velocity with "
+        "the same sense of rotation as the start, or use motion='hermite' with a duration.",
     )
     turn_against_sense = (
         ILL_POSED + 5,
         "the given turn is opposite to the sense of V_phi, so the states do not determine a duration. Pass a duration "
-        "with motion='hermite', or a turn in the sense of the states.",
+        "with motion='hermite', or a turn with the same sense as V_phi.",
     )
     duration_not_positive = ILL_POSED + 6, "the duration must be positive and finite [s]."
     objective_not_finite = (
@@ -142,19 +162,18 @@ class ResultCode(enum.IntEnum):
     )
     turn_mismatch = (
         ILL_POSED + 8,
-        "the given turn does not lead from the start's azimuth to the end's. Pass the difference of the azimuths plus "
-        "whole turns.",
+        "the given turn does not lead from the azimuth of the start to the azimuth of the end. Pass the difference of "
+        "the azimuths plus whole turns.",
     )
     limit_not_positive = ILL_POSED + 9, "every limit must be positive and finite."
     axis_far_away = (
         ILL_POSED + 11,
-        "no placement was given, and the world's z axis is over a hundred times farther away than the states are from "
-        "each other. "
-        "Give a placement, such as axis_between(start, end).",
+        "no placement was given, and the world's z axis is more than a hundred times farther from the states than "
+        "they are from each other. Give a placement, such as axis_between(start, end).",
     )
     heading_unknown = (
         ILL_POSED + 12,
-        "a fixed heading needs a velocity about the axis (V_phi not zero) at that end. Leave it out of fixed, or give "
+        "a fixed heading needs a velocity about the axis (V_phi not zero) at that end. Remove it from fixed, or give "
         "a placement whose axis lies elsewhere.",
     )
     state_not_finite = (
@@ -169,7 +188,7 @@ _MESSAGE_INDEX[[int(code) for code in ResultCode]] = np.arange(len(ResultCode))
 
 
 class Texts(Sequence[str]):
-    """The texts of a batch, composed on access; several batch axes are indexed like a nested list."""
+    """The messages of a batch, composed on access; several batch axes are indexed like a nested list."""
 
     def __init__(self, make: Callable[[tuple[int, ...]], str], shape: tuple[int, ...]):
         self._make, self._shape = make, shape
@@ -208,7 +227,7 @@ class AbstractOutcome(AbstractResult):
 
     @abc.abstractmethod
     def explain(self, at: tuple[int, ...]) -> str:
-        """The text for one element of the batch: how its solve ended and what to do. A single problem has `at = ()`."""
+        """The text for one element of the batch: what happened and what to do. A single problem has `at = ()`."""
 
     @property
     def successful(self) -> Bool[Array, "*batch"]:
@@ -217,7 +236,7 @@ class AbstractOutcome(AbstractResult):
 
     @property
     def result(self) -> Any:
-        """How the solve ended and what to do: a text, or for a batch a sequence of texts, composed on access.
+        """What happened and what to do: a string, or for a batch a sequence of strings, composed on access.
 
         **Raises:** ValueError inside a trace, where only `code` and `successful` are available.
         """
@@ -225,7 +244,7 @@ class AbstractOutcome(AbstractResult):
         return Texts(self.explain, shape) if shape else self.explain(())
 
     def check(self: T) -> T:
-        """This result if every element of the batch succeeded, else an error: what `throw=True` does.
+        """Return this result if every element of the batch succeeded; otherwise raise an error, like `throw=True`.
 
         **Raises:** RuntimeError with the text of the first element that failed. Inside a trace the error is raised when
         the compiled function runs, with the text of the code.
@@ -242,7 +261,7 @@ class AbstractOutcome(AbstractResult):
 
 
 def concrete_codes(outcome: AbstractOutcome) -> np.ndarray:
-    """The codes of a result as NumPy array.
+    """The codes of a result as a NumPy array.
 
     **Raises:** ValueError inside a trace.
     """
@@ -260,7 +279,7 @@ def names_of(codes: np.ndarray, names: Mapping[ResultCode, str], other: str) -> 
 
 
 def renumbered(codes: Any, numbers: Mapping[int, ResultCode]) -> Any:
-    """The codes of an older document, a number or nested lists, with the present numbers."""
+    """The codes of an older document, a number or nested lists, converted to the present numbers."""
     if isinstance(codes, list):
         return [renumbered(code, numbers) for code in codes]
     return int(numbers.get(codes, codes))

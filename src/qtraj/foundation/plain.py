@@ -1,4 +1,4 @@
-"""Converts records to plain data for JSON: numbers, texts, lists and None."""
+"""Convert records to plain data for JSON: numbers, strings, lists and None."""
 
 import math
 from typing import Any

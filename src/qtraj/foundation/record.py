@@ -31,7 +31,7 @@ CONVENTIONS = {
 class Quantity(NamedTuple):
     """Values, their unit as netCDF writes it ("m s-2"), their meaning, and the names of the axes after the batch axes.
 
-    The unit of a dimensionless number is "1". It is "" for texts, and for numbers whose `meaning` states the unit.
+    The unit of a dimensionless number is "1". It is "" for strings, and for numbers whose `meaning` states the unit.
     """
 
     values: Any
@@ -44,8 +44,9 @@ class Quantity(NamedTuple):
 class Record:
     """The contents of a result as labelled quantities.
 
-    `summary`, a line for people; `variables` and `coordinates`; `attributes` of the whole; `labels` along axes of
-    components. A quantity with more dimensions than axes has batch axes in front, the same for all.
+    `summary` is one line of text, `attributes` describe the whole record, and `labels` name the entries along axes of
+    components. A quantity with more dimensions than axes has batch axes in front, which are the same for all
+    quantities.
     """
 
     summary: str
@@ -90,7 +91,7 @@ def to_dataset(record: Record, attributes: Mapping[str, Any] | None = None) -> "
 
 
 def variable_attributes(unit: str, meaning: str) -> dict[str, Any]:
-    """The attributes of a variable; a unit of "" is left out."""
+    """The attributes of a variable; an empty unit is omitted."""
     return {**({"units": unit} if unit else {}), "long_name": meaning}
 
 

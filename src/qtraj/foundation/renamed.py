@@ -12,7 +12,7 @@ R = TypeVar("R")
 def renamed_arguments(**former: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Let a function accept former keywords: `@renamed_arguments(old="new")`.
 
-    A former keyword raises a DeprecationWarning; together with its present name it raises a TypeError.
+    A former keyword issues a DeprecationWarning. Passing both names raises a TypeError.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 MAX_VALUES = 10_000_000
 """The displayed range is not computed for larger arrays."""
 MAX_TEXTS = 4
-"""At most this many different texts of a variable are displayed."""
+"""Maximum number of different strings of a variable that are displayed."""
 
 
 class AbstractResult(eqx.Module):
@@ -55,7 +55,7 @@ class AbstractResult(eqx.Module):
 
 
 def counts_text(texts: Any) -> str:
-    """The number of occurrences of each text: "3 converged, 1 infeasible", "all proved"; a single text unchanged."""
+    """The counts of the strings, such as "3 converged, 1 infeasible" or "all proved"; a single string is unchanged."""
     if np.ndim(texts) == 0:
         return str(texts)
     if np.unique(texts).size == 1:
@@ -75,7 +75,7 @@ def batch_prefix(shape: tuple[int, ...], what: str = "") -> str:
 def extent(values: Any, unit: str = "") -> str:
     """The range of the values, such as "0 … 12 s", or one number; says so if some are not finite.
 
-    `unit` is spelled as netCDF spells it, "m s-1".
+    `unit` is in netCDF notation, "m s-1".
     """
     values = np.asarray(values)
     finite = values[np.isfinite(values)]

@@ -15,7 +15,7 @@ MAX_SHOWN = 9
 
 
 def shown(module: Any, **units: str) -> str:
-    """A text such as "Limits(curvature=0.1 1/m, speed=5 m/s)", without fields that are None.
+    """A string such as "Limits(curvature=0.1 1/m, speed=5 m/s)", without fields that are None.
 
     `units` are the units of fields, as they are displayed.
     """

@@ -1,4 +1,4 @@
-"""Array types with shapes. Components are on the last axis; core functions take one instant and are vmapped.
+"""Array types with shapes. Components are on the last axis; core functions accept one instant (use `jax.vmap`).
 
 The types are named aliases, so `help` and signatures show their names.
 """

@@ -1,6 +1,6 @@
-"""Units, spelled as netCDF spells them ("m s-2"), and their display form ("m/s²").
+"""Units in netCDF notation ("m s-2"), and their display form ("m/s²").
 
-A unit is a text of factors, separated by spaces, each followed by its exponent. "1" is the dimensionless unit.
+A unit is a string of factors, separated by spaces, each followed by its exponent. "1" is the dimensionless unit.
 """
 
 import re
@@ -17,7 +17,7 @@ DERIVED = {"N": {"kg": 1, "m": 1, "s": -2}, "W": {"kg": 1, "m": 2, "s": -3}}
 def powers(unit: str) -> dict[str, int]:
     """The exponent of each factor: "m s-2" is {"m": 1, "s": -2}.
 
-    **Raises:** ValueError if the text is not a unit.
+    **Raises:** ValueError if the string is not a unit.
     """
     exponents: dict[str, int] = {}
     for factor in () if unit in ("", "1") else unit.split(" "):
@@ -40,19 +40,19 @@ def base_powers(unit: str) -> dict[str, int]:
 
 @cache
 def symbol(unit: str) -> str:
-    """The unit as it is displayed: "m s-2" as "m/s²", "1" as an empty text."""
+    """The unit as it is displayed: "m s-2" as "m/s²", "1" as an empty string."""
     numerator = "·".join(_factor(name, power) for name, power in powers(unit).items() if power > 0)
     denominator = "".join("/" + _factor(name, -power) for name, power in powers(unit).items() if power < 0)
     return f"{numerator or '1'}{denominator}" if denominator else numerator
 
 
 def spelled(exponents: dict[str, int]) -> str:
-    """The unit with these exponents, as netCDF spells it; the inverse of `powers`."""
+    """The unit with these exponents, in netCDF notation; the inverse of `powers`."""
     return " ".join(name + ("" if power == 1 else str(power)) for name, power in exponents.items() if power) or "1"
 
 
 def per_time(unit: str) -> int:
-    """The power k of 1/s: a path driven in half the time has 2^k times the value."""
+    """The exponent k of 1/s: a path driven in half the time has 2^k times the value."""
     return -base_powers(unit).get("s", 0)
 
 

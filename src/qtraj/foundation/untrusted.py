@@ -19,7 +19,7 @@ _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
 _DOTTED = re.compile(rf"^[ \t]*+\[{{0,2}}[ \t]*+(?:{_PART}\.[ \t]*+){{{MAX_DEPTH},}}", re.MULTILINE)
 """A dotted key at the beginning of a line: the parser takes minutes for very long ones."""
 
-TOO_LONG = "it has a whole number of several thousand digits"
+TOO_LONG = "it contains an integer with several thousand digits"
 
 TOO_DEEP = f"its tables or arrays are nested deeper than {MAX_DEPTH} levels"
 
@@ -27,7 +27,7 @@ TOO_DEEP = f"its tables or arrays are nested deeper than {MAX_DEPTH} levels"
 def read_bytes(path: Path) -> bytes:
     """The content of a file, decompressed if its name ends with .gz.
 
-    **Raises:** OSError if it cannot be read; ValueError, naming it, if it is larger than `MAX_SIZE`, or no gzip file.
+    **Raises:** OSError if it cannot be read; ValueError, naming it, if it exceeds `MAX_SIZE`, or is not a gzip file.
     """
     try:
         with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as stream:
@@ -59,7 +59,7 @@ def decoded(path: Path, content: bytes) -> str:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """The content of a JSON text.
+    """The content of a JSON document.
 
     **Raises:** ValueError if it is not valid JSON, or is nested deeper than `MAX_DEPTH`.
     """
@@ -67,7 +67,7 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """The content of a TOML text.
+    """The content of a TOML document.
 
     **Raises:** tomllib.TOMLDecodeError, a ValueError, if it is not valid TOML; ValueError if it is nested deeper than
     `MAX_DEPTH`.
@@ -83,7 +83,7 @@ def _parsed(parse: Callable[[Any], Any], text: str | bytes) -> Any:
     except RecursionError:
         raise ValueError(TOO_DEEP) from None
     except ValueError as error:
-        if type(error) is ValueError:  # the parsers raise their own kind for wrong syntax; `int` raises this one
+        if type(error) is ValueError:  # a syntax error raises a subclass; `int` raises ValueError itself
             raise ValueError(TOO_LONG) from None
         raise
     if _is_deep(data):

@@ -1,4 +1,4 @@
-"""Converts roll, pitch and heading of a recording to quaternions, by an explicit convention."""
+"""Convert roll, pitch and heading of a recording to quaternions, by an explicit convention."""
 
 from dataclasses import dataclass
 
@@ -33,7 +33,7 @@ class AttitudeAngles:
     "forward-left-up", the body axes x, y, z. Roll and pitch are right-handed about x and y, so a positive pitch raises
     the nose with the former body axes and lowers it with the latter.
 
-    **Raises:** ValueError for any other text; the message names the options.
+    **Raises:** ValueError for any other value; the message names the options.
     """
 
     sequence: str
@@ -45,7 +45,7 @@ class AttitudeAngles:
         ordered = self.sequence in (self.sequence.upper(), self.sequence.lower())
         if sorted(self.sequence.lower()) != ["x", "y", "z"] or not ordered:
             raise ValueError(
-                f"the sequence of attitude angles must be x, y and z in any order and of one case, such as 'ZYX', but "
+                f"the sequence of attitude angles must be x, y and z in any order, all in one case, such as 'ZYX', but "
                 f"got {self.sequence!r}"
             )
         for name, choices in (("heading", HEADINGS), ("unit", tuple(UNITS)), ("body", BODIES)):
@@ -57,7 +57,7 @@ class AttitudeAngles:
         """Unit quaternions (n, 4) of `angles` (n, 3): roll, pitch, heading, in `unit`.
 
         They are scalar first, body to world, for body axes forward, left, up, with any `body` of the angles; the world
-        has z up and, if the heading counts from north, x east and y north.
+        has z up and, if the heading is measured from north, x east and y north.
         """
         roll, pitch, heading = (UNITS[self.unit] * np.asarray(angles, float)).T
         down, clockwise = self.body == BODIES[0], self.heading == HEADINGS[0]

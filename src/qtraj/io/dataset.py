@@ -2,7 +2,7 @@
 
 Paths of different durations share the dimension `path`. Their samples share the dimension `sample`, whose coordinate
 `progress` is time over duration, from 0 to 1; the time of each sample is the two-dimensional coordinate
-`time(path, sample)`. So `dataset.sel(path="after")` is one path, and differences between paths are taken at equal
+`time(path, sample)`. So `dataset.sel(path="after")` is one path, and differences between paths are computed at equal
 progress.
 """
 
@@ -24,11 +24,13 @@ from qtraj.foundation.provenance import provenance_attributes
 from qtraj.foundation.record import variable_attributes
 from qtraj.motion.programs.rotation_minimizing import Frame
 from qtraj.path.channel import CHANNELS, outputs_with
+from qtraj.path.driving import default_frame
 from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import QUANTITIES, quantity
+from qtraj.path.route import Route
 from qtraj.path.track import Track, elapsed_times, to_float64
-from qtraj.path.trihedral import Natural, Upright
+from qtraj.path.trihedral import AbstractFrame, Upright
 from qtraj.path.vehicle import Vehicle
 
 SAMPLES = 513
@@ -46,7 +48,7 @@ def conventions(frame: str) -> dict[str, str]:
     return about | {
         "quaternion_convention": f"{about['quaternion_convention']}, sign continuous in time",
         "frame_convention": f"{frame} frame, {about['frame_convention']}",
-        "rate_convention": "rate and angular_acceleration are those of the frame, in body axes",
+        "rate_convention": "rate and angular_acceleration of the frame, in body axes",
     }
 
 
@@ -63,20 +65,21 @@ def path_dataset(
     """The paths, by name, as one dataset with units, meanings and conventions in its attributes (extra `io`).
 
     The dataset has all outputs of `qtraj.evaluate`, at `samples` instants of each path. Attitudes and rates are those
-    of `frame`, by default `Upright()` with a recorded `track`, because vehicles stay upright, otherwise `Natural()`. A
-    limited variable has its limit as attribute `limit`. A recorded track is added as `recorded_position` over
-    `recorded_time`, from its first sample, and the facts of a `fitted` path as variables and attributes whose names
-    begin with `fit_`. `findings`, the certificates of some of the paths, become `largest_curvature` (path),
-    `largest_curvature_time`, `finding_curvature` and so on: the largest values on the whole path, not only at samples.
+    of `frame`, by default `Upright()` with a recorded `track`, because vehicles stay upright, the default frame of a
+    route, and otherwise `Natural()`. A limited variable has its limit as attribute `limit`. A recorded track is added
+    as `recorded_position` over `recorded_time`, from its first sample, and the facts of a `fitted` path as variables
+    and attributes whose names begin with `fit_`. `findings`, the certificates of some of the paths, become
+    `largest_curvature` (path), `largest_curvature_time`, `finding_curvature` and so on: the largest values on the whole
+    path, not only at samples.
 
     **Raises:** ValueError if there is no path, or fewer than 2 samples.
     """
     if not paths or samples < 2:
         raise ValueError(f"expected at least one path and at least 2 samples, but got {len(paths)} and {samples}")
     progress = np.linspace(0.0, 1.0, samples)
-    frame = (Natural() if track is None else Upright()) if frame is None else frame
     vehicle = None if limits is None else limits.vehicle
-    tables = [_table(path, progress, frame, vehicle) for path in paths.values()]
+    frames = [_frame(path, track) if frame is None else frame for path in paths.values()]
+    tables = [_table(path, progress, own, vehicle) for path, own in zip(paths.values(), frames, strict=True)]
     columns = [_columns(path, table) for path, table in zip(paths.values(), tables, strict=True)]
     name_of_frame = tables[0].frame
     variables: dict[str, Any] = {}
@@ -143,7 +146,7 @@ def _findings(paths: list[str], certificates: Mapping[str, Certificate]) -> dict
         variables[f"finding_{variable}"] = (
             ("path",),
             np.array(texts, str),
-            {"long_name": f"finding on the limit {about}"},
+            {"long_name": f"status of the limit {about}"},
         )
     return variables
 
@@ -154,8 +157,13 @@ def write_netcdf(dataset: xarray.Dataset, file: str | os.PathLike[str]) -> None:
     dataset.to_netcdf(file, engine="h5netcdf", encoding=exact)
 
 
+def _frame(path: AbstractHodograph, track: Track | None) -> AbstractFrame:
+    """The default frame of a path: the path's own, but upright along a recorded turn."""
+    return default_frame(path) if track is None or isinstance(path, Route) else Upright()
+
+
 def _table(path: AbstractHodograph, progress: np.ndarray, frame: Frame, vehicle: Vehicle | None) -> Table:
-    """All outputs of one path; the forces only with a vehicle."""
+    """All outputs of one path; forces only with a vehicle."""
     duration = np.asarray(path.duration)
     times = as_float(duration * progress.astype(duration.dtype))
     return evaluate(path, times, outputs_with(vehicle), frame, continuous=True, vehicle=vehicle)

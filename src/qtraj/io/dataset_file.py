@@ -1,4 +1,4 @@
-"""Saves and loads labelled datasets as netCDF, Zarr, Parquet or CSV, by the suffix of the file, every float exactly.
+"""Save and load labelled datasets as netCDF, Zarr, Parquet or CSV, by the suffix of the file, with exact floats.
 
 netCDF and Zarr store any dataset unchanged. Parquet and CSV store one table: a row for each instant (of each path), a
 column for each component, and a header with everything else (see `qtraj.io.flat`), so that pandas reads the table and
@@ -28,7 +28,7 @@ class Labelled(Protocol):
 def save_dataset(dataset: "xarray.Dataset | Labelled", file: str | os.PathLike[str]) -> None:
     """Write a dataset, or a result that has `to_xarray()`, to a .nc, .zarr, .parquet or .csv file.
 
-    `load_dataset` restores values, types, labels, units and all other attributes, floats bit by bit. The file (for
+    `load_dataset` restores values, types, labels, units and all other attributes; floats are exact. The file (for
     Zarr: the folder) is written completely or not at all, and replaces one of the same name.
 
     **Raises:** ValueError for another suffix, or values that the format cannot store; OSError if the file cannot be

@@ -1,9 +1,8 @@
-"""Converts attitudes to and from SciPy, jaxlie and plain arrays; function names state the order of components.
+"""Convert attitudes to and from SciPy, jaxlie and plain arrays; function names state the order of components.
 
 `wxyz` is qtraj's own order, scalar first; `xyzw` is the order of SciPy's default, ROS and many files. Quaternions are
-arrays (..., 4) of any length but zero, body to inertial. Both libraries store the active rotation R(λ) that rotates
-the inertial basis into the body basis; their `apply` maps body components to inertial components. SciPy and jaxlie are
-imported only on use.
+arrays (..., 4) of any nonzero norm, body to inertial. SciPy and jaxlie also store R(λ), the rotation of the inertial
+basis into the body basis; their `apply` maps body components to inertial components. Both are imported only on use.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -44,16 +43,16 @@ def wxyz_from_xyzw(xyzw: ArrayInput) -> Float[Array, "*n 4"]:
 
 
 def scipy_from_wxyz(wxyz: ArrayInput) -> "Rotation":
-    """SciPy's `Rotation` of quaternions (4,) or (n, 4); it keeps their signs and drops their lengths.
+    """SciPy's `Rotation` of quaternions (4,) or (n, 4); it keeps their signs but not their norms.
 
-    **Raises:** ValueError for other shapes, and for a quaternion of length zero.
+    **Raises:** ValueError for other shapes, and for a zero quaternion.
     """
     require_package("scipy", "an exchange with SciPy", None)
     from scipy.spatial.transform import Rotation
 
     values = np.asarray(_quaternions(wxyz), dtype=float)
     if values.ndim > 2:
-        raise ValueError(f"SciPy takes quaternions of shape (4,) or (n, 4), but got {values.shape}")
+        raise ValueError(f"SciPy accepts quaternions of shape (4,) or (n, 4), but got {values.shape}")
     return Rotation.from_quat(values, scalar_first=True)
 
 
@@ -63,7 +62,7 @@ def wxyz_from_scipy(rotation: "Rotation") -> np.ndarray:
 
 
 def jaxlie_from_wxyz(wxyz: ArrayInput) -> Any:
-    """jaxlie's `SO3` of quaternions (..., 4), normalised as jaxlie expects; NaN for a length of zero.
+    """jaxlie's `SO3` of quaternions (..., 4), normalised as jaxlie expects; NaN for a zero quaternion.
 
     The function can be traced and differentiated.
     """
@@ -84,5 +83,7 @@ def wxyz_from_jaxlie(rotation: Any) -> Float[Array, "*n 4"]:
 def _quaternions(values: ArrayInput) -> Array:
     quaternions = as_float(values)
     if quaternions.ndim == 0 or quaternions.shape[-1] != 4:
-        raise ValueError(f"quaternions have four components on the last axis, but got the shape {quaternions.shape}")
+        raise ValueError(
+            f"quaternions must have four components on the last axis, but got the shape {quaternions.shape}"
+        )
     return quaternions

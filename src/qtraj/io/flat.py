@@ -1,7 +1,7 @@
-"""Converts a dataset to one table with a header, as in Parquet and CSV files.
+"""Convert a dataset to one table with a header, as in Parquet and CSV files.
 
 The rows are the instants, path by path or element by element of a batch: the dimensions of `time`, `path`, and `batch`,
-or `batch_1`, `batch_2` … Paths and elements without names have a column of their numbers, from 0. A variable with
+or `batch_1`, `batch_2` … Paths and elements without names have a column with their indices, from 0. A variable with
 more dimensions has a column for each component (`position_x`, `dcm_tangent_x`); one with fewer is repeated (`duration`
 in each row of its path). A dataset of scalars has one row. Data that do not depend on the rows (the names of axes, a
 recording) are in the header, together with all dimensions, types, units and other attributes.
@@ -36,7 +36,7 @@ class Flat:
 def flatten(dataset: xarray.Dataset) -> Flat:
     """The table and the header of a dataset.
 
-    **Raises:** ValueError for an empty dataset, values that are neither numbers nor texts, and attributes that JSON
+    **Raises:** ValueError for an empty dataset, values that are neither numbers nor strings, and attributes that JSON
     cannot represent.
     """
     rows = _rows(dataset)
@@ -110,7 +110,7 @@ def _rows(dataset: xarray.Dataset) -> list[Any]:
 
 
 def _numbers(dataset: xarray.Dataset, rows: list[Any]) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    """Columns with the numbers of unnamed paths and batch elements, and their dimensions."""
+    """Columns with the indices of unnamed paths and batch elements, and their dimensions."""
     shape = [dataset.sizes[dim] for dim in rows]
     columns, numbers = {}, {}
     for k, dim in enumerate(rows):
@@ -150,7 +150,7 @@ def _gathered(
 
 def _names(dataset: xarray.Dataset, name: str, others: list[Any], taken: dict[str, Any]) -> list[str]:
     """The columns of one variable, different from all others."""
-    labels = [[str(label) for label in dataset[dim].values] for dim in others]  # numbers where there are no labels
+    labels = [[str(label) for label in dataset[dim].values] for dim in others]  # indices if there are no labels
     names = []
     for parts in itertools.product(*labels):
         column = "_".join([name, *parts])
@@ -181,4 +181,4 @@ def _plain(attributes: Any, name: str) -> dict[str, Any]:
 def _item(value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
-    raise TypeError(f"{type(value).__name__} is neither a number nor a text")
+    raise TypeError(f"{type(value).__name__} is neither a number nor a string")

@@ -77,7 +77,7 @@ def _texts(values: np.ndarray) -> list[str]:
 
 
 def _quoted(text: str) -> str:
-    """A text in quotes if it has characters with a meaning in CSV or in comments."""
+    """A string, in quotes if it contains characters that are special in CSV or in comments."""
     plain = all(c.isalnum() or c in "_-." for c in text) and text != ""
     return text if plain else '"' + text.replace('"', '""') + '"'
 

@@ -11,8 +11,8 @@ from qtraj.foundation.untrusted import parse_json
 from qtraj.io.flat import FORMAT, Flat, require_header
 
 KEY = b"qtraj"
-NUMBER = {"attributes": {"units": "1", "long_name": "number, from 0"}}
-"""Metadata of a column with the numbers of paths or batch elements."""
+NUMBER = {"attributes": {"units": "1", "long_name": "index, from 0"}}
+"""Metadata of a column with the indices of paths or batch elements."""
 
 
 def write_parquet(flat: Flat, file: Path) -> None:
@@ -42,7 +42,9 @@ def read_parquet(file: Path) -> Flat:
     except ValueError as error:
         raise ValueError(f"{file}: the header cannot be read ({error})") from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise ValueError(f"{file}: this Parquet file has no dataset of qtraj; pandas.read_parquet reads its columns")
+        raise ValueError(
+            f"{file}: this Parquet file does not contain a qtraj dataset; pandas.read_parquet reads its columns"
+        )
     try:
         require_header(header)
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""A dataset over instants as a table for spreadsheets: CSV with names and units in its header."""
+"""Write a dataset over instants as CSV for spreadsheets, with names and units in its header."""
 
 from collections.abc import Mapping, Sequence
 from itertools import product
@@ -19,9 +19,9 @@ PATH_HEADERS = {
     "torsion": ["torsion [1/m]"],
     "quaternion": ["qw", "qx", "qy", "qz"],
 }
-"""Columns of a path, besides the rate of its frame.
+"""Columns of a path, without the rate of its frame.
 
-`qtraj.read_track` knows those of time, position, velocity and attitude by these names."""
+`qtraj.read_track` recognises the columns of time, position, velocity and attitude by these names."""
 
 
 def write_csv(columns: Mapping[str, np.ndarray], headers: Mapping[str, Sequence[str]], file: Path) -> None:

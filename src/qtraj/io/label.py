@@ -1,4 +1,4 @@
-"""Converts plain arrays over time to labelled data."""
+"""Convert plain arrays over time to labelled data."""
 
 from __future__ import annotations  # so that `help` shows short names
 
@@ -76,7 +76,7 @@ def _quantity(name: str, entry: Any, count: int) -> Quantity:
     array, unit, meaning = entry if described else (entry, *PREDEFINED[name][:2])
     sizes = ANY if described else PREDEFINED[name][2]
     values = np.asarray(as_float(array))
-    # Components are tried first: otherwise 3 or 4 instants could be taken for components of a batch.
+    # Components are tried first: otherwise 3 or 4 instants could be mistaken for components of a batch.
     if values.shape[-2:-1] == (count,) and values.shape[-1] in sizes and values.shape[-1] in COMPONENTS:
         return Quantity(values, unit, meaning, ("time", COMPONENTS[values.shape[-1]]))
     if values.shape[-1:] == (count,) and 0 in sizes:

@@ -1,4 +1,4 @@
-"""Recognises recordings by their name or their contents."""
+"""Recognise recordings by their name or their contents."""
 
 import re
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 RECORDINGS = (".csv", ".tsv", ".tum")
 """Suffixes of recordings; files with other suffixes, such as .txt, are recognised by their contents."""
 MIN_COLUMNS = 4
-"""A recording has a time and a position."""
+"""A recording has at least a time and three coordinates."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 

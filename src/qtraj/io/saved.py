@@ -1,4 +1,4 @@
-"""Loads saved documents that must contain a path or a program."""
+"""Load saved documents that must contain a path or a program."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ def saved_path(file: Path) -> SpiralHelix:
     stored = load(file)
     path = stored.path if isinstance(stored, Tuned | Fitted) else stored
     if not isinstance(path, SpiralHelix):
-        raise ValueError(f"{file}: a saved path was expected, but the file holds a {type(stored).__name__}")
+        raise ValueError(f"{file}: a saved path was expected, but the file contains a {type(stored).__name__}")
     return path
 
 
@@ -40,5 +40,5 @@ def saved_program(file: Path) -> AbstractProgram:
 
     stored = load(file)
     if not isinstance(stored, AbstractProgram):
-        raise ValueError(f"{file}: a saved program was expected, but the file holds a {type(stored).__name__}")
+        raise ValueError(f"{file}: a saved program was expected, but the file contains a {type(stored).__name__}")
     return stored

@@ -1,4 +1,4 @@
-"""Loads stored documents of any class of the library.
+"""Load stored documents of any class of the library.
 
 `foundation.document` reads only classes that have been imported; this module imports all that can be stored.
 """
@@ -15,7 +15,10 @@ HOMES = (
     "qtraj.design.limits",
     "qtraj.design.proof.certificate",
     "qtraj.design.proof.route_certificate",
+    "qtraj.design.timing.outcome",
+    "qtraj.design.timing.timing",
     "qtraj.design.tuning.outcome",
+    "qtraj.design.tuning_route.tuned_route",
     "qtraj.motion.attitude_residual",
     "qtraj.motion.control.baselines",
     "qtraj.motion.control.closed_form",

@@ -1,7 +1,7 @@
-"""Converts latitude, longitude and height to metres east, north and up of a point on the Earth, exactly.
+"""Convert latitude, longitude and height to metres east, north and up of a reference point, without approximation.
 
-The ellipsoid is WGS 84 (NGA.STND.0036). Earth-fixed coordinates have a closed form; a rotation and a translation lead
-to the tangent plane. So lengths and angles in space are exact, while a map projection distorts them.
+The ellipsoid is WGS 84 (NGA.STND.0036). Earth-fixed coordinates have a closed form; a translation and a rotation
+transform them to the tangent plane. So lengths and angles in space are exact, while a map projection distorts them.
 """
 
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 SEMI_MAJOR_AXIS = 6378137.0
-"""Of WGS 84 [m]."""
+"""Semi-major axis of WGS 84 [m]."""
 FLATTENING = 1 / 298.257223563
 ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
 
 OPTIONS = (
     "projection='tangent-plane' (in a scenario projection = 'tangent-plane'): metres east, north and up of the first "
     "sample, on the tangent plane of WGS 84 there; or qtraj.TangentPlane(origin) (in a scenario origin = [latitude, "
-    "longitude, height]) for an origin of your own"
+    "longitude, height]) for another origin"
 )
 """The options for latitudes and longitudes, for error messages."""
 
@@ -40,7 +40,7 @@ class TangentPlane:
         origin = np.asarray(self.origin, float)
         if origin.shape != (3,) or not np.isfinite(origin).all():
             raise ValueError(
-                f"the origin of a tangent plane is [latitude °, longitude °, height m], but got {self.origin!r}"
+                f"the origin of a tangent plane must be [latitude °, longitude °, height m], but got {self.origin!r}"
             )
         _require_angles(origin[None], "the origin of a tangent plane")
         object.__setattr__(self, "origin", tuple(map(float, origin)))

@@ -1,4 +1,4 @@
-"""Chooses the columns of a recording: those named by the user, otherwise by common names; explains missing ones."""
+"""Choose the columns of a recording by the user's names, otherwise by common names, and explain missing columns."""
 
 import difflib
 import re
@@ -39,7 +39,7 @@ GLOBAL = (
     "lat,lon,alt",
     "lat,lng,alt",
 )
-"""The same for attitudes as angles, and for positions on the globe, if the caller selects these."""
+"""The same for attitudes as angles, and for geographic positions, if the caller selects these."""
 
 UNITS = {"time": "s", "position": "m", "velocity": "m/s", "attitude": ""}
 OTHERS = {
@@ -54,7 +54,7 @@ ANGLE_UNITS = {"deg": "deg", "°": "deg", "degrees": "deg", "rad": "rad", "radia
 """The units of angles that a column name may have in brackets."""
 
 GEOGRAPHIC = {"lat", "lon", "lng", "latitude", "longitude"}
-"""Words in column names that indicate angles on the globe instead of positions in metres."""
+"""Words in column names that indicate latitude or longitude instead of positions in metres."""
 
 COUNTS = {"time": 1, "position": 3, "velocity": 3, "attitude": 4}
 REQUIRED = ("time", "position")
@@ -63,7 +63,7 @@ ANGLE_WORDS = (("roll",), ("pitch",), ("heading", "yaw"))
 """Words in the column names of roll, pitch and heading."""
 
 MIN_SIMILARITY = 0.7
-"""A column name is taken for a misspelt common name if its similarity, from 0 to 1, is at least this."""
+"""A column name is considered a misspelt common name if its similarity, from 0 to 1, is at least this."""
 
 Columns = Mapping[str, str | Sequence[str] | None]
 
@@ -99,7 +99,7 @@ def choose(
     which only some columns have common names, and columns whose names indicate other units.
     """
     if unknown := sorted(set(columns) - set(COUNTS)):
-        raise ValueError(f"columns= has the keys {', '.join(COUNTS)}, but got {unknown[0]!r}")
+        raise ValueError(f"columns= accepts the keys {', '.join(COUNTS)}, but got {unknown[0]!r}")
     listed = ", ".join(header)
     chosen: dict[str, tuple[str, ...]] = {}
     angled = angles is not None
@@ -142,13 +142,13 @@ def _in_other_units(part: str, names: Sequence[str], angles: AttitudeAngles | No
             if (part == "attitude" and angles is not None) or (part == "position" and globe and k < 2):
                 expected = angles.unit if part == "attitude" and angles is not None else "deg"
                 if unit.lower() in ANGLE_UNITS and ANGLE_UNITS[unit.lower()] != expected:
-                    return f"the column {name!r} is in {unit}, but the {part} is read in {expected}"
+                    return f"the column {name!r} is in {unit}, but the {part} must be in {expected}: convert it first"
             elif unit.lower() in OTHERS[part]:
-                expected = f"in {UNITS[part]}" if UNITS[part] else "as a quaternion"
-                return f"the column {name!r} is in {unit}, but the {part} is read {expected}: convert it first"
+                expected = f"in {UNITS[part]}" if UNITS[part] else "a quaternion"
+                return f"the column {name!r} is in {unit}, but the {part} must be {expected}: convert it first"
         if part == "position" and not globe and GEOGRAPHIC.intersection(re.split(r"[^a-z]+", name.lower())):
             return (
-                f"the column {name!r} seems to contain angles on the globe, but positions are read in m: convert "
+                f"the column {name!r} seems to contain geographic coordinates, but positions must be in m: convert "
                 f"latitude and longitude to metres first (for example with pyproj), or use {PROJECTIONS}"
             )
     return None
@@ -202,9 +202,9 @@ def _not_found(part: str, header: list[str]) -> str:
         what = f"the columns for the {part} are incomplete: found {', '.join(present)}, missing {', '.join(missing)}"
         likely = [plain.get(name) or _likely(part, k, plain) for k, name in enumerate(best)]
         example = "[" + ", ".join(f'"{name}"' for name in likely) + "]"
-    without = "" if part in REQUIRED else f' To leave the {part} out: {part} = [], in Python {{"{part}": None}}.'
+    without = "" if part in REQUIRED else f' To omit the {part}: {part} = [], in Python {{"{part}": None}}.'
     return (
-        f"{what}. The columns are {', '.join(header)}; name those of the {part}: "
+        f"{what}. The columns are {', '.join(header)}; name the columns of the {part}: "
         f'in a scenario with {part} = {example} under [track.columns], in Python with columns={{"{part}": {example}}}.'
         f"{without}{_on_the_globe(part, header)}"
     )

@@ -1,4 +1,4 @@
-"""Reads recorded tracks from text files: CSV with a header row, and TUM trajectories."""
+"""Read recorded tracks from text files: CSV with a header row, and TUM trajectories."""
 
 from __future__ import annotations  # so that `help` shows short names
 
@@ -34,9 +34,10 @@ def read_track(
 
     A CSV file (commas, semicolons or tabs; UTF-8; lines that start with # are comments) has a header row. `columns`
     names its columns: {"time": "t", "position": ["e", "n", "u"], "velocity": [...], "attitude": [...]}, with the
-    attitude as a quaternion, body to world, scalar first; None leaves a part out. Other parts are recognised by common
-    names (time, t; x, y, z; easting, northing, altitude; vx, vy, vz; vel_east, …; qw, qx, qy, qz), if all columns of
-    the part have one.
+    attitude as a quaternion, body to world, scalar first; None omits a part. Other parts are recognised by common names
+    (time, t; x, y, z; easting, northing, altitude; vx, vy, vz; vel_east, …; qw, qx, qy, qz), if all columns of the part
+    have one.
+
     A TUM trajectory (eight numbers "timestamp tx ty tz qx qy qz qw" on a line, no header) is recognised by its content;
     its quaternions, scalar last, are reordered. Files whose names end with .gz are decompressed. Units are those of
     `Track`: s, m, m/s.
@@ -189,8 +190,8 @@ def _require_increasing(path: Path, lines: Lines, times: np.ndarray, name: str) 
     if late.size:
         k = int(late[0]) + 1
         raise ValueError(
-            f"{path}, line {lines[k][0]}: times must increase strictly, but column {name!r} has "
-            f"{times[k]:.17g} after {times[k - 1]:.17g}"
+            f"{path}, line {lines[k][0]}: times must increase strictly, but in column {name!r} "
+            f"{times[k]:.17g} follows {times[k - 1]:.17g}"
         )
 
 

@@ -1,6 +1,6 @@
-"""Datasets as Zarr stores.
+"""Read and write datasets as Zarr stores.
 
-The stores have format 2 of Zarr: format 3 does not yet specify fixed-length texts and consolidated metadata, while
+The stores use Zarr format 2, because format 3 does not yet specify fixed-length texts and consolidated metadata, while
 every reader opens format 2 without a warning.
 """
 
@@ -26,7 +26,9 @@ def read_zarr(folder: Path) -> xarray.Dataset:
     **Raises:** ValueError, naming the folder, if it is not a store, or contains pickled objects.
     """
     if any(map(_pickles, _metadata(folder))):
-        raise ValueError(f"{folder}: this store contains pickled objects, which could run any code when read")
+        raise ValueError(
+            f"{folder}: this store contains pickled objects, which could run arbitrary code when they are read"
+        )
     try:
         return xarray.load_dataset(folder, engine="zarr", chunks=None)
     except (OSError, KeyError, ValueError) as error:

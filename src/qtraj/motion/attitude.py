@@ -18,8 +18,8 @@ class Attitude(AbstractResult):
     """Attitude, angular rate and angular acceleration at one instant.
 
     `quaternion` (4,), body to inertial, scalar first; `rate` (3,) [rad/s] and `acceleration` (3,) [rad/s²] in `axes`,
-    "body" (the default) or "inertial". Laws and torques need body axes. A program's quaternion is a unit quaternion;
-    that of a simulated body may have any length.
+    "body" (the default) or "inertial". Laws and torques need body axes. A program's quaternion has norm 1; the
+    quaternion of a simulated body need not be normalised.
     """
 
     quaternion: Quat
@@ -30,7 +30,7 @@ class Attitude(AbstractResult):
     def in_axes(self, axes: str) -> "Attitude":
         """The same attitude with rate and acceleration in these `axes`: ω_ξ = λ∘ω_x∘λ⁻¹, ε_ξ = λ∘ε_x∘λ⁻¹.
 
-        `axes`: "body" or "inertial". One attitude; of many, under `jax.vmap`.
+        `axes`: "body" or "inertial". The attitude must not be batched: use `jax.vmap` for a batch.
 
         **Raises:** ValueError for other axes.
         """
@@ -41,7 +41,7 @@ class Attitude(AbstractResult):
         return Attitude(self.quaternion, rotate(turn, self.rate), rotate(turn, self.acceleration), axes)
 
     def record(self) -> Record:
-        """The fields; a batch, as from `jax.vmap(program)(times)`, has its dimensions in front."""
+        """The fields. A batch, such as `jax.vmap(program)(times)`, adds its dimensions in front."""
         along = ("body",) if self.axes == BODY else ("world",)
         variables = {
             "quaternion": Quantity(self.quaternion, "1", "attitude, scalar first, body to inertial", ("component",)),
@@ -66,7 +66,7 @@ def require_body_axes(attitude: Attitude) -> None:
 
 
 class AbstractProgram(eqx.Module):
-    """An attitude program λ⁰(t), ω⁰(t), ε⁰(t) on [0, duration] (paper C, (1.5)): t in seconds from its own start."""
+    """An attitude program λ⁰(t), ω⁰(t), ε⁰(t) on [0, duration] (paper C, (1.5)), with t [s] from its start."""
 
     duration: eqx.AbstractVar[Scalar]
 
@@ -75,14 +75,14 @@ class AbstractProgram(eqx.Module):
         """The program's attitude at one instant; its quaternion is continuous in t on [0, duration]."""
 
     def at(self, t: ScalarLike, axes: str = BODY) -> Attitude:
-        """The program's attitude at one instant, with rate and acceleration in `axes`, "body" or "inertial" ((1.6)).
+        """The program's attitude at one instant, with rate and acceleration in `axes`, "body" or "inertial" (1.6).
 
         **Raises:** ValueError for other axes.
         """
         return self(t).in_axes(axes)
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the program to a TOML or JSON file, exactly; `qtraj.load` reads it.
+        """Write the program exactly to a TOML or JSON file; `qtraj.load` reads it.
 
         **Raises:** ValueError for another suffix, or for a program that contains a user's function.
         """

@@ -1,4 +1,4 @@
-"""Difference between recorded attitudes and a program, apart from the constant mounting of the recorder."""
+"""Difference between recorded attitudes and a program, after removing the constant mounting of the recorder."""
 
 import equinox as eqx
 import jax
@@ -18,7 +18,7 @@ from qtraj.path.track import Track, elapsed_times, to_float64
 from qtraj.path.trihedral import AbstractFrame, trihedral
 
 OVERHANG = 1e-6
-"""Relative excess of a track's duration over the program's that counts as round-off."""
+"""A track may last longer than the program by this fraction: the difference counts as round-off."""
 
 
 @storable
@@ -28,7 +28,7 @@ class AttitudeResidual(AbstractResult):
     The recorded attitude is λ⁰(t)∘m∘δ(t) with a constant mounting m and a residual rotation δ. `mounting` (4,): the
     unit quaternion m, from the recorder's axes to those of the program. `rms` and `maximum` [rad]: root mean square and
     maximum of the angle of δ. `axis_rms` (3,) [rad]: root mean square of the components of its rotation vector,
-    recorder's axes. `time` [s]: when the angle is largest, from the first sample. `samples`: the number of samples
+    recorder's axes. `time` [s]: the time of the largest angle, from the first sample. `samples`: the number of samples
     compared.
     """
 
@@ -78,17 +78,17 @@ def compare_attitude(
 ) -> "AttitudeResidual":
     """Compare the recorded attitudes of `track` with `program`; the first sample is at program time 0.
 
-    `mounting` (4,): the attitude of the recorder in the program's axes, of any non-zero length. None estimates the
-    constant mounting that minimises the sum of squared chordal distances: the mean of λ̄⁰(t)∘λ(t) by quaternion outer
-    products (Markley, Cheng, Crassidis and Oshman, "Averaging quaternions", JGCD 30, 2007). Signs and lengths of the
-    recorded quaternions do not matter. A frame that flips, as the natural one does at inflections, shows as a large
-    residual: use `FrameProgram(path, Upright())` for vehicles.
+    `mounting` (4,): the attitude of the recorder in the program's axes, not necessarily normalised. If None, it is
+    estimated as the constant mounting that minimises the sum of squared chordal distances: the mean of λ̄⁰(t)∘λ(t) by
+    quaternion outer products (Markley, Cheng, Crassidis and Oshman, "Averaging quaternions", JGCD 30, 2007). The signs
+    and norms of the recorded quaternions have no effect. A frame that flips, such as the natural frame at an inflection
+    point, causes a large residual: use `FrameProgram(path, Upright())` for vehicles.
 
-    Samples at which the frame of a program is not defined, such as those at a stop, are left out.
+    Samples at which the frame of the program is not defined, such as those at a stop, are not compared.
 
-    **Raises:** ValueError for a track without attitudes or one that lasts longer than the program; where the program's
-    frame is defined at no sample; for a mounting that is zero, not finite or of another shape; and inside a trace in
-    which the track is not known.
+    **Raises:** ValueError for a track without attitudes or one that lasts longer than the program; if the program's
+    frame is not defined at any sample; for a mounting that is zero, not finite or of another shape; and inside a trace
+    with a traced track.
     """
     if track.attitudes is None:
         raise ValueError(
@@ -100,7 +100,7 @@ def compare_attitude(
     user_mounting = None if mounting is None else real_vector(mounting, "the mounting", 4)
     value = None if user_mounting is None else concrete(user_mounting)
     if value is not None and not value.any():
-        raise ValueError("the mounting must be a non-zero quaternion (4,), but zero was given")
+        raise ValueError("the mounting must be a non-zero quaternion (4,), but (0, 0, 0, 0) was given")
     dtype = jnp.result_type(program.duration, float)
     attitudes = as_array(to_float64(track.attitudes), dtype)
     unit_mounting, vectors, defined = _compare(program, as_array(times, dtype), attitudes, user_mounting)
@@ -121,7 +121,7 @@ def compare_attitude(
 def _require_any(defined: np.ndarray | None) -> None:
     if defined is not None and not defined.any():
         raise ValueError(
-            "the frame of this program is defined at no sample of the track, so there is no attitude to compare with. "
+            "the frame of this program is not defined at any sample of the track, so there is nothing to compare. "
             "Use a part of the track on which the vehicle moves: track.window(t0, t1)."
         )
 
@@ -136,7 +136,7 @@ def mean(quaternions: Float[Array, "n 4"], weights: Float[Array, " n"]) -> Quat:
 def _compare(
     program: AbstractProgram, times: Float[Array, " n"], attitudes: Float[Array, "n 4"], user_mounting: Quat | None
 ) -> tuple[Quat, Float[Array, "n 3"], Bool[Array, " n"]]:
-    """The mounting, the rotation vectors of the residual in the recorder's axes, and where the program is defined."""
+    """The mounting, the rotation vectors of the residual in the recorder's axes, and whether the program is defined."""
     defined = _defined(program, times)
     reference = jax.vmap(lambda t: program(t).quaternion)(times)
     mounted = jax.vmap(lambda p, q: quaternion.product(quaternion.conjugate(p), quaternion.unit(q)))(
@@ -152,7 +152,7 @@ def _compare(
 
 
 def _defined(program: AbstractProgram, times: Float[Array, " n"]) -> Bool[Array, " n"]:
-    """Where the frame of a path is defined; true everywhere for other programs."""
+    """Whether the frame of a path is defined at each time; always true for other programs."""
     if not isinstance(program, FrameProgram) or not isinstance(program.frame, AbstractFrame):
         return jnp.ones(times.shape, bool)
     path, frame = program.path, program.frame
@@ -168,8 +168,8 @@ def _require_covered(program: AbstractProgram, duration: float) -> None:
     available = concrete(program.duration)
     if available is not None and duration > float(available) * (1 + OVERHANG):
         raise ValueError(
-            f"the track lasts {duration:.9g} s, but the program only {float(available):.9g} s. Compare a window of the "
-            "track that the program covers: track.window(t0, t1)."
+            f"the track lasts {duration:.9g} s, but the program lasts {float(available):.9g} s. Compare a "
+            "window of the track that the program covers: track.window(t0, t1)."
         )
 
 

@@ -1,4 +1,4 @@
-"""Checks of the input that propagation and integration of an attitude share."""
+"""Input checks shared by the propagation and the integration of attitudes."""
 
 import contextlib
 import functools
@@ -16,11 +16,11 @@ from qtraj.path.rate_axes import require_axes as require_axes
 def output_times(times: ArrayInput) -> Float[Array, " n"]:
     """Instants (n,) [s], n ≥ 1, as a float vector.
 
-    **Raises:** ValueError for another shape, and for known values that are not finite or not strictly increasing.
+    **Raises:** ValueError for another shape, and for concrete values that are not finite or not strictly increasing.
     """
     times = as_float(times)
     if times.ndim != 1 or times.shape[0] == 0:
-        raise ValueError(f"times must be a vector of at least one instant [s], but have shape {times.shape}")
+        raise ValueError(f"times must be a non-empty vector of instants [s], but the shape is {times.shape}")
     require_finite(times, "times")
     values = concrete(times)
     if values is not None and np.any(late := np.diff(values) <= 0):
@@ -32,20 +32,20 @@ def output_times(times: ArrayInput) -> Float[Array, " n"]:
 
 
 def initial_quaternion(quaternion: ArrayInput) -> Quat:
-    """The initial λ (4,), of any non-zero length; ValueError for zero, another shape, or values that are not finite."""
+    """The initial λ (4,), not necessarily of norm 1; ValueError for zero, non-finite values or another shape."""
     quaternion = real_vector(quaternion, "the initial quaternion", 4)
     values = concrete(quaternion)
     if values is not None and not values.any():
-        raise ValueError("the initial quaternion must not be zero: zero represents no attitude")
+        raise ValueError("the initial quaternion must not be zero, because zero does not represent an attitude")
     return quaternion
 
 
 def common_dtype(*arrays: jax.Array) -> jnp.dtype:
-    """The widest float dtype of the arrays; JAX's own promotion refuses to mix them under strict promotion."""
+    """The widest float dtype of the arrays, computed here because JAX does not mix dtypes under strict promotion."""
     return functools.reduce(np.promote_types, (x.dtype for x in arrays))
 
 
 def at_once() -> contextlib.AbstractContextManager:
-    """A context in which known values stay known inside a trace."""
+    """A context in which concrete values stay concrete inside a trace."""
     traced = concrete(jnp.zeros(())) is None
     return jax.ensure_compile_time_eval() if traced else contextlib.nullcontext()

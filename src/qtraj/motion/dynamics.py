@@ -28,8 +28,8 @@ __all__ = [
     "torque",
 ]
 
-NO_CONTACT = "infinite where the vehicle does not press on the road"
-"""Description of a friction demand without a positive normal force."""
+NO_CONTACT = "infinite if the normal force is not positive"
+"""Suffix of the description of a friction demand."""
 
 
 def __dir__() -> list[str]:
@@ -39,7 +39,7 @@ def __dir__() -> list[str]:
 def torque(attitude: Attitude, inertia: ArrayInput) -> Vec3:
     """M = Jε + ω×Jω [N m] in body axes; for a spherical body M = Jε (paper C, remark 2).
 
-    **Raises:** ValueError for an inertia of another shape, or one that is not symmetric and positive.
+    **Raises:** ValueError for an inertia of another shape, or one that is not symmetric and positive definite.
     """
     require_body_axes(attitude)
     J = inertia_matrix(inertia).astype(attitude.rate.dtype)
@@ -50,7 +50,7 @@ def torque(attitude: Attitude, inertia: ArrayInput) -> Vec3:
 def acceleration(torque: Vec3, rate: Vec3, inertia: ArrayInput) -> Vec3:
     """ε = J⁻¹(M − ω×Jω) [rad/s²] in body axes: the inverse of `torque`.
 
-    **Raises:** ValueError as `torque`.
+    **Raises:** ValueError in the same cases as `torque`.
     """
     J = inertia_matrix(inertia).astype(torque.dtype)
     momentum = jnp.matmul(J, rate, precision="highest")
@@ -58,9 +58,9 @@ def acceleration(torque: Vec3, rate: Vec3, inertia: ArrayInput) -> Vec3:
 
 
 def rotational_power(attitude: Attitude, inertia: ArrayInput) -> Scalar:
-    """M·ω [W]: the power of the torque, the time derivative of ½ω·Jω.
+    """M·ω [W]: the power of the torque, equal to the time derivative of ½ω·Jω.
 
-    **Raises:** ValueError as `torque`.
+    **Raises:** ValueError in the same cases as `torque`.
     """
     return torque(attitude, inertia) @ attitude.rate
 
@@ -72,7 +72,7 @@ def forces(
     gravity: ArrayInput,
     frame: AbstractFrame | None = None,
 ) -> Vec3:
-    """F = m r̈ − m g⃗ [N] in the axes of the trihedral: (F_τ, F_n, F_b), supplied by drive, side force and lift.
+    """F = m r̈ − m g⃗ [N] in the axes of the trihedral: (F_τ, F_n, F_b), that is drive, side force and lift.
 
     `mass` [kg]. `frame`: None for the natural trihedral, whose n points to the centre of curvature;
     `Upright()` for the components forward, to the left and up.
@@ -85,30 +85,30 @@ def forces(
 
 
 def power(path: AbstractHodograph, t: ScalarLike, mass: ArrayInput, gravity: ArrayInput) -> Scalar:
-    """F·ṙ [W]: the time derivative of kinetic and potential energy, m(r̈ − g⃗)·ṙ.
+    """F·ṙ = m(r̈ − g⃗)·ṙ [W]: the time derivative of the kinetic and potential energy.
 
-    **Raises:** ValueError as `forces`.
+    **Raises:** ValueError in the same cases as `forces`.
     """
     r = path.derivatives(t, 2)
     return _world_force(r[2], mass, gravity) @ r[1]
 
 
 class FrictionDemand(AbstractResult):
-    """Tangential over normal force at the road, at one instant; infinite where the vehicle does not press on it.
+    """Tangential divided by normal force at the road, at one instant; infinite if the normal force is not positive.
 
-    `side`: |F_side|/F_normal. `total`: √(F_τ² + F_side²)/F_normal, to compare with the coefficient of friction. The
-    frame of the road is not stored, as in a `Trihedral`.
+    `side`: |F_side|/F_normal. `total`: √(F_τ² + F_side²)/F_normal, to compare with the coefficient of friction. Like a
+    `Trihedral`, it does not store the frame.
     """
 
     side: Scalar
     total: Scalar
 
     def record(self) -> Record:
-        """The two numbers; a batch, as from `jax.vmap`, has its dimensions in front."""
+        """The two numbers. A batch, as from `jax.vmap`, adds its dimensions in front."""
         variables = {
-            "side": Quantity(self.side, "1", f"side force over normal force; {NO_CONTACT}"),
+            "side": Quantity(self.side, "1", f"lateral force divided by normal force; {NO_CONTACT}"),
             "total": Quantity(
-                self.total, "1", f"resultant of tangential and side force over normal force; {NO_CONTACT}"
+                self.total, "1", f"√(longitudinal² + lateral²) force divided by normal force; {NO_CONTACT}"
             ),
         }
         airborne = np.isinf(np.asarray(self.total))
@@ -124,12 +124,12 @@ def friction_demand(
     gravity: ArrayInput,
     frame: AbstractFrame | None = None,
 ) -> FrictionDemand:
-    """The friction that the contact with the road needs, from the forces forward, sideways and normal to the road.
+    """The friction coefficient that the road must provide, from the forward, lateral and normal force.
 
-    `frame`: None for `Upright()`; for a banked road, an `Upright` with its normal as the up direction. The demand does
-    not depend on the mass.
+    `frame`: None for `Upright()`; for a banked road, an `Upright` with the road's normal as the up direction. The
+    demand does not depend on the mass.
 
-    **Raises:** ValueError as `forces`.
+    **Raises:** ValueError in the same cases as `forces`.
     """
     force = forces(path, t, mass, gravity, Upright() if frame is None else frame)
     contact = force[2] > 0

@@ -15,11 +15,11 @@ from jaxtyping import Array, Int
 from qtraj.foundation.types import Scalar
 
 NODES, PANELS = 16, 32
-"""Nodes of a panel, and panels of a piece, which are evaluated together. One piece is exact to round-off for a smooth
-path whose speed is not near zero."""
+"""Nodes per panel, and panels per piece; the panels of a piece are evaluated together. One piece is exact to round-off
+for a smooth path whose speed is not near zero."""
 
 MAX_RUNS, RUN = 32, 64
-"""Maximum number of runs, and pieces in a run: together a million speeds."""
+"""Maximum number of runs, and pieces per run: at most a million evaluations of the speed."""
 
 TOLERANCE = 1e-9
 """Maximum relative change in the last refinement; in lower precision `ROUNDINGS` machine epsilons."""
@@ -27,13 +27,13 @@ TOLERANCE = 1e-9
 ROUNDINGS = 32
 
 MAX_CHANGE = 1e-6
-"""The length is NaN if the relative change is still larger than this after a million speeds."""
+"""The length is NaN if the relative change is still larger than this after a million evaluations."""
 
 Speed = Callable[[Scalar], Scalar]
 
 
 def arc_length(speed: Speed, duration: Scalar) -> Scalar:
-    """∫ speed dt over the duration [m], of a speed at one instant [m/s], in the precision of the duration."""
+    """∫ speed dt over the duration [m], in the precision of the duration; `speed(t)` is in [m/s]."""
     pieces, converged = _refine(lambda t: jax.lax.stop_gradient(speed(t)), jax.lax.stop_gradient(duration))
     pieces = eqxi.unvmap_max(pieces)  # one number for the whole batch, so that the loops below can stop early
 

@@ -1,4 +1,4 @@
-"""Find the bends of a recorded track: where its direction of travel turns to the left, and where to the right.
+"""Find the bends of a recorded track, in which its direction of travel turns to the left or to the right.
 
 The driver and noise cause small oscillations of the direction. So a bend ends only where the direction has turned back
 by a minimum angle. Maxima and minima of the direction then alternate, and there is one bend between two of them.
@@ -16,7 +16,7 @@ ENDS = 0.05
 
 
 class Bend(NamedTuple):
-    """A part of a track that turns in one sense: from `start` to `end` [s], by `turn` [rad], left positive."""
+    """A part of a track that turns in one direction: from `start` to `end` [s], by `turn` [rad], left positive."""
 
     start: float
     end: float
@@ -24,10 +24,10 @@ class Bend(NamedTuple):
 
 
 def bends(track: Track, min_turn: float, spacing: float, standstill: float = STANDSTILL) -> list[Bend]:
-    """The bends that turn by at least `min_turn` [rad], in order; consecutive ones turn in opposite senses.
+    """The bends that turn by at least `min_turn` [rad], in order; consecutive bends turn in opposite directions.
 
     A track that stays within `standstill` [m] of its mean position has no bends. Without recorded velocities the
-    directions are those of chords of about `spacing` [m].
+    directions are computed from chords of about `spacing` [m].
     """
     if spread_radius(track) <= standstill:
         return []
@@ -56,7 +56,7 @@ def _travel(track: Track, spacing: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _marks(positions: np.ndarray, spacing: float) -> np.ndarray:
-    """Indices of samples at least `spacing` apart, each from the previous one."""
+    """Indices of samples, each at least `spacing` away from the previous one."""
     marks = [0]
     for k, position in enumerate(positions):
         if np.hypot(*(position - positions[marks[-1]])) >= spacing:

@@ -46,12 +46,14 @@ def uniform(
 
 
 def directed_turn(a: Cylindrical, b: Cylindrical, turns: int) -> Scalar:
-    """The signed turn [rad] from `a` to `b` in the sense of V_φ at the start: 0 to 2π, plus whole turns.
+    """The signed turn [rad] from `a` to `b`, with the sign of V_φ at the start: 0 to 2π, plus whole turns.
 
     **Raises:** ValueError for a number of turns that is negative or not an integer.
     """
     if whole_turns(turns) < 0:
-        raise ValueError(f"turns must be 0 or more whole turns in the sense of V_phi, but {turns} was given")
+        raise ValueError(
+            f"turns must be 0 or more, the number of whole turns with the sign of V_phi, but {turns} was given"
+        )
     sense = jnp.where(a.velocity[1] < 0, -1.0, 1.0).astype(a.radius.dtype)
     ahead = sense * azimuth_difference(a, b)
     equal = jnp.abs(ahead) <= AZIMUTH_TOLERANCE * (a.rounding + b.rounding)
@@ -73,9 +75,9 @@ def whole_turns(turns: int) -> int:
 def hermite(
     start: BoundaryState, end: BoundaryState, duration: Scalar, turns: int, placement: Placement | None
 ) -> tuple[Coefficients, Coefficients, Coefficients]:
-    """ρ, φ, h that meet all boundary values in the given duration: cubics, or quintics with accelerations."""
+    """ρ, φ, h that satisfy all boundary values in the given duration: cubics, or quintics with accelerations."""
     if (start.acceleration is None) != (end.acceleration is None):
-        raise ValueError("one boundary state has an acceleration and the other has none: give both or neither")
+        raise ValueError("only one boundary state has an acceleration: give both or neither")
     a, b = cylindrical(start, placement), cylindrical(end, placement)
     _require_off_axis(a, b)
     turn = azimuth_difference(a, b) + 2 * jnp.pi * whole_turns(turns)
@@ -104,7 +106,7 @@ def _boundary_values(state: Cylindrical) -> tuple[Coefficients, Coefficients, Co
 
 
 def axis_between(start: BoundaryState, end: BoundaryState) -> Placement:
-    """The vertical axis through the point where the horizontal normals of the two velocities meet, as a placement.
+    """The vertical axis through the point where the horizontal normals of the two velocities intersect, as a placement.
 
     About this axis, V_ρ is zero at both ends.
 
@@ -137,22 +139,22 @@ def _require_off_axis(a: Cylindrical, b: Cylindrical) -> None:
 
 
 def _require_solvable(a: Cylindrical, b: Cylindrical, turn: Scalar, mismatch: Scalar) -> None:
-    disagreement, known_turn = concrete(mismatch), concrete(turn)
-    if disagreement is None or known_turn is None:
+    mismatch_value, turn_value = concrete(mismatch), concrete(turn)
+    if mismatch_value is None or turn_value is None:
         return
-    if not np.isfinite(disagreement):
+    if not np.isfinite(mismatch_value):
         raise ValueError(
             "the boundary velocities have no component about the axis (V_phi is 0 at both ends), so the path cannot "
-            "turn uniformly. Give another placement, or use SpiralHelix.hermite with a duration."
+            "rotate uniformly. Give another placement, or use SpiralHelix.hermite with a duration."
         )
     tolerance = max(RATE_TOLERANCE, 16 * float(jnp.finfo(mismatch.dtype).eps))
-    if disagreement > tolerance:
+    if mismatch_value > tolerance:
         raise ValueError(
             f"the boundary rates disagree: V_phi/rho is {float(a.rate):.6g} rad/s at the start and {float(b.rate):.6g} "
-            "at the end, but a uniformly rotating spiral-helix has one. Use SpiralHelix.hermite, whose angle is a "
-            "polynomial and meets both, or change a velocity."
+            "at the end, but a uniformly rotating spiral-helix has a single rate. Use SpiralHelix.hermite, whose angle "
+            "is a polynomial and meets both, or change a velocity."
         )
-    if known_turn == 0:
+    if turn_value == 0:
         raise ValueError(
             "the start and the end have the same azimuth, so with turns=0 the path has no turn. "
             "Pass turns=1 for one whole turn, or use SpiralHelix.hermite."
@@ -166,5 +168,5 @@ def _require_crossing(va: Array, vb: Array) -> None:
     if abs(a[0] * b[1] - a[1] * b[0]) <= PARALLEL_TOLERANCE * np.hypot(*a) * np.hypot(*b):
         raise ValueError(
             f"the horizontal velocities {a.tolist()} and {b.tolist()} are parallel (or one is zero): their normals "
-            "do not meet, so there is no axis between them. Pass a placement to SpiralHelix.hermite instead."
+            "do not intersect, so there is no axis between them. Pass a placement to SpiralHelix.hermite instead."
         )

@@ -1,4 +1,4 @@
-"""Compares two paths: boundary velocities, durations, lengths, headings, heights and distance."""
+"""Compare two paths: boundary velocities, durations, lengths, headings, heights and distance."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ COMPONENTS = ("V_rho", "V_phi", "V_h")
 """Cylindrical components of a velocity: away from the axis, about it, along it."""
 PATHS, ENDS = ("before", "after"), ("start", "end")
 SAMPLES = 513
-"""Sampled instants of each path."""
+"""Number of sampled instants of each path."""
 MAX_RATIO = 3.0
-"""There is a warning if the length or the duration grows by more than this factor."""
+"""A warning is given if the length or the duration grows by more than this factor."""
 SLOWER = "takes {:.3g} times as long"
 
 
 class PathChange(AbstractResult):
-    """The differences between a path `before` and a path `after`.
+    """The differences between an original path, `before`, and a tuned path, `after`.
 
-    Of both paths, in this order:
+    For both paths, in this order:
 
     - `velocities` (2, 2, 3) [m/s]: the cylindrical components V_ρ, V_φ, V_h at start and end.
     - `durations` (2,) [s], `lengths` (2,) [m], and `mean_rates` (2,) [rad/s] about the axis.
 
-    Of the path after, relative to the path before:
+    For the tuned path, relative to the original path:
 
-    - `headings` (2,) [rad]: the changes of the direction of travel at start and end, left positive; NaN if it does not
-      exist.
+    - `headings` (2,) [rad]: the changes of the direction of travel at start and end, left positive; NaN where a
+      direction does not exist.
     - `lowest`, `highest` [m]: the changes in height of the lowest and the highest point.
-    - `deviation` [m]: the largest distance of its points from the path before.
+    - `deviation` [m]: the largest distance of its points from the original path.
 
-    `size` [m] is the diagonal of the bounding box of the path before. `given` (2, 3) [m/s] are the requested boundary
-    velocities, if they are known.
+    `size` [m] is the diagonal of the bounding box of the original path. `given` (2, 3) [m/s] are the requested boundary
+    velocities, if there are any.
     """
 
     velocities: Float[Array, "2 2 3"]
@@ -61,7 +61,7 @@ class PathChange(AbstractResult):
 
     @property
     def warning(self) -> str | None:
-        """A warning if the path after is far longer or slower, or deviates by more than the size of the path before."""
+        """A warning if the tuned path is far longer or slower, or deviates by more than the original path's size."""
         texts = []
         for values, what, unit in (
             (self.lengths, "is longer by a factor of {:.3g}", "m"),
@@ -69,14 +69,15 @@ class PathChange(AbstractResult):
         ):
             was, now = np.asarray(values).tolist()
             if now > MAX_RATIO * was:
-                texts.append(f"{what.format(now / was)} ({now:.4g} {unit}, before {was:.4g} {unit})")
+                texts.append(f"{what.format(now / was)} ({now:.4g} {unit} instead of {was:.4g} {unit})")
         if self.deviation > self.size:
             texts.append(
-                f"deviates from the path before by {self.deviation:.3g} m, more than its size of {self.size:.3g} m"
+                f"deviates from the original path by {self.deviation:.3g} m, more than the size of that path, "
+                f"{self.size:.3g} m"
             )
         if not texts:
             return None
-        return f"The path after {' and '.join(filter(None, [', '.join(texts[:-1]), texts[-1]]))}."
+        return f"The tuned path {' and '.join(filter(None, [', '.join(texts[:-1]), texts[-1]]))}."
 
     @property
     def text(self) -> str:
@@ -102,8 +103,8 @@ class PathChange(AbstractResult):
             ),
             "lowest_change": Quantity(self.lowest, "m", "change in height of the lowest point"),
             "highest_change": Quantity(self.highest, "m", "change in height of the highest point"),
-            "deviation": Quantity(self.deviation, "m", "largest distance of the path after from the path before"),
-            "size": Quantity(self.size, "m", "diagonal of the bounding box of the path before"),
+            "deviation": Quantity(self.deviation, "m", "largest distance of the tuned path from the original path"),
+            "size": Quantity(self.size, "m", "diagonal of the bounding box of the original path"),
             "given_velocity": Quantity(self.given, "m s-1", "requested velocity, cylindrical", ("end", "cylindrical")),
         }
         variables = {name: quantity for name, quantity in quantities.items() if quantity.values is not None}

@@ -1,7 +1,8 @@
 """Vectors as triples of equal arrays, for evaluation at many instants at once.
 
-A triple holds x, y and z as separate arrays over all instants, so products are elementwise and nothing is interleaved.
-`dot` and `cross` also take vectors (3,). A component that is identically zero is the integer 0 (`algebra.sparse`).
+A triple contains x, y and z as separate arrays over all instants, so products are elementwise and nothing is
+interleaved. `dot` and `cross` also accept vectors (3,). A component that is identically zero is the integer 0
+(`algebra.sparse`).
 """
 
 from typing import Any

@@ -4,10 +4,10 @@ import numpy as np
 from jaxtyping import Float
 
 MAX_POINTS = 1000
-"""Of more points, this number is used, evenly chosen."""
+"""Of a larger number of points, this many evenly spaced ones are used."""
 
 MAX_PAIRS = 1_000_000
-"""Pairs of a point and a segment that are processed together, to limit memory."""
+"""Maximum number of point–segment pairs that are processed together, to limit memory."""
 
 
 def max_deviation(points: Float[np.ndarray, "n 3"], line: Float[np.ndarray, "m 3"]) -> float:

@@ -1,9 +1,9 @@
 """The frame of a vehicle on a route: upright, constant at a stop, and opposite to the velocity in reverse.
 
 A path has no tangent where its speed is zero, and the tangent changes its sign where a vehicle starts to reverse. So
-below a threshold of speed, heading and pitch are polynomials: from their values and rates before the stop to constants,
-and from there to their values and rates after it. If the direction of the path changes by more than 90° over the stop,
-the vehicle drives in reverse, and its forward axis is opposite to the tangent.
+below a speed threshold, heading and pitch are polynomials: from their values and rates before the stop to constants,
+and from these constants to their values and rates after the stop. If the direction of the path changes by more than 90°
+over the stop, the vehicle drives in reverse, and its forward axis is opposite to the tangent.
 """
 
 import dataclasses
@@ -35,7 +35,7 @@ ZERO_SPEED = 1e-9
 """Relative to the largest speed: below it, rounding errors determine the direction of the velocity."""
 
 SETTLING = 1.0
-"""[s] At a long stop, heading and pitch come to rest within this time, and start to change this time before its end."""
+"""[s] At a long stop, heading and pitch come to rest within this time, and move again this long before its end."""
 
 
 @storable
@@ -44,7 +44,7 @@ class Driving(AbstractFrame):
 
     It equals `Upright` while the vehicle moves forwards; in reverse, x is opposite to the velocity. At a stop, heading
     and pitch continue from the last direction to the next one, with continuous first and second derivatives, and
-    `defined` is true, though the path has no tangent.
+    `defined` is true, although the path has no tangent.
 
     Each row is an interval of time: `starts` (rows,) [s] are the start times; `signs` (rows,) are 1 forwards, −1 in
     reverse and 0 at a stop; `angles` (rows, 2, 6) are, at a stop, the ascending coefficients of heading and pitch [rad]
@@ -76,7 +76,7 @@ class Driving(AbstractFrame):
 
     @classmethod
     def along(cls, route: Route, up: ArrayInput = (0.0, 0.0, 1.0), hold_below: ArrayInput | None = None) -> "Driving":
-        """The frame of a vehicle that drives along `route`, at first forwards.
+        """The frame of a vehicle that drives along `route`, initially forwards.
 
         `hold_below` [m/s]: the speed below which the heading is held; by default 1 % of the largest speed.
 
@@ -223,7 +223,7 @@ def _held_rows(a: float, b: float, before: np.ndarray | None, after: np.ndarray 
 
 
 def _at_rest(angles: np.ndarray, time: float) -> np.ndarray:
-    """Angles at rest after their rates have decreased linearly to zero over 2·`time` (before, if it is negative)."""
+    """Angles at rest after their rates have decreased linearly to zero over 2·`time`, backwards if it is negative."""
     zero = np.zeros_like(angles[:, 0])
     return np.stack([angles[:, 0] + time * angles[:, 1], zero, zero], axis=1)
 

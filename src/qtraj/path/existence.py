@@ -1,4 +1,4 @@
-"""Checks that a frame exists on the whole path."""
+"""Check that a frame exists on the whole path."""
 
 import equinox as eqx
 import jax
@@ -11,10 +11,10 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, trihedral
 
 MISSING = {
-    NATURAL: "no motion, or no bend",
-    UPRIGHT: "no motion, or straight up or down",
-    THRUST_ALIGNED: "no motion, free fall, or thrust along the velocity or the heading",
-    MINIMIZING: "no motion",
+    NATURAL: "zero speed or zero curvature",
+    UPRIGHT: "zero speed or vertical motion",
+    THRUST_ALIGNED: "zero speed, free fall, or thrust along the velocity or the heading",
+    MINIMIZING: "zero speed",
 }
 """Where each frame does not exist, by the name of the frame."""
 

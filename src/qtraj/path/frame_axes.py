@@ -41,19 +41,19 @@ AXES = {
     MINIMIZING: FrameAxes(
         ("tangent", "first", "second"),
         ("τ", "u", "v"),
-        "x = tangent (forward), y and z across the path; the frame never turns about x",
+        "x = tangent (forward), y and z perpendicular to the path; no rotation about x",
     ),
     THRUST_ALIGNED: FrameAxes(
         ("forward", "left", "thrust"),
         ("forward", "left", "thrust"),
-        "x = forward (the heading, across the thrust), y = left, z = thrust (acceleration less gravity)",
+        "x = forward (perpendicular to the thrust), y = left, z = thrust (acceleration minus gravity)",
     ),
     "trihedral": FrameAxes(_TRIHEDRAL, ("τ", "n", "b"), "x = tangent (forward), y = normal, z = binormal"),
 }
 """The axes by the name of the frame. "trihedral" is for a trihedral whose frame is unknown."""
 
 OTHER = FrameAxes(_LETTERS, _LETTERS, "x, y, z are the axes of the frame")
-"""The axes of a user's own frame."""
+"""The axes of a user-defined frame."""
 
 
 def axes_of(frame: str) -> FrameAxes:

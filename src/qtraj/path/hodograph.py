@@ -43,7 +43,7 @@ class AbstractHodograph(eqx.Module):
     def nodes(self) -> Float[Array, " nodes"] | None:
         """Increasing times from 0 [s] between which the path is smooth, or None for a path that is smooth everywhere.
 
-        The last ones may all equal the duration.
+        Several times at the end may equal the duration.
         """
         return None
 
@@ -65,12 +65,11 @@ class AbstractHodograph(eqx.Module):
         return BoundaryState(r[0], r[1])
 
     def length(self) -> Scalar:
-        """Arc length ∫|ṙ|dt over the duration [m], to a relative 1e-9 where the speed is smooth, and to 1e-6 at worst.
+        """Arc length ∫|ṙ|dt over the duration [m], with a relative error of 1e-9 if the speed is smooth, 1e-6 at worst.
 
         Uses Gauss–Legendre quadrature on panels that are halved until the relative change is at most 1e-9 (in float32
         32 machine epsilons), or a million speeds are evaluated. The result is NaN if the change is then still above
-        1e-6. The first estimates use about a thousand instants: features between them may be
-        missed.
+        1e-6. The first estimates use about a thousand instants, so features between them may be missed.
         """
         return _length(self)
 

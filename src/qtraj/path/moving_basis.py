@@ -1,7 +1,7 @@
 """Paths with polynomial components in a basis that rotates about its third axis.
 
 r(t) = R_z(φ(t))·(x(t), y(t), z(t)) in the axes of a placement, all four polynomials in t: a spiral-helix is (ρ, 0, h)
-about its angle φ, and a polynomial path in world axes has φ = 0. In this basis every derivative is a polynomial, so
+with the angle φ, and a polynomial path in world axes has φ = 0. In this basis every derivative is a polynomial, so
 proofs, tuning and batched evaluation need no trigonometry.
 """
 

@@ -1,4 +1,4 @@
-"""What the registry knows of a path quantity: its names, its unit, and its square as a ratio of polynomials."""
+"""An entry of the registry of path quantities: its names, its unit, and its square as a ratio of polynomials."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ import jax.numpy as jnp
 from qtraj.foundation import units
 
 Formula = Callable[[Any], Any]
-"""A formula in `Invariants`, for any type of numbers."""
+"""A function of `Invariants`, for any numeric type."""
 
 
 class Division(NamedTuple):
-    """How to divide numbers: the quotient of two, and 1/√x, both for positive divisors."""
+    """A way to divide numbers: the quotient of two, and 1/√x, both for positive divisors."""
 
     quotient: Callable[[Any, Any], Any]
     inverse_root: Callable[[Any], Any]
@@ -33,10 +33,10 @@ class PathQuantity:
     """A nonnegative quantity along a path, whose square is numerator/denominator.
 
     The quantity exists where `divisor` is not zero: "speed" (S), "cross_norm" (N), "level" (H) or "load" (the
-    force onto the road). `square` is another
-    form of the same ratio for floating-point numbers, used where numerator and denominator would overflow or lose
-    digits. `output` is the name in tables and datasets, if a vector already has the quantity's name. `bounds_speed`: a
-    limit on the quantity also bounds the speed on every path. `needs_vehicle`: the formulas use `Invariants.vehicle`.
+    force onto the road). `square` is another form of the same ratio for floating-point numbers, used where numerator
+    and denominator would overflow or lose digits. `output` is the name in tables and datasets, if a vector already has
+    the quantity's name. `bounds_speed`: a limit on the quantity also bounds the speed on every path. `needs_vehicle`:
+    the formulas use `Invariants.vehicle`.
 
     A quantity with `signed` has either sign: numerator/denominator is the quantity itself, and `signed` the same in
     floating-point numbers. A limit bounds its positive values only, so its square is that of the positive part.
@@ -69,16 +69,16 @@ class PathQuantity:
 
     @property
     def length(self) -> int:
-        """The power of metres in the unit."""
+        """The exponent of metres in the unit."""
         return units.base_powers(self.unit).get("m", 0)
 
     @property
     def per_time(self) -> int:
-        """The power of 1/s in the unit."""
+        """The exponent of 1/s in the unit."""
         return units.per_time(self.unit)
 
     def squared(self, i: Any, by: Division = PLAIN) -> Any:
-        """The square in floating-point numbers, at one instant or many; infinite at a pole."""
+        """The squared quantity in floating point, at one instant or an array of instants; `inf` at a pole."""
         if self.signed is not None:
             return squared(jnp.maximum(self.signed(i, by), 0.0))
         if self.square is not None:
@@ -87,7 +87,7 @@ class PathQuantity:
         return numerator if self.denominator is None else ratio(numerator, self.denominator(i), by)
 
     def value(self, i: Any, by: Division = PLAIN) -> Any:
-        """The quantity in floating-point numbers, at one instant or many; infinite at a pole."""
+        """The quantity in floating point, at one instant or an array of instants; `inf` at a pole."""
         return i.root(self.squared(i, by)) if self.signed is None else self.signed(i, by)
 
     def exceeds(self, i: Any, bound: Any) -> Any:

@@ -48,7 +48,7 @@ def hermite(h: Any, states: Any) -> Any:
     a, b, h = states[:-1], states[1:], h[:, None]
     orders = states.shape[1]
     low = [a[:, k] / math.factorial(k) for k in range(orders)]
-    # The state at the end minus that of the Taylor polynomial about the start, as lengths.
+    # The end state minus the end state of the Taylor polynomial about the start, scaled to lengths.
     gaps = []
     for k in range(orders):
         reached = [math.comb(j, k) * math.factorial(k) * low[j] * h ** (j - k) for j in range(k + 1, orders)]
@@ -87,7 +87,7 @@ def values(c: Any, s: Any, order: int) -> list[Any]:
 
 
 def time_reversed(c: Any, h: Any) -> Any:
-    """Coefficients (n, terms, 3) in the time before the end of each segment; durations `h` (n,)."""
+    """Coefficients (n, terms, 3) in the time left until the end of each segment; durations `h` (n,)."""
     signs = (-1.0) ** np.arange(c.shape[1])
     return shifted(c, h) * signs.astype(c.dtype)[None, :, None]
 

@@ -13,8 +13,8 @@ from qtraj.foundation.types import ArrayInput, Quat, Vec3
 class Placement(eqx.Module):
     """The rigid placement of a path's axes, with z along its axis, in the world.
 
-    `origin` (3,) [m] is a point of the axis in world coordinates; `orientation` (4,) maps the path's axes to the
-    world's and may have any non-zero norm. For a vertical axis an origin is enough.
+    `origin` (3,) [m] is a point on the axis in world coordinates; `orientation` (4,) maps the path's axes to the
+    world's and may have any non-zero norm. For a vertical axis, only the origin is needed.
 
     **Raises:** ValueError for wrong shapes, values that are not finite, or a zero quaternion.
     """
@@ -28,7 +28,7 @@ class Placement(eqx.Module):
         warn_if_coarse(self.origin, "the origin of a placement")
         orientation_value = concrete(self.orientation)
         if orientation_value is not None and not orientation_value.any():
-            raise ValueError("the orientation of a placement must be a quaternion other than zero")
+            raise ValueError("the orientation of a placement must be a nonzero quaternion")
 
     def __repr__(self) -> str:
         return shown(self, origin="m")

@@ -77,7 +77,7 @@ _ENTRIES = (
         "a_n",
         "m s-2",
         2,
-        "acceleration across the path, |r' × r''| / |r'|",
+        "normal acceleration, |r' × r''| / |r'|",
         numerator=lambda i: i.N,
         denominator=lambda i: i.S,
         divisor="speed",
@@ -88,7 +88,7 @@ _ENTRIES = (
         "|a_τ|",
         "m s-2",
         2,
-        "magnitude of the acceleration along the path, |r' · r''| / |r'|",
+        "magnitude of the tangential acceleration, |r' · r''| / |r'|",
         numerator=lambda i: squared(i.B),
         denominator=lambda i: i.S,
         divisor="speed",
@@ -98,7 +98,7 @@ _ENTRIES = (
         "s",
         "1",
         1,
-        "magnitude of rise over run, against the world's z axis",
+        "magnitude of the slope, rise over run, relative to the horizontal plane",
         numerator=lambda i: squared(i.V),
         denominator=lambda i: i.H,
         divisor="speed",
@@ -162,7 +162,7 @@ QUANTITIES: dict[str, PathQuantity] = {entry.name: entry for entry in (*_ENTRIES
 class Offset(NamedTuple):
     """The difference of a path from a reference path about the same axis, at equal fractions of their durations.
 
-    `outwards` ρ − ρ₀, `angle` φ − φ₀, `up` h − h₀, and the `radius` ρ₀ of the reference, in any type of numbers.
+    `outwards` ρ − ρ₀, `angle` φ − φ₀, `up` h − h₀, and the `radius` ρ₀ of the reference, in any numeric type.
     """
 
     outwards: Any
@@ -176,12 +176,12 @@ CORRIDOR = PathQuantity(
     "d",
     "m",
     0,
-    "distance from the given path at equal parts of the durations, counted along the arc",
+    "distance from the given path between points at the same fraction of each duration, measured along the arc",
     numerator=lambda p: (
         p.outwards * p.outwards + (p.outwards + p.radius) * p.radius * (p.angle * p.angle) + p.up * p.up
     ),
 )
-"""A quantity of two paths; its formula takes their `Offset` instead of invariants. The square,
+"""A quantity of two paths; its formula uses their `Offset` instead of invariants. The square,
 (ρ − ρ₀)² + ρρ₀(φ − φ₀)² + (h − h₀)², is a polynomial. For positive radii it is at least the squared distance, because
 the chord is shorter than the arc."""
 
@@ -193,5 +193,5 @@ def quantity(name: str) -> PathQuantity:
     """
     entries = QUANTITIES | {CORRIDOR.name: CORRIDOR}
     if name not in entries:
-        raise ValueError(f"unknown path quantity {name!r}; known are {', '.join(entries)}")
+        raise ValueError(f"unknown path quantity {name!r}; the known quantities are {', '.join(entries)}")
     return entries[name]

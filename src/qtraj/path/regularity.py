@@ -1,6 +1,6 @@
-"""Where the frames and rates of a path exist: tests that the speed, curvature and horizontal speed are not zero.
+"""Where the frames and rates of a path exist: tests whether the speed, the curvature and the horizontal speed are zero.
 
-The functions take numbers or triples of arrays, as in `frenet`.
+The functions accept numbers or triples of arrays, as in `frenet`.
 """
 
 from typing import Any
@@ -54,7 +54,7 @@ def has_upright_frame(i: Invariants, duration: Numbers) -> Flags:
 
 
 def reference_squares(i: Invariants, duration: Array) -> tuple[Array, Array]:
-    """The values relative to which S and N are judged to be zero."""
+    """The reference values for deciding whether S and N are zero."""
     square = i.A
     speed_scale = i.S + duration**2 * square + duration**4 * dot(i.r[3], i.r[3])
     return speed_scale, i.S * (square + i.S / duration**2)

@@ -37,7 +37,7 @@ MEANINGS = {
 
 
 def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
-    """Older residuals had the outcome of the fit, which is now part of its result."""
+    """Older residuals contained the outcome of the fit, which is now part of its result."""
     return {name: value for name, value in fields.items() if name not in ("converged", "message")}
 
 
@@ -101,7 +101,7 @@ class Residual(AbstractResult):
 def compare(path: AbstractHodograph, track: Track) -> Residual:
     """The residual between `path` and `track`, whose first sample is at path time 0.
 
-    Differentiable in the path.
+    Differentiable with respect to the path.
 
     **Raises:** ValueError if the track is longer than the path.
     """

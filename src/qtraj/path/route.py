@@ -45,7 +45,7 @@ class Route(AbstractHodograph, AbstractResult):
     `times` (n,) [s], increasing strictly; `position` [m], `velocity` [m/s], `acceleration` [m/s²] and, if given, `jerk`
     [m/s³] (n, 3): the states at the joints, world axes. The segments are quintics, and the route has a continuous
     acceleration (C²); with the jerk they are septics, and the jerk is continuous too (C³). Path time 0 is the first
-    joint. `Route.from_piecewise` accepts splines of SciPy, of any continuity.
+    joint. `Route.from_piecewise` accepts SciPy splines of any continuity.
 
     Positions are stored relative to the first joint, so that large coordinates lose no digits. The segments are
     `starts` (rows,) [s] and `coefficients` (rows, terms, 3), ascending in the time since a segment's start [m s^-k],
@@ -127,8 +127,8 @@ class Route(AbstractHodograph, AbstractResult):
     def length(self) -> Scalar:
         """Arc length over the duration [m].
 
-        By Gauss–Legendre quadrature in each segment. Its error is round-off, unless the speed is zero or nearly zero
-        inside a segment: there it is about 1e-5 of that segment's length.
+        Computed by Gauss–Legendre quadrature in each segment. The error is round-off, unless the speed is zero or
+        nearly zero inside a segment: there it is about 1e-5 of that segment's length.
         """
         return route_length.total(self.starts, self.coefficients, self.duration)
 
@@ -140,13 +140,14 @@ class Route(AbstractHodograph, AbstractResult):
     def time_at(self, length: ScalarLike) -> Scalar:
         """The time [s] at which the arc length reaches `length` [m]; the earliest one if the vehicle stops there.
 
-        Lengths outside the range give the start or the end. Differentiable: dt/ds is the inverse of the speed.
+        For lengths outside the range, the result is the start or the end. Differentiable: dt/ds is the inverse of the
+        speed.
         """
         s = one_instant(length).astype(self.duration.dtype)
         return route_length.inverse(self.starts, self.coefficients, self.duration, s)
 
     def nearest(self, point: ArrayInput) -> Nearest:
-        """The point of the route nearest to `point` (3,), world axes: its time, position and distance.
+        """The point on the route nearest to `point` (3,), world axes: its time, position and distance.
 
         Every segment is sampled at 17 instants, and its best sample is refined by Newton's method. The distance
         is differentiable (envelope theorem).
@@ -162,7 +163,7 @@ class Route(AbstractHodograph, AbstractResult):
         """
         count = self.segments
         if not -count <= i < count:
-            raise IndexError(f"the route has {count} segments, so {i} is not the index of one")
+            raise IndexError(f"segment {i} does not exist: the route has {count} segments")
         i = i % count
         c = _concrete(self.coefficients)[i : i + 1]
         return from_segments(np.zeros(1, c.dtype), c, self._durations()[i], _concrete(self.origin))
@@ -199,8 +200,8 @@ class Route(AbstractHodograph, AbstractResult):
         gap, size = float(np.linalg.norm(start - end)), float(np.max(np.abs(start)))
         if gap > max(JOINED, 16 * size * float(np.finfo(start.dtype).eps)):
             raise ValueError(
-                f"the second route starts {gap:.6g} m from the end of the first, at {start.tolist()} after "
-                f"{end.tolist()}: only a route that starts where the first one ends can be joined to it"
+                f"the second route starts at {start.tolist()}, but the first ends at {end.tolist()}, {gap:.6g} m away. "
+                "Routes can be joined only if the second starts where the first ends."
             )
         degree = max(x.coefficients.shape[-2] for x in (self, other))
         parts = [_concrete(x.coefficients)[: x.segments] for x in (self, other)]
@@ -213,7 +214,7 @@ class Route(AbstractHodograph, AbstractResult):
 
     @classmethod
     def from_piecewise(cls, spline: Any) -> "Route":
-        """A spline of SciPy with values (3,), in time [s] and metres, as a route; its first breakpoint is time 0.
+        """A SciPy spline with values (3,), in time [s] and metres, as a route; its first breakpoint is time 0.
 
         Accepts PPoly and its subclasses (CubicSpline, PchipInterpolator, …), BSpline (make_interp_spline, …) and
         BPoly, up to degree 7 and of any continuity. The coefficients of a PPoly are copied; SciPy converts the others,
@@ -237,7 +238,7 @@ class Route(AbstractHodograph, AbstractResult):
         return from_segments(*route_input.from_path(path, tolerance))
 
     def to_ppoly(self) -> "PPoly":
-        """The route as SciPy's PPoly in time [s], world axes [m]. Adding the origin may round."""
+        """The route as SciPy's PPoly in time [s], world axes [m]. Adding the origin may cause rounding errors."""
         from scipy.interpolate import PPoly
 
         c = _concrete(self.coefficients)[: self.segments].astype(float)
@@ -274,7 +275,7 @@ def from_segments(starts: Any, c: Any, duration: Any, origin: Any) -> Route:
             f"the coefficients of a route must have shape (segments, terms, 3) with at most {pieces.TERMS[-1]} terms "
             f"and {starts.shape[0]} segments, but an array of shape {c.shape} was given"
         )
-    route = object.__new__(Route)  # `Route()` takes joint states, but segments may be discontinuous at the joints
+    route = object.__new__(Route)  # `Route()` needs joint states, but segments may be discontinuous at the joints
     starts, c = pieces.padded(starts, c)
     for name, value in zip(
         ("starts", "coefficients", "duration", "origin"), (starts, c, duration, origin), strict=True

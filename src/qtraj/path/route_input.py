@@ -1,4 +1,4 @@
-"""Makes the segments of a route from joint states, splines and other paths."""
+"""Make the segments of a route from joint states, splines and other paths."""
 
 import math
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ def from_states(times: ArrayInput, orders: Sequence[ArrayInput]) -> Pieces:
 
 
 def from_piecewise(spline: Any) -> Pieces:
-    """The segments of a spline of SciPy."""
+    """The segments of a SciPy spline."""
     x, c = _ppoly(spline)
     if c.ndim != 3 or c.shape[2] != 3:
         raise ValueError(
@@ -53,7 +53,7 @@ def from_piecewise(spline: Any) -> Pieces:
         c = c[1:]
     if len(c) > pieces.TERMS[-1]:
         raise ValueError(
-            f"a spline of a route may have degree {pieces.TERMS[-1] - 1} at most, but it has degree {len(c) - 1}. "
+            f"a spline of a route may have at most degree {pieces.TERMS[-1] - 1}, but it has degree {len(c) - 1}. "
             "Interpolate it with a spline of lower degree."
         )
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(c))):
@@ -109,8 +109,8 @@ def from_path(path: Any, tolerance: ArrayInput) -> Pieces:
             break
         if rounding > max_distance or count == MAX_SEGMENTS:
             raise ValueError(
-                f"this path is within {bound:.3g} m of a route of {count} segments, which exceeds the tolerance of "
-                f"{max_distance:.3g} m: pass a larger tolerance"
+                f"a route of {count} segments approximates this path only to within {bound:.3g} m, more than the "
+                f"tolerance of {max_distance:.3g} m: pass a larger tolerance"
             )
         count = min(2 * count, MAX_SEGMENTS)
     origin = states[0, 0].copy()
@@ -180,8 +180,8 @@ def _times(values: ArrayInput) -> Any:
     if numbers is not None and not np.all(np.diff(numbers) > 0):
         k = int(np.argmin(np.diff(numbers) > 0)) + 1
         raise ValueError(
-            f"the times of a route must increase strictly, but joint {k} is at {numbers[k]:.17g} s, after "
-            f"{numbers[k - 1]:.17g} s"
+            f"the times of a route must increase strictly, but times[{k}] = {numbers[k]:.17g} s follows "
+            f"times[{k - 1}] = {numbers[k - 1]:.17g} s"
         )
     return times
 

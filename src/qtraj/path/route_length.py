@@ -16,7 +16,7 @@ NODES, PANELS = 12, 8
 """Gauss–Legendre nodes per panel, and panels per segment."""
 
 STEPS = 60
-"""Bisection steps for the time at an arc length: enough for round-off."""
+"""Bisection steps for the time at an arc length: enough to reach round-off."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(NODES)
 POINTS = ((np.arange(PANELS)[:, None] + (_NODES + 1) / 2) / PANELS).ravel()
@@ -55,7 +55,7 @@ def inverse(starts: Array, c: Array, duration: Scalar, s: Scalar) -> Scalar:
 
     _, time = jax.lax.fori_loop(0, STEPS, halve, (jnp.zeros_like(fixed[1]), fixed[1]))
     time = jnp.where(fixed[2] <= 0, 0.0, time)
-    # Bisection has no derivatives: a Newton step of value zero supplies them.
+    # Bisection is not differentiable. One final Newton step leaves the value unchanged and supplies the derivatives.
     speed = _speed(fixed[0], time)
     inside = (fixed[2] > 0) & (time < fixed[1]) & (speed > 0)
     error = _length(piece, time) - rest

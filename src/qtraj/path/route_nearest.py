@@ -1,4 +1,4 @@
-"""The point of a route nearest to a given point."""
+"""The point on a route nearest to a given point."""
 
 from typing import Any, NamedTuple
 
@@ -21,7 +21,7 @@ STEPS = 8
 
 
 class Nearest(NamedTuple):
-    """The point of a route nearest to a given one: its `time` [s], `position` (3,) [m] and `distance` [m]."""
+    """The point on a route nearest to a given point: its `time` [s], `position` (3,) [m] and `distance` [m]."""
 
     time: Scalar
     position: Vec3
@@ -33,7 +33,7 @@ class Nearest(NamedTuple):
 
 @jax.jit
 def nearest(starts: Array, c: Array, duration: Scalar, point: Vec3) -> Nearest:
-    """The nearest point of a route; `point` and the result are relative to the route's origin."""
+    """The nearest point on a route; `point` and the result are relative to the route's origin."""
     fixed, target = stop_gradient((c, point))
     h = stop_gradient(pieces.durations(starts, duration))
     u = jnp.asarray(np.linspace(0.0, 1.0, PARTS + 1), c.dtype)

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -31,7 +32,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
     """A spiral about an axis, with a height along the axis.
 
     `radius`, `angle` and `height` are ascending coefficients in t [s] of ρ [m], φ [rad] and h [m], of any degree;
-    `duration` [s]; the axis is the world's z axis unless a `placement` says otherwise. Outside [0, duration] the
+    `duration` [s]; the axis is the world's z axis unless a `placement` is given. Outside [0, duration] the
     polynomials extrapolate. `mismatch` is the relative difference of V_φ/ρ between the two states of `from_boundary`
     (infinite if its problem has no solution).
 
@@ -72,9 +73,9 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
             meaning = f"coefficients of {symbol}(t); the one of t^k is in {unit} s^-k"
             variables[name] = Quantity(getattr(self, name), unit, meaning, (f"{name}_power",))
         if self.placement is not None:
-            variables["origin"] = Quantity(self.placement.origin, "m", "a point of the axis, world axes", ("world",))
-            orientation = Quantity(self.placement.orientation, "1", "path's axes to world, any length", ("component",))
-            variables["orientation"] = orientation
+            variables["origin"] = Quantity(self.placement.origin, "m", "a point on the axis, in world axes", ("world",))
+            meaning = "quaternion from the path's axes to world axes, not normalised"
+            variables["orientation"] = Quantity(self.placement.orientation, "1", meaning, ("component",))
         first, last = (extent(radius, "m") for radius in _ends(self.radius, self.duration))
         turn, climb = (np.diff(_ends(x, self.duration), axis=0) for x in (self.angle, self.height))
         change = f"turn {extent(np.rad2deg(turn))}°, climb {extent(climb, 'm')} in {extent(self.duration, 's')}"
@@ -88,7 +89,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         local = jnp.stack(rotated_z((rows[:, 0], rows[:, 1], rows[:, 2]), jnp.cos(phi), jnp.sin(phi)), axis=-1)
         if self.placement is None:
             return local
-        world = jnp.stack([self.placement.to_world(row) for row in local])
+        world = jax.vmap(self.placement.to_world)(local)
         return world.at[0].add(self.placement.origin.astype(world.dtype))
 
     def rotating_derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
@@ -102,7 +103,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
 
     @property
     def turn(self) -> Scalar:
-        """The signed angle turned about the axis from start to end [rad]."""
+        """The signed angle of rotation about the axis from start to end [rad]."""
         return polynomial.evaluate(self.angle, self.duration) - self.angle[0]
 
     @classmethod
@@ -111,10 +112,10 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
     ) -> "SpiralHelix":
         """The uniformly rotating spiral-helix with cubic ρ and h through two boundary states (paper S).
 
-        The turn has the sense of V_φ at the start and a magnitude in (0, 2π), plus `turns` whole turns; the duration is
+        The turn has the sign of V_φ at the start and a magnitude in (0, 2π), plus `turns` whole turns; the duration is
         turn·ρ/V_φ. There are ten boundary values for nine unknowns, so V_φ/ρ must be the same at both ends.
 
-        **Raises:** ValueError if V_φ/ρ differs between the ends by more than 1e-9 relatively, a radius or V_φ is zero,
+        **Raises:** ValueError if V_φ/ρ differs between the ends by more than a relative 1e-9, a radius or V_φ is zero,
         the azimuths are equal with `turns=0`, or an acceleration is given. Inside a trace nothing is raised; check the
         path's `mismatch`.
         """
@@ -129,7 +130,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
         turns: int = 0,
         placement: Placement | None = None,
     ) -> "SpiralHelix":
-        """The spiral-helix with polynomial angle that meets all boundary data in a given `duration` [s].
+        """The spiral-helix with a polynomial angle that satisfies all boundary data in a given `duration` [s].
 
         ρ, φ and h are cubics, or quintics if both states have an acceleration. The turn is in (−π, π] plus the signed
         number of whole turns `turns`.
@@ -143,7 +144,7 @@ class SpiralHelix(AbstractHodograph, AbstractResult):
 
     @classmethod
     def between(cls, start: BoundaryState, end: BoundaryState, duration: ArrayInput, turns: int = 0) -> "SpiralHelix":
-        """`hermite` about the vertical axis on which the horizontal normals of the two velocities meet.
+        """`hermite` about the vertical axis where the horizontal normals of the two velocities intersect.
 
         **Raises:** ValueError if the horizontal velocities are parallel or zero, so that no such axis exists.
         """

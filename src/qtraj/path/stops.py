@@ -8,7 +8,7 @@ from jaxtyping import Float
 from qtraj.path import pieces
 
 SAMPLES = 33
-"""Instants of each segment at which the speed is sampled."""
+"""Number of instants in each segment at which the speed is sampled."""
 
 HALVINGS = 52
 """Bisection steps for the ends of an interval, and golden-section steps for the lowest speed between two samples."""
@@ -85,7 +85,7 @@ def _lowest(segments: Segments, low: np.ndarray, high: np.ndarray) -> np.ndarray
 def _crossings(
     segments: Segments, low: np.ndarray, high: np.ndarray, below: np.ndarray, threshold: float
 ) -> np.ndarray:
-    """The instants at which the speed crosses the threshold between two samples; `below`: whether it starts below."""
+    """The instants at which the speed crosses the threshold between two samples; `below`: whether it begins below."""
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         same = (segments.speed_sq(middle) <= threshold**2) == below

@@ -15,15 +15,17 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 from typing_extensions import TypeAliasType
 
+from qtraj.algebra.cpu import inverse_root
 from qtraj.algebra.vector import unit
 from qtraj.foundation.arrays import as_float, concrete, real_scalar, real_vector, require_finite
 from qtraj.foundation.document import storable
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Scalar, Vec3
 from qtraj.path.frame_axes import THRUST_ALIGNED
+from qtraj.path.frame_components import STEEP
 from qtraj.path.frenet import Invariants
 from qtraj.path.regularity import has_tangent, is_significant
-from qtraj.path.trihedral import STEEP, AbstractFrame, Trihedral, axis, inverse_root, with_axes
+from qtraj.path.trihedral import AbstractFrame, Trihedral, axis, with_axes
 
 STANDARD_GRAVITY = 9.80665
 """[m/s²]."""
@@ -39,9 +41,9 @@ Heading = TypeAliasType("Heading", ArrayInput | Callable[..., Any])
 class ThrustAligned(AbstractFrame):
     """The frame of a multirotor: z along its thrust, a − g; x forward, y to the left.
 
-    `heading`: None for yaw along the velocity, so that the vehicle never slips sideways (the velocity has no component
-    along y); a number [rad], from world x towards world y, for a constant heading; or a function of the time [s],
-    written with `jax.numpy`, that returns the heading [rad] and is twice differentiable. `gravity`: its magnitude
+    `heading`: None for yaw along the velocity, so that the vehicle does not slip sideways (the velocity has no
+    component along y); a number [rad], from world x towards world y, for a constant heading; or a function of the time
+    [s], written with `jax.numpy`, that returns the heading [rad] and is twice differentiable. `gravity`: its magnitude
     [m/s²], along −z of the world, or a vector (3,), world axes.
 
     The x axis is not the tangent: it is the direction of the velocity, or the heading, projected along the thrust. The
@@ -50,7 +52,7 @@ class ThrustAligned(AbstractFrame):
     third and the fourth derivative of the path. A frame with a function as heading cannot be saved.
 
     **Raises:** ValueError for a heading that is neither a number nor such a function, or a gravity that is not finite
-    or has another shape.
+    or has the wrong shape.
     """
 
     heading: Any

@@ -24,15 +24,16 @@ STANDING = 0.05
 STANDSTILL = 0.1
 """[m] A track that stays within this distance of its mean position is at rest: its velocities are only noise."""
 
-RECORDED_ATTITUDE = "recorded quaternion, scalar first, Hamilton, body to world, of any norm"
+RECORDED_ATTITUDE = "recorded quaternion, scalar first, Hamilton, body to world, not normalised"
 
 
 @storable
 class Track(AbstractResult):
     """A recording of the motion of a vehicle.
 
-    `times` (n,) [s] and `positions` (n, 3) [m]; optional are `velocities` (n, 3) [m/s] and `attitudes` (n, 4),
-    quaternions body to world, scalar first, of any nonzero norm. Positions and velocities are in world axes.
+    `times` (n,) [s] and `positions` (n, 3) [m] are required. `velocities` (n, 3) [m/s] and `attitudes` (n, 4),
+    quaternions body to world, scalar first, of any nonzero norm, are optional. Positions and velocities are in world
+    axes.
 
     **Raises:** ValueError for wrong shapes, values that are not finite, or times that do not increase strictly; the
     message names the sample.
@@ -105,7 +106,7 @@ class Track(AbstractResult):
         if not start < end:
             raise ValueError(f"a window must end after it starts, but {start:.9g} to {end:.9g} s was given; {span}")
         if start < times[0] or end > times[-1]:
-            raise ValueError(f"the window {start:.9g} to {end:.9g} s leaves the recording; {span}")
+            raise ValueError(f"the window {start:.9g} to {end:.9g} s extends beyond the recording; {span}")
         first, last = np.searchsorted(times, start, "left"), np.searchsorted(times, end, "right")
         if last - first < MIN_SAMPLES:
             raise ValueError(
@@ -119,14 +120,14 @@ class Track(AbstractResult):
 
 
 def to_float64(x: Array) -> np.ndarray:
-    """The values of a recording as NumPy array in float64.
+    """The values of a recording as a NumPy array in float64.
 
-    **Raises:** ValueError inside a trace, where the values are not known.
+    **Raises:** ValueError inside a trace, where the values are not concrete.
     """
     values = concrete(x)
     if values is None:
         raise ValueError(
-            "the values of a recorded track are needed here, but they are not known inside jit, grad or vmap"
+            "the values of a recorded track must be concrete here, but they are traced inside jit, grad or vmap"
         )
     return values.astype(np.float64)
 
@@ -154,7 +155,7 @@ def travel_turn(track: Track, standstill: float = STANDSTILL) -> float:
 
 
 def travel_length(track: Track) -> float:
-    """The horizontal length of the track [m], along chords so that noise hardly increases it."""
+    """The horizontal length of the track [m], along chords, so that noise has little effect."""
     chords, _ = _chords(track)
     return float(np.hypot(*chords.T).sum())
 
@@ -199,8 +200,8 @@ def _times(values: ArrayInput) -> Float[Array, " n"]:
     if not_increasing.size:
         k = int(not_increasing[0]) + 1
         raise ValueError(
-            f"the times of a track must increase strictly, but sample {k} has {original[k]:.17g} s "
-            f"after {original[k - 1]:.17g} s"
+            f"the times of a track must increase strictly, but times[{k}] = {original[k]:.17g} s follows "
+            f"times[{k - 1}] = {original[k - 1]:.17g} s"
         )
     if not np.all(np.diff(stored) > 0):
         raise ValueError(
@@ -238,4 +239,4 @@ def _require_nonzero(attitudes: Array) -> None:
         return
     bad = np.flatnonzero(~values.any(axis=1))
     if bad.size:
-        raise ValueError(f"the attitudes of a track must be quaternions other than zero, but sample {bad[0]} is zero")
+        raise ValueError(f"the attitudes of a track must be nonzero quaternions, but sample {bad[0]} is zero")

@@ -1,6 +1,6 @@
 """Trihedra along a path: the natural one (τ, n, b) of paper S and the upright one of vehicles.
 
-Let c = r' × r'', v = |r'|, D = c·r'''. Then κ = |c|/v³, χ = D/|c|², and the natural trihedral turns at
+Let c = r' × r'', v = |r'|, D = c·r'''. Then κ = |c|/v³, χ = D/|c|², and the natural trihedral rotates at
 ω⁰ = (vχ, 0, |c|/v²) in its own axes, and ε⁰ = dω⁰/dt. Where |r'| or |c| is zero there is no natural trihedral:
 `defined` is false there, and all values and gradients are finite.
 """
@@ -15,30 +15,30 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import rotation
-from qtraj.algebra.vector import norm, unit
+from qtraj.algebra.cpu import in_one_loop, root
+from qtraj.algebra.vector import unit
 from qtraj.foundation.arrays import as_float, concrete, one_instant, real_vector
 from qtraj.foundation.document import storable
 from qtraj.foundation.record import Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
 from qtraj.foundation.shown import shown
 from qtraj.foundation.types import ArrayInput, Flag, Mat3, Quat, Scalar, ScalarLike, Vec3
+from qtraj.path import frame_components
 from qtraj.path.channel import CHANNELS
 from qtraj.path.frame_axes import framed, labels_of
-from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate, upright_rates
+from qtraj.path.frame_components import Basis, FrameComponents, curvature, filled, torsion, triple
+from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.moving_basis import in_moving_basis
 from qtraj.path.rate_axes import BODY, INERTIAL, in_axes, require_axes
-from qtraj.path.regularity import has_natural_frame, has_tangent, has_upright_frame
 from qtraj.path.route import Route
-
-STEEP = 0.75
-"""If the squared vertical component of a unit tangent is larger, fallback axes refer to world x instead of world z."""
 
 
 class Trihedral(AbstractResult):
     """A right-handed trihedral on a path at one instant.
 
     `tangent`, `normal`, `binormal`: unit vectors (3,), world axes; they are the body axes x, y and z. The x axis is the
-    tangent of the path in all frames except `ThrustAligned`. `speed` [m/s], `curvature` and `torsion` [1/m] belong to
+    tangent of the path in all frames except `ThrustAligned`. `speed` [m/s], `curvature` and `torsion` [1/m] describe
     the path. `rate` [rad/s] and `acceleration` [rad/s²] are angular, (3,), in `axes`: "body", the trihedral's own, or
     "inertial", the world's. `defined` is false where the trihedral does not exist; the values there are finite fallback
     values. The type of frame is not stored, so trihedra of all frames have the same tree structure, as the branches of
@@ -116,13 +116,20 @@ class AbstractFrame(eqx.Module):
         """The trihedral at the time `t` [s]; only frames that depend on time override this."""
         return self.trihedral(r, duration)
 
+    def components(self, i: Invariants, basis: Basis, duration: Array) -> FrameComponents | None:
+        """The frame from the components of a path's derivatives in its moving basis, or None if it has no such form.
+
+        Arrays have any shape. With this form, many instants are evaluated in one loop, without world axes.
+        """
+        return None
+
 
 def trihedral(
     path: "AbstractHodograph", t: ScalarLike, frame: "AbstractFrame | None" = None, axes: str = BODY
 ) -> "Trihedral":
-    """The trihedral of `path` at one instant `t` [s]: of `frame`, by default upright for a route, else natural.
+    """The trihedral of `path` at one instant `t` [s], in `frame`: by default upright for a route, else natural.
 
-    `axes` are those of its rate and acceleration: "body", the trihedral's own, or "inertial", the world's.
+    `axes` are the axes of its rate and acceleration: "body", the trihedral's own, or "inertial", the world's.
 
     **Raises:** ValueError for an array of instants, other axes, or an invalid `frame`.
     """
@@ -131,8 +138,48 @@ def trihedral(
         frame = Upright() if isinstance(path, Route) else Natural()
     if not isinstance(frame, AbstractFrame):
         raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
-    t = one_instant(t)
-    return frame.at(t, path.derivatives(t, 4), as_float(path.duration)).in_axes(axes)
+    return _trihedral(path, one_instant(t), frame, axes)
+
+
+@eqx.filter_jit
+def _trihedral(path: AbstractHodograph, t: Scalar, frame: AbstractFrame, axes: str) -> Trihedral:
+    duration, polynomials = as_float(path.duration), path.polynomials()
+    found = None
+    if polynomials is not None:
+        x, y, z, angle = polynomials.series(t, 4)
+        basis = Basis(angle[0], polynomials.placement)
+        i = basis.invariants([filled(row, jnp.zeros_like(angle[0])) for row in in_moving_basis(x, y, z, angle)])
+        found = _from_components(frame, i, basis, duration)
+    if found is None:
+        found = frame.at(t, path.derivatives(t, 4), duration)
+    return found.in_axes(axes)
+
+
+def _from_components(frame: AbstractFrame, i: Invariants, basis: Basis, duration: Scalar) -> Trihedral | None:
+    """The trihedral of a frame that has components; at many instants all numbers are computed in one loop."""
+    duration = duration.astype(i.S.dtype)
+    found = frame.components(i, basis, duration)
+    if found is None:
+        return None
+    axes = [basis.world(v) for v in found.axes]
+    numbers = in_one_loop(
+        [
+            root(i.S),
+            curvature(i, duration),
+            torsion(i, duration),
+            jnp.where(found.defined, jnp.ones_like(i.S), 0.0),  # a flag by itself would repeat most of the loop
+            *(jnp.asarray(x, i.S.dtype) for v in (*axes, found.rate, found.acceleration) for x in v),
+        ]
+    )
+    tangent, normal, binormal, rate, acceleration = (jnp.stack(numbers[k : k + 3]) for k in range(4, 19, 3))
+    return Trihedral(
+        tangent, normal, binormal, numbers[0], numbers[1], numbers[2], rate, acceleration, defined=numbers[3] > 0
+    )
+
+
+def _from_rows(frame: AbstractFrame, r: Float[Array, "5 3"], duration: Scalar) -> Any:
+    """The trihedral of a frame that has components, from r and its derivatives, world axes."""
+    return _from_components(frame, Invariants([triple(row) for row in r]), Basis(), duration)
 
 
 @storable
@@ -141,27 +188,18 @@ class Natural(AbstractFrame):
 
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
         """The natural trihedral from r and its first four derivatives, world axes."""
-        i = Invariants(r)
-        defined = has_natural_frame(i, duration.astype(r.dtype))
-        arguments = (i, inverse_root(i.S, defined), inverse_root(i.N, defined), _torsion(i, defined))
-        rate, acceleration = natural_rate(*arguments), natural_acceleration(*arguments)
-        zero = jnp.zeros_like(rate[0])
-        return _trihedral(
-            i,
-            duration,
-            # n from c × r', then b = τ × n: orthonormal to round-off even where c has lost most of its digits.
-            jnp.where(defined, jnp.cross(i.c, r[1]), 0.0),
-            jnp.stack([rate[0], zero, rate[1]]),
-            jnp.stack([acceleration[0], zero, acceleration[1]]),
-            defined,
-        )
+        return _from_rows(self, r, duration)
+
+    def components(self, i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
+        """The natural trihedral in components."""
+        return frame_components.natural(i, basis, duration)
 
 
 @storable
 class Upright(AbstractFrame):
     """The frame of a vehicle that stays upright: x along the path, y to the left, z up.
 
-    `up` (3,), world axes, may have any length. The frame does not exist where the path is parallel to `up`.
+    `up` (3,), world axes, need not be normalised. The frame does not exist where the path is parallel to `up`.
 
     **Raises:** ValueError for an `up` that is zero, not finite or has another shape.
     """
@@ -179,11 +217,11 @@ class Upright(AbstractFrame):
 
     def trihedral(self, r: Float[Array, "5 3"], duration: Scalar) -> Trihedral:
         """The upright trihedral from r and its first four derivatives, world axes."""
-        i = Invariants(r, self.unit_up(r.dtype))
-        defined = has_upright_frame(i, duration.astype(r.dtype))
-        rates = upright_rates(i, inverse_root(i.S, defined), inverse_root(i.H, defined))
-        rate, acceleration = (jnp.stack(x) for x in rates)
-        return _trihedral(i, duration, jnp.cross(i.up, r[1]), rate, acceleration, defined)
+        return _from_rows(self, r, duration)
+
+    def components(self, i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
+        """The upright frame in components."""
+        return frame_components.upright(i, basis, duration, triple(self.unit_up(duration.dtype)))
 
     def unit_up(self, dtype: Any) -> Vec3:
         """The unit vector along `up`."""
@@ -191,48 +229,22 @@ class Upright(AbstractFrame):
         return unit(up, axis(up, 2))
 
 
-def _trihedral(
-    i: Invariants, duration: Scalar, direction: Vec3, rate: Vec3, acceleration: Vec3, defined: Flag
-) -> Trihedral:
-    """The trihedral whose normal has this `direction`, or is horizontal if the direction is zero."""
-    r1 = i.r[1]
-    tangent = unit(r1, axis(r1, 0))
-    normal = unit(direction, jnp.cross(_fallback_binormal(tangent), tangent))
-    return with_axes(i, duration, tangent, normal, rate, acceleration, defined)
-
-
 def with_axes(
     i: Invariants, duration: Scalar, x: Vec3, y: Vec3, rate: Vec3, acceleration: Vec3, defined: Flag
 ) -> Trihedral:
-    """The trihedral with the unit axes x and y, on the path with the invariants `of`."""
-    moving, curved = has_tangent(i, duration.astype(x.dtype)), has_natural_frame(i, duration.astype(x.dtype))
+    """The trihedral with the unit axes x and y, on the path with these invariants."""
+    duration = duration.astype(x.dtype)
     return Trihedral(
         tangent=x,
         normal=y,
         binormal=jnp.cross(x, y),
-        speed=norm(i.r[1]),
-        curvature=norm(i.c) * inverse_root(i.S, moving) ** 3,
-        torsion=_torsion(i, curved),
+        speed=root(i.S),
+        curvature=curvature(i, duration),
+        torsion=torsion(i, duration),
         rate=rate,
         acceleration=acceleration,
         defined=defined,
     )
-
-
-def _torsion(i: Invariants, curved: Flag) -> Scalar:
-    return jnp.where(curved, i.T / jnp.where(curved, i.N, 1.0), 0.0)
-
-
-def inverse_root(x: Scalar, exists: Flag) -> Scalar:
-    """1/√x, or 0 with derivative 0 where `exists` is false."""
-    return jnp.where(exists, jnp.where(exists, x, 1.0) ** -0.5, 0.0)
-
-
-def _fallback_binormal(tangent: Vec3) -> Vec3:
-    """A unit vector orthogonal to the tangent: upwards if possible, so that b points up on a straight level road."""
-    reference = jnp.where(tangent[2] ** 2 > STEEP, axis(tangent, 0), axis(tangent, 2))
-    orthogonal = reference - tangent * (reference @ tangent)
-    return orthogonal / norm(orthogonal)
 
 
 def axis(v: Vec3, k: int) -> Vec3:

@@ -11,14 +11,14 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 DATA = Path(__file__).parents[1] / "io" / "data"
-"""The folder of the embedded scenarios."""
+"""The folder of the built-in scenarios."""
 
 
 class Kind(NamedTuple):
     """A kind of scenario: the commands that read it, what it describes, its embedded file in `DATA`.
 
-    Its model and its builder are in the module `home`, under the names `model_name` and `builder_name`. `renamed`: old
-    keys, with dots, that are still read until 1.0, and their new names.
+    Its model and its builder are in the module `home`, under the names `model_name` and `builder_name`. `renamed` maps
+    old dotted keys, which are read until 1.0, to their new names.
     """
 
     commands: tuple[str, ...]
@@ -36,7 +36,7 @@ class Kind(NamedTuple):
 
     @property
     def embedded(self) -> Path:
-        """The scenario that runs if no file is given."""
+        """The built-in scenario, which runs if no file is given."""
         return DATA / self.file
 
     @property
@@ -46,7 +46,7 @@ class Kind(NamedTuple):
 
     @property
     def build(self) -> Callable[..., Any]:
-        """The function that makes the task of a command from a `reader.ScenarioFile`."""
+        """The function that builds the task of a command from a `reader.ScenarioFile`."""
         return self._named(self.builder_name)
 
     def _named(self, name: str) -> Any:
@@ -67,4 +67,4 @@ KINDS = {
         {"program.turn": "program.slew"},
     ),
 }
-"""Every kind of scenario by its name. A new one is a module and a line here."""
+"""All kinds of scenarios by name. To add one, write a module and add a line here."""

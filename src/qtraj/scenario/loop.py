@@ -47,13 +47,13 @@ FRAMES = {UPRIGHT: Upright, NATURAL: Natural, MINIMIZING: RotationMinimizing, TH
 MAX_SAMPLES = 100_000
 SOURCES = "[program.slew], path = 'a path scenario or a saved path', or file = 'a saved program'"
 LONGER = 1e-9
-"""Relative: a duration that exceeds the program's by less is the same duration, written with fewer digits."""
+"""Relative tolerance: a duration that exceeds the program's by less is the same, written with fewer digits."""
 
 
 class ProgramPart(Part):
     """The attitude program: a slew, the frame of a path, or a saved program."""
 
-    slew: SlewPart | None = key("a slew that meets all its limits", "a table [program.slew]", None)
+    slew: SlewPart | None = key("a slew within its limits", "a table [program.slew]", None)
     path: Text | None = key(
         "a path whose frame is the program",
         "the name of a path scenario or a saved path, relative to the scenario",
@@ -63,20 +63,20 @@ class ProgramPart(Part):
         Literal["natural", "upright", "rotation-minimizing", "rotation_minimizing", "thrust-aligned", "thrust_aligned"]
         | None
     ) = key(
-        "frame of the path: x forward, y left, z up ('upright', if left out); tangent, principal normal, binormal, "
-        "which flips over where the bend changes sides ('natural'); one that never rolls; or that of a multirotor, z "
-        "along its thrust",
+        "frame of the path: 'upright', the default, x forward, y left, z up; 'natural', tangent, principal normal, "
+        "binormal, which flips where the curvature changes sign; 'rotation-minimizing', zero rate about the tangent; "
+        "or 'thrust-aligned', z along the thrust, for multirotors",
         "'upright', 'natural', 'rotation-minimizing' or 'thrust-aligned'",
         None,
     )
-    up: Vector | None = key("direction of the upright frame; [0, 0, 1]", THREE, None)
+    up: Vector | None = key("up direction of the upright frame; default: [0, 0, 1]", THREE, None)
     heading: Number | None = key(
-        "heading of the thrust-aligned frame, from world x towards world y; along the velocity if left out",
-        "a finite angle, the heading of the thrust-aligned frame",
+        "heading of the thrust-aligned frame, from world x towards world y; default: along the velocity",
+        "a finite angle",
         None,
     )
     file: Text | None = key(
-        "a program such as the program.toml of qtraj slew",
+        "a saved program, such as program.toml from `qtraj slew`",
         "the name of a saved program, relative to the scenario",
         None,
     )
@@ -88,11 +88,13 @@ class ProgramPart(Part):
             problem = f"there are several programs ({', '.join(sources)})" if sources else "there is no program"
             raise ValueError(f"{problem}: give one of {SOURCES}")
         if self.path is None and (extra := self.given("frame", "up", "heading")):
-            raise ValueError(f"the key '{extra[0]}' belongs to a path, and there is none")
+            raise ValueError(
+                f"the key '{extra[0]}' requires a program along a path: give path in [program], or remove the key"
+            )
         if self.up is not None and ((self.frame or "upright") != "upright" or not any(self.up)):
-            raise ValueError("the key 'up' belongs to frame = 'upright', and is a direction other than 0")
+            raise ValueError("the key 'up' is valid only with frame = 'upright', and must not be zero")
         if self.heading is not None and (self.frame or "").replace("_", "-") != "thrust-aligned":
-            raise ValueError("the key 'heading' belongs to frame = 'thrust-aligned'")
+            raise ValueError("the key 'heading' is valid only with frame = 'thrust-aligned'")
         return self
 
     def describe(self, program: AbstractProgram) -> str:
@@ -104,7 +106,7 @@ class ProgramPart(Part):
         return "sequence of slews" if isinstance(program, SlewSequence) else "slew"
 
     def along(self, path: SpiralHelix, chosen: str | None, angles: str) -> FrameProgram:
-        """The frame of a path as a program; a `chosen` frame replaces that of the scenario."""
+        """The frame of a path as a program; a `chosen` frame overrides the frame of the scenario."""
         name = (chosen or self.frame or UPRIGHT).replace("_", "-")
         frame: Frame = FRAMES[name]()
         if name == THRUST_ALIGNED and self.heading is not None:
@@ -114,7 +116,7 @@ class ProgramPart(Part):
         if isinstance(frame, AbstractFrame) and (when := first_undefined(path, frame)) is not None:
             other = NATURAL if name == UPRIGHT else UPRIGHT
             raise ValueError(
-                f"the {name} frame of this path does not exist at t = {when:.6g} s ({MISSING[name]}): take frame = "
+                f"the {name} frame of this path does not exist at t = {when:.6g} s ({MISSING[name]}): use frame = "
                 f"'{other}' or '{MINIMIZING}', or --frame with one of them"
             )
         return FrameProgram(path, frame)
@@ -134,8 +136,8 @@ class SimulationPart(Part):
         601,
     )
     settled: Positive | None = key(
-        "angle of the error within which the loop has settled; default: 1°",
-        "a positive finite angle, within which it has settled",
+        "error angle below which the loop counts as settled; default: 1°",
+        "a positive finite angle",
         None,
     )
     rtol: Annotated[float, Field(ge=1e-14, le=1e-2)] = key(
@@ -155,29 +157,40 @@ class LoopScenario(NamedPart):
     error: ErrorPart = key("the initial error of the body", "a table [error]", ErrorPart())
     disturbance: DisturbancePart | None = key("an external disturbance", "a table [disturbance]", None)
     sensor: SensorPart | None = key("the sensor; default: exact and continuous", "a table [sensor]", None)
-    actuator: ActuatorPart | None = key("the actuator; default: no limit, continuous", "a table [actuator]", None)
+    actuator: ActuatorPart | None = key("the actuator; default: unlimited and continuous", "a table [actuator]", None)
     simulation: SimulationPart = key("times and tolerances", "a table [simulation]", SimulationPart())
 
     @model_validator(mode="after")
-    def _suiting(self) -> "LoopScenario":
+    def _compatible(self) -> "LoopScenario":
         if self.law.kind == "rate":
             if self.disturbance is not None:
-                raise ValueError("[disturbance] suits no law of the kind 'rate', which commands the rate itself")
+                raise ValueError(
+                    "[disturbance] cannot be used with a law of kind 'rate', which commands the rate directly"
+                )
             if self.sensor is not None and self.sensor.kind == "gyros":
-                raise ValueError("[sensor] of the kind 'gyros' suits no law of the kind 'rate', whose rate jumps")
+                raise ValueError(
+                    "[sensor] of kind 'gyros' cannot be used with a law of kind 'rate', whose rate is discontinuous"
+                )
             if any(self.error.rate):
-                raise ValueError("the key 'error.rate' suits no law of the kind 'rate', which commands the rate itself")
+                raise ValueError(
+                    "'error.rate' cannot be used with a law of kind 'rate', which commands the rate directly"
+                )
         if self.error.gauge == "gibbs" and self.law.kind not in ("body", "inertial"):
-            raise ValueError("error.gauge = 'gibbs' belongs to laws of the kinds 'body' and 'inertial'")
+            raise ValueError("error.gauge = 'gibbs' is valid only with laws of kind 'body' or 'inertial'")
         if self.error.gauge == "gibbs" and self.error.sign == "far":
-            raise ValueError("error.sign = 'far' contradicts error.gauge = 'gibbs', which has μ0 = 1: leave one out")
+            raise ValueError(
+                "error.sign = 'far' contradicts error.gauge = 'gibbs', which has μ0 = 1: remove one of them"
+            )
         if self.law.kind in BASELINES and "sign" in self.error.model_fields_set:
             raise ValueError(
-                f"the key 'error.sign' suits no law of the kind '{self.law.kind}', which takes λ and −λ alike"
+                f"'error.sign' cannot be used with a law of kind '{self.law.kind}', whose command is the same for λ "
+                "and −λ"
             )
         samplings = [p.sampling for p in (self.sensor, self.actuator) if p is not None and p.sampling is not None]
         if len(set(samplings)) > 1:
-            raise ValueError("sensor.sampling and actuator.sampling differ: give both the same period, or one of them")
+            raise ValueError(
+                "sensor.sampling and actuator.sampling differ: give both the same period, or only one of them a period"
+            )
         return self
 
 
@@ -185,8 +198,8 @@ class LoopScenario(NamedPart):
 class LoopTask:
     """A closed loop: the arguments of `qtraj.simulate`.
 
-    `times` (n,) [s] are the instants of the table; `renewals` [s] the instants of new commands, None for a continuous
-    command.
+    `times` (n,) [s] are the instants of the table; `renewals` [s] are the sampling instants of the command, None if the
+    command is continuous.
     """
 
     program: AbstractProgram
@@ -203,14 +216,14 @@ class LoopTask:
 
     @property
     def jumps(self) -> np.ndarray | None:
-        """The instants at which the program's acceleration may jump [s]; None for none."""
+        """The instants at which the program's acceleration may jump [s]; None if there are none."""
         return np.unique(self.program.switches) if isinstance(self.program, EulerTurn | SlewSequence) else None
 
 
 def prepare(loaded: ScenarioFile[LoopScenario], samples: int | None = None, frame: str | None = None) -> LoopTask:
-    """The closed loop of a scenario; `samples` and `frame` replace those of the scenario.
+    """The closed loop of a scenario; `samples` and `frame` override the values of the scenario.
 
-    **Raises:** OSError for a file that cannot be read; ValueError for invalid data.
+    **Raises:** OSError if a file cannot be read; ValueError for invalid data.
     """
     scenario = loaded.scenario
     scale = radians(scenario.angles)
@@ -233,7 +246,9 @@ def prepare(loaded: ScenarioFile[LoopScenario], samples: int | None = None, fram
 def _program(loaded: ScenarioFile[LoopScenario], frame: str | None) -> AbstractProgram:
     part, angles = loaded.scenario.program, loaded.scenario.angles
     if frame is not None and part.path is None:
-        raise ValueError(f"--frame {frame} belongs to a program along a path, [program] path, and there is none")
+        raise ValueError(
+            f"--frame {frame} requires a program along a path, but [program] has no path: give one, or omit --frame"
+        )
     if part.slew is not None:
         with naming("in [program.slew], "):
             return part.slew.program(angles, strict=True)
@@ -244,17 +259,17 @@ def _program(loaded: ScenarioFile[LoopScenario], frame: str | None) -> AbstractP
 
 
 def _times(scenario: LoopScenario, program: AbstractProgram, samples: int | None) -> np.ndarray:
-    """The instants of the table; beyond its end a program is followed only if it rests there."""
+    """The instants of the table; they may exceed the end of the program only if it ends at rest."""
     end = float(program.duration)
     duration = scenario.simulation.duration or end
     if duration <= 0:
-        raise ValueError("the program takes no time: give simulation.duration [s]")
+        raise ValueError("the program has zero duration: give simulation.duration [s]")
     moving = isinstance(program, EulerTurn) and float(program.profile.end_rate) != 0
     rests = isinstance(program, EulerTurn | SlewSequence) and not moving
     if duration > end * (1 + LONGER) and not rests:
         raise ValueError(
-            f"the key 'simulation.duration' holds {duration:.15g}, but expected no more than {end:.15g} s: this "
-            f"program ends there{', still turning' if moving else ''}"
+            f"the key 'simulation.duration' has the value {duration:.15g}, but expected at most {end:.15g} s: this "
+            f"program ends there{', while still rotating' if moving else ''}"
         )
     duration = duration if rests else min(duration, end)
     return np.linspace(0.0, duration, scenario.simulation.samples if samples is None else samples)

@@ -38,17 +38,17 @@ from qtraj.scenario.part import (
 )
 
 LINEAR = ("body", "inertial", "additive")
-"""Acceleration laws with an exactly linear error."""
+"""Acceleration laws whose error equation is exactly linear."""
 BASELINES = {"quaternion": QuaternionFeedback, "geometric": GeometricFeedback, "logarithmic": LogarithmicFeedback}
-"""Established feedbacks, whose error is not linear."""
+"""Established feedback laws, whose error equation is not linear."""
 KIND = "'body', 'inertial', 'additive', 'rate', 'quaternion', 'geometric' or 'logarithmic'"
 GAINS = ("k1", "k", "settling_time", "damping", "weights")
 WAYS = "k1 and k2, or settling_time, or damping and frequency, or [law.weights]"
 GAIN = "a positive finite number, a list of finite numbers for a diagonal, or a square matrix of them"
 INERTIA = "a positive finite number, three of them, or three rows of three finite numbers [kg m²]"
 SEEDS = 2**63
-"""Seeds of `jax.random` are smaller."""
-AXIS_LIMIT = "a positive finite number, or three of them with saturation = 'axis', angle per s² (of a rate law per s)"
+"""Upper bound of the seeds of `jax.random`, exclusive."""
+AXIS_LIMIT = "a positive finite number, or three of them with saturation = 'axis', angle per s² (per s for a rate law)"
 
 
 def _gain(value: Any) -> Any:
@@ -58,7 +58,7 @@ def _gain(value: Any) -> Any:
     entries = [entry for row in rows for entry in row] if square else rows
     positive = isinstance(value, list) or (is_number(value) and value > 0)
     if not entries or not all(map(is_number, entries)) or not positive:
-        raise PydanticCustomError("gain", "no gain")
+        raise PydanticCustomError("gain", "not a gain")
     return value
 
 
@@ -68,7 +68,7 @@ def _numbers(value: Any, *sizes: int) -> list[Any]:
     if flat and all(isinstance(row, list) and len(row) == 3 for row in flat):
         flat = [entry for row in flat for entry in row]
     if not all(map(is_number, flat)) or (isinstance(value, list) and len(flat) not in sizes):
-        raise PydanticCustomError("numbers", "no such numbers")
+        raise PydanticCustomError("numbers", "not a valid list of numbers")
     return flat
 
 
@@ -90,7 +90,7 @@ class WeightsPart(Part):
     """Weights of the linear-quadratic regulator, which minimises ∫(error x² + rate ẋ² + command ẍ²)dt."""
 
     error: Positive = key("weight of the error", "a positive finite number [1/s⁴]")
-    rate: NotNegative = key("weight of its rate", "a finite number [1/s²], not negative", 0.0)
+    rate: NotNegative = key("weight of its rate", "a non-negative finite number [1/s²]", 0.0)
     command: Positive = key("weight of the command", "a positive finite number", 1.0)
 
 
@@ -98,8 +98,8 @@ class FeedbackPart(Part):
     """The feedback law and its gains, in one of several forms.
 
     With 'body', 'inertial' and 'additive' the error x satisfies ẍ + k1ẋ + k2x = 0, with 'rate' ẋ + kx = 0. The laws
-    'quaternion', 'geometric' and 'logarithmic' are established baselines. The gains: k1 and k2, settling_time,
-    damping and frequency, or [law.weights]; for 'rate' k or settling_time.
+    'quaternion', 'geometric' and 'logarithmic' are established laws, for comparison. Give the gains by k1 and k2,
+    settling_time, damping and frequency, or [law.weights]; for 'rate' by k or settling_time.
     """
 
     kind: Literal["body", "inertial", "additive", "rate", "quaternion", "geometric", "logarithmic"] = key(
@@ -109,21 +109,21 @@ class FeedbackPart(Part):
     k2: Gain | None = key("gain on the error", f"{GAIN} [1/s²]", None)
     k: Gain | None = key("gain of the rate law", f"{GAIN} [1/s]", None)
     settling_time: Positive | None = key(
-        "settling time of a critically damped error, to the fraction 'residual'", SECONDS, None
+        "time in which the critically damped error decays to the fraction 'residual'", SECONDS, None
     )
     residual: Annotated[float, Field(gt=0, lt=1)] = key(
-        "fraction of the error at settling_time", "a number between 0 and 1", 0.02
+        "fraction of the initial error that remains at settling_time", "a number between 0 and 1", 0.02
     )
     damping: Positive | None = key("damping ratio", "a positive finite number, the damping ratio", None)
-    frequency: Positive | None = key("natural frequency", "a positive finite number [1/s], undamped", None)
-    weights: WeightsPart | None = key("weights of a quadratic regulator", "a table [law.weights]", None)
+    frequency: Positive | None = key("undamped natural frequency", "a positive finite number [rad/s]", None)
+    weights: WeightsPart | None = key("weights of a linear-quadratic regulator", "a table [law.weights]", None)
 
     @model_validator(mode="after")
     def _one_form(self) -> "FeedbackPart":
         for a, b in (("k1", "k2"), ("damping", "frequency")):
             if len(set_keys := self.given(a, b)) == 1:
                 missing = b if set_keys == [a] else a
-                raise ValueError(f"the key '{missing}' is missing: {a} and {b} belong together")
+                raise ValueError(f"the key '{missing}' is missing: {a} and {b} must be given together")
         forms = self.given(*GAINS)
         ways = "k or settling_time" if self.kind == "rate" else WAYS
         if len(forms) != 1:
@@ -131,20 +131,20 @@ class FeedbackPart(Part):
             raise ValueError(f"{problem}: give one of {ways}")
         allowed = ("k", "settling_time") if self.kind == "rate" else ("k1", "settling_time", "damping", "weights")
         if forms[0] not in allowed:
-            raise ValueError(f"the key '{forms[0]}' does not suit the kind '{self.kind}': give {ways}")
+            raise ValueError(f"the key '{forms[0]}' cannot be used with a law of kind '{self.kind}': give {ways}")
         if self.settling_time is None and "residual" in self.model_fields_set:
-            raise ValueError("the key 'residual' belongs to settling_time, and there is none")
+            raise ValueError("the key 'residual' requires settling_time, which is not given")
         return self
 
     @model_validator(mode="after")
-    def _fitting(self) -> "FeedbackPart":
+    def _gain_sizes(self) -> "FeedbackPart":
         size = 4 if self.kind in (*LINEAR, "rate") else 3
         for name in self.given("k1", "k2", "k"):
             value = getattr(self, name)
             if isinstance(value, list) and len(value) != size:
                 raise ValueError(
-                    f"the key '{name}' holds a gain of size {len(value)}, but expected a number, {size} for a "
-                    f"diagonal, or {size} × {size} for a law of the kind '{self.kind}'"
+                    f"the key '{name}' has a gain of size {len(value)}, but expected a number, {size} for a "
+                    f"diagonal, or {size} × {size} for a law of kind '{self.kind}'"
                 )
         return self
 
@@ -174,13 +174,15 @@ class ErrorPart(AttitudePart):
         "the body's rate minus the program's", f"{THREE}, angle per s: the body's minus the program's", [0.0, 0.0, 0.0]
     )
     sign: Literal["auto", "near", "far"] = key(
-        "sign of λ, since λ and −λ are one attitude: the better one, the one with μ0 ≥ 0, or the other; not for the "
-        "baselines, which do not distinguish them, and not 'far' with gauge = 'gibbs'",
+        "sign of the initial λ (λ and −λ represent the same attitude): 'auto', the larger minimum of |μ|; 'near', "
+        "μ0 ≥ 0; or 'far', μ0 ≤ 0, which gauge = 'gibbs' excludes; not for the laws 'quaternion', 'geometric' and "
+        "'logarithmic'",
         "'auto', 'near' or 'far'",
         "auto",
     )
     gauge: Literal["unit", "gibbs"] = key(
-        "|λ| and ω0: 1 and 0, or values for which the Gibbs vector of the error satisfies the law's linear equation",
+        "initial |λ| and ω0: 'unit', 1 and 0; or 'gibbs', values for which the Gibbs vector of the error satisfies the "
+        "linear equation of the law",
         "'unit' or 'gibbs'",
         "unit",
     )
@@ -208,9 +210,9 @@ class DisturbancePart(Part):
         if len(self.given("acceleration", "torque")) != 1:
             raise ValueError("give one of acceleration, or torque and inertia")
         if len(self.given("torque", "inertia")) == 1:
-            raise ValueError("torque and inertia belong together: ε = J⁻¹M")
+            raise ValueError("torque and inertia must be given together, because ε = J⁻¹M")
         if self.period is None and "phase" in self.model_fields_set:
-            raise ValueError("the key 'phase' belongs to a period, and there is none")
+            raise ValueError("the key 'phase' requires 'period', which is not given")
         return self
 
     def disturbance(self, scale: float) -> AbstractDisturbance:
@@ -232,13 +234,13 @@ class SensorPart(Part):
     sampling: Positive | None = key("sampling period; default: continuous", SECONDS, None)
     rate_bias: Vector = key("bias of the rate", f"{THREE}, angle per s", [0.0, 0.0, 0.0])
     rate_noise: NotNegative = key(
-        "standard deviation of the rate", "a finite number, not negative, angle per s and sample", 0.0
+        "standard deviation of each sample of the rate", "a non-negative finite number, angle per s", 0.0
     )
     attitude_bias: Vector = key(
-        "bias of the attitude", f"{THREE}, angles: of gyros, only at the start", [0.0, 0.0, 0.0]
+        "bias of the attitude; for gyros, the error of the initial attitude", f"{THREE}, angles", [0.0, 0.0, 0.0]
     )
     attitude_noise: NotNegative = key(
-        "standard deviation of the attitude; not for gyros", "a finite angle, not negative, per sample", 0.0
+        "standard deviation of each sample of the attitude; not for gyros", "a non-negative finite angle", 0.0
     )
     seed: Annotated[int, Field(ge=0, lt=SEEDS)] = key("seed of the noise", "a whole number from 0 to 2⁶³ − 1", 0)
 
@@ -247,7 +249,7 @@ class SensorPart(Part):
         if self.sampling is None and (self.rate_noise or self.attitude_noise or self.kind == "gyros"):
             raise ValueError("the key 'sampling' is missing: noise and gyros need a sampling period [s]")
         if self.kind == "gyros" and self.attitude_noise:
-            raise ValueError("the key 'attitude_noise' suits no gyros, which measure no attitude")
+            raise ValueError("'attitude_noise' cannot be used with gyros, which do not measure the attitude")
         return self
 
     def sensor(self, scale: float) -> AbstractSensor:
@@ -264,13 +266,15 @@ class ActuatorPart(Part):
     """The limit of the physical command, and its sampling."""
 
     limit: Annotated[Any, PlainValidator(_limit)] | None = key("limit of the command", AXIS_LIMIT, None)
-    saturation: Literal["norm", "axis"] = key("limit of the length or of each component", "'norm' or 'axis'", "norm")
+    saturation: Literal["norm", "axis"] = key(
+        "whether the limit applies to the norm of the command or to each component", "'norm' or 'axis'", "norm"
+    )
     sampling: Positive | None = key("sampling period of the command; default: continuous", SECONDS, None)
 
     @model_validator(mode="after")
     def _per_axis(self) -> "ActuatorPart":
         if isinstance(self.limit, list) and self.saturation == "norm":
-            raise ValueError("a limit of each axis needs saturation = 'axis'")
+            raise ValueError("a limit for each axis requires saturation = 'axis'")
         return self
 
     def actuator(self, scale: float) -> Actuator:

@@ -41,9 +41,9 @@ SECONDS = "a positive finite number [s]"
 THREE = "three finite numbers [x, y, z]"
 ANGLES = "'deg' or 'rad': the unit of every angle in this file, also in rates (per s) and accelerations (per s²)"
 FORMS = ("quaternion", "euler", "rotation_vector", "gibbs")
-SEQUENCE = "three axes, fixed such as 'xyz' or moving such as 'ZYX', none twice in a row"
+SEQUENCE = "three axes, fixed such as 'xyz' or moving such as 'ZYX', no axis twice in succession"
 LONGER = 1e-9
-"""Relative: a rotation vector may exceed a half turn by this."""
+"""Relative tolerance by which a rotation vector may exceed a half turn."""
 
 
 def key(title: str, description: str, *default: Any) -> Any:
@@ -52,12 +52,12 @@ def key(title: str, description: str, *default: Any) -> Any:
 
 
 def is_number(x: Any) -> bool:
-    """Whether a value of a TOML file is a finite number that a float can hold."""
+    """Whether a value of a TOML file is a finite number within the range of a float."""
     return isinstance(x, int | float) and not isinstance(x, bool) and abs(x) <= sys.float_info.max
 
 
 class Part(BaseModel):
-    """A table of a scenario file: unknown keys, other types and infinite numbers are refused."""
+    """A table of a scenario file; unknown keys, wrong types and infinite numbers are rejected."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -69,38 +69,40 @@ class Part(BaseModel):
 class NamedPart(Part):
     """Name and description of a scenario."""
 
-    name: Text | None = key("name, for titles", "a text", None)
-    description: Text | None = key("description, for the output", "a text", None)
+    name: Text | None = key("name, for titles", "a string", None)
+    description: Text | None = key("description, for the output", "a string", None)
 
 
 class AttitudePart(Part):
     """An attitude, body to inertial, in one of four forms: quaternion, euler with sequence, rotation_vector, gibbs."""
 
     quaternion: Quaternion | None = key(
-        "quaternion; its length is ignored", "four finite numbers, scalar first, of any length but 0", None
+        "quaternion; its norm is ignored", "four finite numbers, scalar first, not all zero", None
     )
     euler: Vector | None = key("Euler angles [angle]", "three finite angles in the order of 'sequence'", None)
     sequence: Text | None = key("axes of the Euler angles", SEQUENCE, None)
     rotation_vector: Vector | None = key(
         "rotation vector [angle]", f"{THREE}: the angle of the rotation times its unit axis", None
     )
-    gibbs: Vector | None = key("Gibbs vector", f"{THREE}: tan(angle/2) times the unit axis, without unit", None)
+    gibbs: Vector | None = key("Gibbs vector", f"{THREE}: tan(angle/2) times the unit axis, dimensionless", None)
 
     @model_validator(mode="after")
-    def _belonging(self) -> Self:
+    def _one_form(self) -> Self:
         forms = self.given(*FORMS)
         if len(forms) > 1:
             raise ValueError(f"there are several attitudes ({', '.join(forms)}): give one of {', '.join(FORMS)}")
         if (self.euler is None) != (self.sequence is None):
-            raise ValueError(f"euler and sequence belong together: give three angles, and as sequence {SEQUENCE}")
+            raise ValueError(
+                f"euler and sequence must be given together: euler is three angles, sequence is {SEQUENCE}"
+            )
         if self.sequence is not None:
             rotation.from_euler(self.sequence, jnp.zeros(3))  # raises for an unknown sequence
         if self.quaternion is not None and not any(self.quaternion):
-            raise ValueError("the quaternion is zero, which is no attitude")
+            raise ValueError("the quaternion is zero, which does not represent an attitude")
         return self
 
     def unit_quaternion(self, angles: str) -> Quat | None:
-        """The attitude as a unit quaternion, with the sign of the given one; None if no form is given.
+        """The attitude as a unit quaternion, with the sign of the key `quaternion`; None if no form is given.
 
         `angles`: "deg" or "rad".
         """
@@ -125,7 +127,7 @@ class KnownAttitudePart(AttitudePart):
     """An attitude, body to inertial, in one of four forms: quaternion, euler with sequence, rotation_vector, gibbs."""
 
     @model_validator(mode="after")
-    def _there(self) -> "KnownAttitudePart":
+    def _required(self) -> "KnownAttitudePart":
         if not self.given(*FORMS):
             raise ValueError(f"there is no attitude: give one of {', '.join(FORMS)}")
         return self

@@ -48,7 +48,7 @@ class StatePart(Part):
 class PlacementPart(Part):
     """The axis of a path between two boundary states."""
 
-    origin: Vector = key("a point of the axis", f"{THREE} [m], a point of the axis")
+    origin: Vector = key("a point on the axis", f"{THREE} [m]")
     orientation: Quaternion | None = key(
         "the direction of the axis; default: vertical",
         "a quaternion of four finite numbers, scalar first, from the path's axes to the world's",
@@ -74,17 +74,17 @@ LimitsPart = create_model("LimitsPart", __base__=LimitedPart, __doc__=LimitedPar
 
 
 class VehiclePart(Part):
-    """The vehicle, for limits on friction, power and forces: a point mass with tyres, on a road with a bank."""
+    """The vehicle, for limits on friction, power and forces: a point mass with tyres, on a banked road."""
 
     mass: Positive = key("mass", "a positive finite number [kg]")
     inertia: Annotated[list[Positive], Field(min_length=3, max_length=3)] | None = key(
-        "principal moments of inertia about the vehicle's axes, for moments alone",
+        "principal moments of inertia about the vehicle's axes, used only for moments",
         "three positive numbers [kg m²]",
         None,
     )
     drag_area: NotNegative = key("drag coefficient times frontal area", "a finite number, 0 or more [m²]", 0.0)
     rolling_resistance: NotNegative = key(
-        "rolling resistance over the load on the road", "a finite number, 0 or more [-]", 0.0
+        "rolling resistance divided by the load on the road", "a finite number, 0 or more [-]", 0.0
     )
     friction: Positive | Annotated[list[Positive], Field(min_length=2, max_length=2)] = key(
         "coefficients of friction along and across the vehicle, or one for both; with 1, the limit `friction` is the "
@@ -104,12 +104,14 @@ class VehiclePart(Part):
 
 
 def require_limits(purpose: dict[str, str], limits: LimitedPart, vehicle: VehiclePart | None) -> None:
-    """Raise a ValueError for a purpose without its limit, or a limit without the vehicle that it needs."""
+    """Raise a ValueError for a purpose of a limit that is not set, or a limit without the vehicle that it needs."""
     needing = [name for name in limits.limits() if QUANTITIES[name].needs_vehicle]
     if needing and vehicle is None:
         raise ValueError(f"limits.{needing[0]} needs a vehicle: give a table [vehicle] with its mass")
     if extra := sorted(set(purpose) - set(limits.limits())):
-        raise ValueError(f"purpose.{extra[0]}: [limits] has no {extra[0]!r} that could have a purpose")
+        raise ValueError(
+            f"purpose.{extra[0]}: there is no limit {extra[0]!r} in [limits]: add the limit, or remove the purpose"
+        )
 
 
 def limits_with(limits: LimitedPart, vehicle: VehiclePart | None) -> Limits:
@@ -123,7 +125,7 @@ class PathScenario(NamedPart):
     track: TrackPart | None = key("the path from a recording", "a table [track]", None)
     fit: FitPart | None = key("how the recording is fitted", "a table [fit]", None)
     start: StatePart | None = key("the first of two boundary states", "a table [start]", None)
-    end: StatePart | None = key("the last of two boundary states", "a table [end]", None)
+    end: StatePart | None = key("the second of two boundary states", "a table [end]", None)
     path: Text | None = key("a saved path", "the name of a saved path, relative to the scenario", None)
     placement: PlacementPart | None = key("the axis of a path from two states", "a table [placement]", None)
     duration: Positive | None = key(
@@ -137,13 +139,13 @@ class PathScenario(NamedPart):
         "the vehicle, for limits on friction, power and forces", "a table [vehicle]", None
     )
     purpose: dict[str, Text] = key(
-        "the reason of each limit, for the tables", "a table [purpose] of texts, one for each limit", {}
+        "the reason for each limit, shown in the tables", "a table [purpose] of strings, one for each limit", {}
     )
     tune: TunePart = key("settings of the tuning", "a table [tune]", TunePart())
 
     @property
     def motion(self) -> str:
-        """The motion of the tuned path: as given, or the default for its source."""
+        """The motion of the tuned path: the value in [tune], or the default for the source of the path."""
         return self.tune.motion or ("uniform" if self.track is None else "hermite")
 
     @model_validator(mode="after")
@@ -152,23 +154,27 @@ class PathScenario(NamedPart):
         if not sources:
             raise ValueError('there is no path: give [track], or [start] and [end], or path = "a saved path"')
         if len(states) == 1 and len(sources) == 1:
-            raise ValueError(f"[{states[0]}] stands alone: [{'end' if states == ['start'] else 'start'}] is missing")
+            raise ValueError(f"[{states[0]}] requires [{'end' if states == ['start'] else 'start'}], which is missing")
         if len(sources) > 1 and sources != ["start", "end"]:
             raise ValueError(f"there are several paths ({', '.join(sources)}): give one of track, start and end, path")
         return self
 
     @model_validator(mode="after")
-    def _belonging(self) -> "PathScenario":
+    def _consistent(self) -> "PathScenario":
         if self.fit is not None and self.track is None:
-            raise ValueError("[fit] belongs to a [track], and there is none")
+            raise ValueError("[fit] requires [track], which is not given")
         for name in self.given("placement", "duration", "turns"):
             if self.start is None:
-                raise ValueError(f"{name} belongs to [start] and [end]: a track or a saved path has its own")
+                raise ValueError(
+                    f"{name} is valid only with [start] and [end]: a track or a saved path defines its own"
+                )
         if self.tune.turns is not None and self.start is None:
-            raise ValueError("tune.turns belongs to [start] and [end]: a track or a saved path has its own turn")
+            raise ValueError(
+                "tune.turns is valid only with [start] and [end]: a track or a saved path defines its own turn"
+            )
         for name in self.given("duration", "turns"):
             if getattr(self.tune, name) is not None:
-                raise ValueError(f"{name} and tune.{name} are the same thing: give one of them")
+                raise ValueError(f"{name} and tune.{name} are the same setting: give one of them")
         return self
 
     @model_validator(mode="after")
@@ -179,7 +185,7 @@ class PathScenario(NamedPart):
 
 @dataclass(frozen=True)
 class PathTask:
-    """The path before tuning, and the arguments of `qtraj.tune` that do not depend on [tune] alone."""
+    """The original path, and the arguments of `qtraj.tune` that do not depend on [tune] alone."""
 
     path: SpiralHelix
     start: BoundaryState
@@ -208,9 +214,9 @@ def lay(
     objective: str | None = None,
     starts: int | None = None,
 ) -> PathTask:
-    """The path of a scenario and its tuning problem; the arguments replace the values of the scenario.
+    """The path of a scenario and its tuning problem; the arguments override the values of the scenario.
 
-    **Raises:** OSError for a file that cannot be read; ValueError, naming the scenario, for data that define no path.
+    **Raises:** OSError if a file cannot be read; ValueError, naming the scenario, if the data do not define a path.
     """
     scenario = loaded.scenario
     chosen: dict[str, Any] = {
@@ -234,7 +240,7 @@ def _along(path: SpiralHelix, part: TunePart, **chosen: Any) -> PathTask:
     """The task of an existing path: its ends are the boundary states, and its turn is kept."""
     keeps = chosen["motion"] == "hermite" or chosen["objective"] == "smoothest"
     duration = part.duration or (float(path.duration) if keeps else None)
-    # Without its mismatch it has the structure of a tuned path, so that both share executables.
+    # A path without mismatch has the same structure as a tuned path, so both use the same executables.
     plain = SpiralHelix(path.radius, path.angle, path.height, path.duration, path.placement)
     states = sampled(plain)
     start, end = states.ends

@@ -16,7 +16,7 @@ from qtraj.io.track_file import read_track
 from qtraj.path.track import Track
 from qtraj.scenario.part import SECONDS, Angles, Counts, Pair, Part, Positive, RangeMap, Text, Vector, Wholes, key
 
-if TYPE_CHECKING:  # a checker of types takes no names that are read from a registry
+if TYPE_CHECKING:  # type checkers cannot read names from a registry
     Motion = str
     Objective = str
 else:
@@ -25,11 +25,11 @@ else:
 Method = Literal["sqp", "lbfgs", "adam"]
 
 MOTION, OBJECTIVE, METHOD = either(MOTIONS), either(OBJECTIVES), "'sqp', 'lbfgs' or 'adam'"
-VARIABLES = "'start.V_rho', 'start.V_phi' (hermite), 'start.V_h', the same of 'end', 'duration'"
+VARIABLES = "'start.V_rho', 'start.V_phi' (hermite), 'start.V_h', the same for 'end', 'duration'"
 COUNT = "a whole number, 1 or more"
 OPTIONS = ("max_steps", "inner_steps", "learning_rate")
 LEARNING_RATE = 0.01
-"""Default of "adam"."""
+"""The default for "adam"."""
 
 
 class AnglesPart(Part):
@@ -40,7 +40,7 @@ class AnglesPart(Part):
         "three letters such as 'ZYX'",
     )
     heading: Literal["north-clockwise", "x-anticlockwise"] = key(
-        "zero and sense of the heading", "'north-clockwise' or 'x-anticlockwise'"
+        "zero direction and positive sense of the heading", "'north-clockwise' or 'x-anticlockwise'"
     )
     unit: Angles = key("the unit of the columns", "'deg' or 'rad'")
     body: Literal["forward-right-down", "forward-left-up"] = key(
@@ -53,13 +53,13 @@ class TrackPart(Part):
 
     file: Text = key("the recording: CSV with a header, or TUM", "the name of a text file, relative to the scenario")
     window: Pair | None = key(
-        "the part of the recording that is used; default: all",
+        "the part of the recording to use; default: all of it",
         "two finite times [t0, t1] in seconds on the recording's own clock",
         None,
     )
     columns: dict[Literal["time", "position", "velocity", "attitude"], Text | list[Text]] | None = key(
         "names of columns that are not recognised",
-        "column names of 'time', 'position', 'velocity' or 'attitude'; an empty list leaves a part out",
+        "column names of 'time', 'position', 'velocity' or 'attitude'; an empty list omits the quantity",
         None,
     )
     angles: AnglesPart | None = key("convention of recorded roll, pitch and heading", "a table [track.angles]", None)
@@ -74,15 +74,15 @@ class TrackPart(Part):
         None,
     )
     source: Text | None = key(
-        "its attribution, kept in the results", "a text: where the recording comes from, and its licence", None
+        "its attribution, kept in the results", "a string: the source and the licence of the recording", None
     )
 
     @model_validator(mode="after")
     def _ordered(self) -> "TrackPart":
         if self.window is not None and not self.window[0] < self.window[1]:
-            raise ValueError(f"the key 'window' holds {self.window}, but expected [t0, t1] with t0 < t1")
+            raise ValueError(f"the key 'window' has the value {self.window}, but expected [t0, t1] with t0 < t1")
         if self.origin is not None and self.projection is None:
-            raise ValueError("the key 'origin' belongs to projection = 'tangent-plane'")
+            raise ValueError("the key 'origin' is valid only with projection = 'tangent-plane'")
         return self
 
     def read(self, beside: Callable[[str], Path]) -> Track:
@@ -99,7 +99,7 @@ class FitPart(Part):
     """How the recording is fitted."""
 
     motion: Motion | None = key(
-        "motion of the angle: a polynomial, or a constant rate; default: that of [tune]", MOTION, None
+        "motion of the angle: a polynomial, or a constant rate; default: the motion in [tune]", MOTION, None
     )
     position_sigma: Positive | None = key(
         f"standard deviation of a recorded position; default: {POSITION_SIGMA}", "a positive finite number [m]", None
@@ -116,7 +116,7 @@ class FitPart(Part):
     )
 
     def fit(self, track: Track, motion: str) -> Fitted:
-        """The path fitted to a recording, with the motion of this table, else with `motion`."""
+        """The path fitted to a recording, with the motion of this table if it is set, else with `motion`."""
         settings = self.model_dump(exclude_none=True)
         if self.radius_bounds is not None:
             settings["radius_bounds"] = tuple(map(float, self.radius_bounds))
@@ -143,42 +143,43 @@ class TunePart(Part):
     )
     turns: Wholes | None = key("additional whole turns about the axis", "a whole number, 0 or more", None)
     fixed: list[Text] = key(
-        f"variables that keep their value: {VARIABLES}; and 'start.heading', 'end.heading'",
+        f"variables that are held fixed: {VARIABLES}; also 'start.heading' and 'end.heading'",
         'a list of names, as in fixed = ["end.V_h"]',
         [],
     )
     bounds: RangeMap = key(
-        "ranges of variables; other variables are bounded only by the search",
-        "a table [tune.bounds] of [low, high] in m/s or s: duration = [4.0, 8.0], or of one of them alone: "
-        'duration = {max = 8.0}, or {min = 4.0}; a name with a dot stands in quotes: "end.V_h" = [-0.5, 0.5]',
+        "ranges of variables; other variables have the default bounds of the search",
+        "a table [tune.bounds] of ranges [low, high] in m/s or s: duration = [4.0, 8.0], or with one bound: "
+        'duration = {max = 8.0}, or {min = 4.0}; a name with a dot needs quotes: "end.V_h" = [-0.5, 0.5]',
         {},
     )
     corridor: Positive | None = key(
-        "maximum distance from the given path, at equal parts of the durations and counted along the arc",
+        "maximum distance from the given path, between points at the same fraction of each duration, measured along "
+        "the arc",
         "a positive finite number [m]",
         None,
     )
-    starts: Counts = key("number of searches, from the given states and around them", COUNT, 8)
+    starts: Counts = key("number of starts: the given states, and perturbations of them", COUNT, 8)
     method: Method = key(
-        "search method: sequential quadratic programming, which is by far the fastest, or an augmented Lagrangian with "
-        "an optimiser of optax, for comparison",
+        "search method: sequential quadratic programming, which is by far the fastest, or for comparison an augmented "
+        "Lagrangian with an optax optimiser",
         METHOD,
         "sqp",
     )
     max_steps: Counts | None = key(
-        "maximum number of steps of 'sqp', or of rounds of the others; default: 300", COUNT, None
+        "maximum number of iterations of 'sqp', or of outer iterations of the others; default: 300", COUNT, None
     )
-    inner_steps: Counts | None = key("steps of 'lbfgs' or 'adam' in one round; default: 200", COUNT, None)
+    inner_steps: Counts | None = key("steps of 'lbfgs' or 'adam' in one outer iteration; default: 200", COUNT, None)
     learning_rate: Positive | None = key(
-        "learning rate of 'adam', in reference speeds; default: 0.01", "a positive finite number", None
+        "learning rate of 'adam', in units of the reference speed; default: 0.01", "a positive finite number", None
     )
 
     @model_validator(mode="after")
     def _options(self) -> "TunePart":
         if self.learning_rate is not None and self.method != "adam":
-            raise ValueError(f"learning_rate belongs to method = 'adam', but the method is {self.method!r}")
+            raise ValueError(f"learning_rate is valid only with method = 'adam', but the method is {self.method!r}")
         if self.inner_steps is not None and self.method == "sqp":
-            raise ValueError("inner_steps belongs to method = 'lbfgs' or 'adam', but the method is 'sqp'")
+            raise ValueError("inner_steps is valid only with method = 'lbfgs' or 'adam', but the method is 'sqp'")
         return self
 
     @property
@@ -188,9 +189,9 @@ class TunePart(Part):
 
     @property
     def ranges(self) -> dict[str, tuple[float | None, float | None]]:
-        """Lower and upper bound of each bounded variable by name; None for no bound."""
-        given = self.bounds.items()
-        return {name: (x.get("min"), x.get("max")) if isinstance(x, dict) else (x[0], x[1]) for name, x in given}
+        """Lower and upper bound of each bounded variable by name; None where a bound is missing."""
+        bounds = self.bounds.items()
+        return {name: (x.get("min"), x.get("max")) if isinstance(x, dict) else (x[0], x[1]) for name, x in bounds}
 
     def arguments(self) -> dict[str, Any]:
         """The arguments of `qtraj.tune` that depend only on this table."""

@@ -20,7 +20,7 @@ LIKE = 0.7
 """Minimum similarity, from 0 to 1, of a suggested key: 'duration' and 'acceleration' have 0.6."""
 
 PATHS = ("track", "start", "path")
-"""A path scenario has one of these, although no single one is required."""
+"""A path scenario contains one of these keys, but none of them is required by itself."""
 
 Location = Sequence[int | str]
 S = TypeVar("S", bound=BaseModel)
@@ -44,22 +44,23 @@ class ScenarioFile(Generic[S]):
 
 
 def read_scenario(file: Path | str | None, kind: str) -> ScenarioFile[Any]:
-    """The scenario in a TOML file, of a kind in `qtraj.scenario.KINDS`; the embedded one if `file` is None.
+    """The scenario in a TOML file, of a kind in `qtraj.scenario.KINDS`; the built-in one if `file` is None.
 
-    **Raises:** OSError if the file cannot be read. ValueError with a message that names the file and: line and column
-    of a syntax error; or the key, its value and the expected value; or the command that reads such a file.
+    **Raises:** OSError if the file cannot be read. ValueError if it is not a valid scenario of this kind: the message
+    names the file and either the line and column of a syntax error, or the key with its value and the expected value,
+    or the command that reads such a file.
     """
-    known = KINDS[kind]
-    path = known.embedded if file is None else Path(file)
+    entry = KINDS[kind]
+    path = entry.embedded if file is None else Path(file)
     content = read_bytes(path)
     if is_recording(path):
-        raise ValueError(f"{path}: {_recorded(path, known)}")
-    data = _parse(path, content, known)
-    renamed = {old: new for old, new in known.renamed.items() if _rename(data, old.split("."), new)}
+        raise ValueError(f"{path}: {_recorded(path, entry)}")
+    data = _parse(path, content, entry)
+    renamed = {old: new for old, new in entry.renamed.items() if _rename(data, old.split("."), new)}
     try:
-        scenario = known.model.model_validate(data)
+        scenario = entry.model.model_validate(data)
     except ValidationError as error:
-        text = _misplaced(data, known) or explain(error, known.model)
+        text = _misplaced(data, entry) or explain(error, entry.model)
         for old, new in renamed.items():
             text = text.replace(new, old)  # the user's own names
         raise ValueError(f"{path}: {text}") from None
@@ -73,7 +74,7 @@ def content_hash(content: bytes) -> str:
 
 
 def _rename(data: Any, old: Sequence[str], new: str) -> bool:
-    """Give a key its new name, which stands in the same table, unless that is there too; whether it was there."""
+    """Rename a key within its table unless the new key exists as well; return whether it was renamed."""
     *tables, last = old
     new = new.rpartition(".")[2]
     for name in tables:
@@ -115,11 +116,11 @@ def _fits(data: Mapping[str, Any], kind: Kind) -> bool:
 
 
 def _recorded(file: Path, kind: Kind) -> str:
-    """The message for a recording that was given instead of a scenario of this kind."""
+    """The message for a recording that was passed instead of a scenario of this kind."""
     what, table = "this is a recording, not a scenario", f'file = "{file.name}" under [track]'
     if kind is KINDS["path"]:
         return f"{what}: write a .toml file with {table}, and with [limits]; `qtraj route` reads a whole recording"
-    return f"{what}: {KINDS['path'].title} read one, from a .toml file with {table}"
+    return f"{what}: to use it with {KINDS['path'].title}, write a .toml file with {table}"
 
 
 def explain(error: ValidationError, root: type[BaseModel]) -> str:
@@ -141,17 +142,17 @@ def _fault(fault: dict[str, Any], root: type[BaseModel]) -> str:
     expected = _expected(where, root)
     if fault["type"] == "missing":
         return f"the key '{_dotted(where)}' is missing: expected {expected}"
-    return f"the key '{_dotted(where)}' holds {quoted(fault['input'])}, but expected {expected}"
+    return f"the key '{_dotted(where)}' has the value {quoted(fault['input'])}, but expected {expected}"
 
 
 def _unknown(where: Location, root: type[BaseModel]) -> str:
     model = root
     for step in where[:-1]:
         model = _table(model, step) or model
-    known, name = list(model.model_fields), str(where[-1])
-    begun = [key for key in known if key.startswith(name)]  # the intended key starts alike, or has similar letters
-    near = difflib.get_close_matches(name, begun or known, n=1, cutoff=0.0 if begun else LIKE)
-    hint = f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(known)}"
+    keys, name = list(model.model_fields), str(where[-1])
+    begun = [key for key in keys if key.startswith(name)]  # the user may have shortened the key or misspelt it
+    near = difflib.get_close_matches(name, begun or keys, n=1, cutoff=0.0 if begun else LIKE)
+    hint = f"did you mean '{near[0]}'?" if near else f"the known keys are {', '.join(keys)}"
     return f"unknown key '{_dotted(where)}'; {hint}"
 
 

@@ -1,8 +1,8 @@
-"""Scenarios of `qtraj route`: a whole recording, how a route is fitted to it, and its limits."""
+"""Scenario keys of `qtraj route`: a recording, the settings of the fit, and limits; construction of the route."""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import model_validator
 
@@ -20,16 +20,16 @@ from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
 
 
 class RouteFitPart(Part):
-    """How the route is fitted; by default, spacing and smoothing are chosen by cross-validation."""
+    """Settings of the fit; by default, spacing and smoothing are chosen by cross-validation."""
 
-    spacing: Positive | None = key("time between the joints of the route", SECONDS, None)
+    spacing: Positive | None = key("time between the knots of the route", SECONDS, None)
     smoothing: Positive | None = key(
         "weight of the integral of the squared jerk, relative to the sum of squared distances",
         "a positive finite number [s⁵]",
         None,
     )
     tolerance: Positive | None = key(
-        "select the largest smoothing with at most this root mean square of the distances",
+        "use the largest smoothing whose RMS distance does not exceed this",
         "a positive finite number [m]",
         None,
     )
@@ -39,6 +39,19 @@ class RouteFitPart(Part):
         if self.smoothing is not None and self.tolerance is not None:
             raise ValueError("smoothing and tolerance were both given: give one of them")
         return self
+
+
+class RouteTunePart(Part):
+    """How the route may change until its limits are satisfied; without this table it is only checked."""
+
+    tube: Positive = key(
+        "largest distance from the fitted route, horizontally and vertically", "a positive finite number [m]", 0.5
+    )
+    objective: Literal["nearest", "smoothest", "fastest"] = key(
+        "what is minimised: the change of the route, the jerk, or the duration",
+        "'nearest', 'smoothest' or 'fastest'",
+        "nearest",
+    )
 
 
 class RouteScenario(NamedPart):
@@ -53,28 +66,32 @@ class RouteScenario(NamedPart):
         "the vehicle, for limits on friction, power and forces", "a table [vehicle]", None
     )
     purpose: dict[str, Text] = key(
-        "why there is a limit, for the tables", "a table [purpose] of texts, one for each limit", {}
+        "the reason for each limit, shown in the tables", "a table [purpose] of strings, one for each limit", {}
     )
+    tune: RouteTunePart | None = key("how the route may change", "a table [tune]", None)
 
     @model_validator(mode="after")
-    def _purposes(self) -> "RouteScenario":
+    def _with_limits(self) -> "RouteScenario":
         require_limits(self.purpose, self.limits, self.vehicle)
+        if self.tune is not None and not self.limits.limits():
+            raise ValueError("[tune] needs limits: add a table [limits]")
         return self
 
 
 @dataclass(frozen=True)
 class RouteTask:
-    """The recording, the route fitted to it, and the limits; None without limits."""
+    """The recording, the route fitted to it, the limits, and how to tune; None where the scenario has none."""
 
     track: Track
     fitted: FittedRoute
     limits: Limits | None
+    tune: RouteTunePart | None
 
 
 def read_route(file: Path | None) -> ScenarioFile[Any]:
-    """The scenario in a file; a recording is a scenario without limits.
+    """The scenario in a file; a recording is treated as a scenario without limits.
 
-    **Raises:** OSError if the file cannot be read; ValueError, naming it, if it is neither.
+    **Raises:** OSError if the file cannot be read; ValueError, naming it, if it is not a valid scenario or recording.
     """
     if file is None or not is_recording(file):
         return read_scenario(file, "route")
@@ -82,14 +99,14 @@ def read_route(file: Path | None) -> ScenarioFile[Any]:
     return ScenarioFile(file, scenario, content_hash(read_bytes(file)))
 
 
-def fit_recording(given: ScenarioFile[RouteScenario]) -> RouteTask:
-    """The route of a scenario's recording.
+def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
+    """Fit a route to the recording of a scenario.
 
-    **Raises:** OSError for a file that cannot be read; ValueError, naming the scenario, for data without a route.
+    **Raises:** OSError if a file cannot be read; ValueError, naming the scenario, if no route can be fitted.
     """
-    scenario = given.scenario
-    with naming(f"{given.file}: "):
-        track = scenario.track.read(given.beside)
+    scenario = loaded.scenario
+    with naming(f"{loaded.file}: "):
+        track = scenario.track.read(loaded.beside)
         fitted = fit_route(track, scenario.fit.spacing, scenario.fit.tolerance, scenario.fit.smoothing)
         limits = limits_with(scenario.limits, scenario.vehicle)
-        return RouteTask(track, fitted, limits if limits.given() else None)
+        return RouteTask(track, fitted, limits if limits.given() else None, scenario.tune)

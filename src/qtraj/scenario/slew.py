@@ -1,4 +1,4 @@
-"""Scenarios of `qtraj slew`, and the slew that is the program of `qtraj simulate`: their keys, and the program."""
+"""Scenario keys of a slew, for `qtraj slew` and [program.slew] of `qtraj simulate`; construction of the program."""
 
 from typing import Any, Literal
 
@@ -15,6 +15,7 @@ from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 from qtraj.motion.programs.slew_torque import within_torque
 from qtraj.scenario.part import (
     ANGLES,
+    SECONDS,
     Angles,
     KnownAttitudePart,
     NamedPart,
@@ -32,9 +33,9 @@ KIND = "'time_optimal', 's_curve', 'cubic', 'quintic' or 'septic'"
 LIMITS = ("max_rate", "max_acceleration", "max_jerk")
 END_RATES = ("start_rate", "end_rate")
 NEEDED = {"time_optimal": ("max_acceleration",), "s_curve": ("max_acceleration", "max_jerk")}
-"""Required limits of laws for which a duration is not enough."""
+"""Required limits of the profiles for which a duration is not enough."""
 JERKY = ("time_optimal", "cubic")
-"""Laws whose acceleration jumps, within the slew or at its ends, so that a jerk limit is impossible."""
+"""Profiles whose acceleration jumps, within the slew or at its ends, so that a jerk limit is impossible."""
 
 
 class SlewLawPart(Part):
@@ -44,17 +45,17 @@ class SlewLawPart(Part):
     quintic, septic) need a limit or a duration. Without a duration the slew takes the minimum time within its limits.
     """
 
-    kind: Literal["time_optimal", "s_curve", "cubic", "quintic", "septic"] = key("the law", KIND, "time_optimal")
+    kind: Literal["time_optimal", "s_curve", "cubic", "quintic", "septic"] = key("the profile", KIND, "time_optimal")
     max_rate: Positive | None = key("limit of the rate", "a positive finite number, angle per s", None)
     max_acceleration: Positive | None = key("limit of the acceleration", "a positive finite number, angle per s²", None)
     max_jerk: Positive | None = key(
-        "limit of the jerk, for laws with a continuous acceleration: s_curve, quintic, septic",
+        "limit of the jerk, for profiles with continuous acceleration: s_curve, quintic, septic",
         "a positive finite number, angle per s³",
         None,
     )
     duration: Positive | None = key(
-        "duration of each slew; the limits of a polynomial are then only checked",
-        "a positive finite number [s], of each slew",
+        "duration of each slew; with a polynomial profile the limits are then only checked",
+        SECONDS,
         None,
     )
     start_rate: Number | None = key(
@@ -65,17 +66,21 @@ class SlewLawPart(Part):
     )
 
     @model_validator(mode="after")
-    def _suiting(self) -> "SlewLawPart":
+    def _compatible(self) -> "SlewLawPart":
         needed = NEEDED.get(self.kind)
         for name in needed or ():
             if getattr(self, name) is None:
-                raise ValueError(f"the key '{name}' is missing: a slew of the kind '{self.kind}' needs it")
+                raise ValueError(f"the key '{name}' is missing: a slew of kind '{self.kind}' needs it")
         if self.kind in JERKY and self.max_jerk is not None:
             other = "'s_curve'" if self.kind == "time_optimal" else "'quintic', 'septic' or 's_curve'"
-            raise ValueError(f"a {self.kind} slew has jumps of acceleration and no jerk limit: take kind = {other}")
+            raise ValueError(
+                f"max_jerk cannot be used with a {self.kind} slew, whose acceleration is discontinuous: use kind = "
+                f"{other}"
+            )
         if self.kind != "time_optimal" and (extra := self.given(*END_RATES)):
             raise ValueError(
-                f"the key '{extra[0]}' belongs to 'time_optimal': a slew of the kind '{self.kind}' rests at its ends"
+                f"the key '{extra[0]}' is valid only with kind = 'time_optimal': a slew of kind '{self.kind}' starts "
+                "and ends at rest"
             )
         if needed is None and not self.given(*LIMITS, "duration"):
             limits = LIMITS[:2] if self.kind in JERKY else LIMITS
@@ -83,17 +88,17 @@ class SlewLawPart(Part):
         for name in self.given(*END_RATES):
             if self.max_rate is not None and abs(getattr(self, name)) > self.max_rate:
                 raise ValueError(
-                    f"the key '{name}' holds {getattr(self, name)!r}, but expected no more than max_rate = "
+                    f"the key '{name}' has the value {getattr(self, name)!r}, but expected at most max_rate = "
                     f"{self.max_rate!r}"
                 )
         return self
 
     def limits(self, angles: str) -> dict[str, float]:
-        """The given limits by name, in radians."""
+        """The limits that are set, by name, in radians."""
         return {name: radians(angles) * getattr(self, name) for name in self.given(*LIMITS)}
 
     def law(self, angles: str, limited: bool = False) -> AbstractProfile:
-        """The law; a polynomial of fixed duration has its limits only if `limited`, and else they are checked later."""
+        """The profile; with a fixed duration a polynomial has limits only if `limited`, else they are checked later."""
         more: dict[str, Any] = {} if self.duration is None else {"duration": self.duration}
         if limited or self.duration is None or self.kind in NEEDED:
             more |= self.limits(angles)
@@ -104,14 +109,14 @@ class SlewLawPart(Part):
 
 
 class BodyPart(Part):
-    """The body: its inertia, and its torque limit."""
+    """The inertia of the body, and its torque limit."""
 
     inertia: Positive | Vector | list[Vector] = key(
         "moment of inertia of a spherical body, principal moments, or the tensor, in body axes [kg m²]",
         "a positive number, three of them, or three rows of three",
     )
     max_torque: Positive | Vector | None = key(
-        "limit of the torque [N m]: of its length, or of each component in body axes; the slew is slowed to meet it",
+        "torque limit [N m]: on the norm, or on each component in body axes; the slew is slowed down to satisfy it",
         "a positive number, or three of them",
         None,
     )
@@ -121,27 +126,31 @@ class BodyPart(Part):
         try:
             inertia_matrix(self.inertia)
         except ValueError as error:
-            raise ValueError(f"the key 'inertia' holds {self.inertia!r}: {error}") from error
+            raise ValueError(f"the key 'inertia' has the value {self.inertia!r}: {error}") from error
         if isinstance(self.max_torque, list) and not all(m > 0 for m in self.max_torque):
-            raise ValueError(f"the key 'max_torque' holds {self.max_torque!r}, but expected positive numbers [N m]")
+            raise ValueError(
+                f"the key 'max_torque' has the value {self.max_torque!r}, but expected positive numbers [N m]"
+            )
         return self
 
 
 class SlewPart(Part):
-    """A slew from [start] to [end], through any [[via]], under a [law], each the shorter way about a fixed axis."""
+    """A slew from [start] to [end], through any [[via]], each by the shorter rotation about a fixed axis."""
 
     start: KnownAttitudePart = key("the first attitude", "a table [start] with an attitude")
     via: list[KnownAttitudePart] = key(
-        "attitudes in between, at which the body rests", "tables [[via]], an attitude each", []
+        "intermediate attitudes, at which the body comes to rest", "tables [[via]] with one attitude each", []
     )
     end: KnownAttitudePart = key("the last attitude", "a table [end] with an attitude")
     law: SlewLawPart = key("the profile of the angle", "a table [law]")
     body: BodyPart | None = key("the body, for torques and their limit", "a table [body]", None)
 
     @model_validator(mode="after")
-    def _resting(self) -> "SlewPart":
+    def _at_rest(self) -> "SlewPart":
         if self.via and (extra := self.law.given(*END_RATES)):
-            raise ValueError(f"the key 'law.{extra[0]}' suits no sequence of slews, which rests at each attitude")
+            raise ValueError(
+                f"'law.{extra[0]}' cannot be used with a sequence of slews, which comes to rest at each attitude"
+            )
         return self
 
     def attitudes(self) -> dict[str, KnownAttitudePart]:
@@ -153,7 +162,7 @@ class SlewPart(Part):
 
         The limits of a slew with a duration or end rates are checked later, or here if `strict`.
 
-        **Raises:** ValueError for a duration in which no such slew is possible.
+        **Raises:** ValueError if no such slew is possible in the duration.
         """
         attitudes = np.stack([attitude.attitude(angles) for attitude in self.attitudes().values()])
         program, law = self._within(attitudes, angles), self.law
@@ -161,7 +170,7 @@ class SlewPart(Part):
             if strict and law.limits(angles) and law.duration is not None:
                 limited = law.law(angles, limited=True)
                 for angle in np.atleast_1d(program.angle if isinstance(program, EulerTurn) else program.angles):
-                    limited.profile(angle)  # raises, naming the limit that would be broken
+                    limited.profile(angle)  # raises, naming the limit that would be violated
             body = self.body
             if body is None or body.max_torque is None or (law.given("duration", *END_RATES) and not strict):
                 return program
@@ -174,7 +183,7 @@ class SlewPart(Part):
 
 
 class SlewScenario(NamedPart, SlewPart):
-    """A slew from [start] to [end], through any [[via]], under a [law], each the shorter way about a fixed axis."""
+    """A slew from [start] to [end], through any [[via]], each by the shorter rotation about a fixed axis."""
 
     angles: Angles = key("the unit of angles", ANGLES)
 
@@ -182,7 +191,7 @@ class SlewScenario(NamedPart, SlewPart):
 def slew_program(loaded: ScenarioFile[SlewScenario]) -> EulerTurn | SlewSequence:
     """The program of a scenario.
 
-    **Raises:** ValueError, naming the scenario, for a duration in which no such slew is possible.
+    **Raises:** ValueError, naming the scenario, if no such slew is possible in the duration.
     """
     with naming(f"{loaded.file}: "):
         return loaded.scenario.program(loaded.scenario.angles)

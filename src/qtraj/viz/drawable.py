@@ -18,17 +18,17 @@ from qtraj.path.quantity import QUANTITIES
 from qtraj.path.spiral_helix import SpiralHelix
 
 COEFFICIENTS = ("radius", "angle", "height", "duration")
-"""The variables of a dataset that stores a spiral-helix by its coefficients, not by samples."""
+"""The variables of a dataset that stores the coefficients of a spiral-helix instead of samples."""
 
 
 def drawable(source: Any, frame: Frame | None = None) -> xarray.Dataset:
-    """The dataset of samples of a path, a tuned or a fitted path, or the dataset of any other result.
+    """The dataset of samples of a path or of a tuned or fitted path, or the dataset of any other result.
 
     A dataset of samples is returned unchanged. A dataset of path coefficients (`tuned.to_xarray()`,
-    `helix.to_xarray()`) is evaluated. `frame` chooses the trihedra of paths that are evaluated here, by default the
-    natural ones.
+    `helix.to_xarray()`) is evaluated. `frame` is the frame of paths that are evaluated here; None for the natural
+    frame.
 
-    **Raises:** ValueError for several paths, or an object of another type.
+    **Raises:** ValueError for more than one path, or an object of another type.
     """
     if isinstance(source, xarray.Dataset):
         whole = all(name in source for name in COEFFICIENTS) and "time" not in source.variables
@@ -46,13 +46,13 @@ def drawable(source: Any, frame: Frame | None = None) -> xarray.Dataset:
     if isinstance(source, AbstractResult):
         return source.to_xarray()
     raise ValueError(
-        "expected a path, a result or a dataset of samples, such as that of qtraj.io.dataset.path_dataset, but got "
+        "expected a path, a result or a dataset of samples, such as from qtraj.io.dataset.path_dataset, but got "
         f"{type(source).__name__}"
     )
 
 
 def path_samples(source: Any) -> xarray.Dataset:
-    """Samples over the dimensions `path` and `sample`, as `qtraj.io.dataset.path_dataset` makes them.
+    """Samples over the dimensions `path` and `sample`, as from `qtraj.io.dataset.path_dataset`.
 
     **Raises:** ValueError for a dataset without them; the message names what is missing.
     """
@@ -61,19 +61,19 @@ def path_samples(source: Any) -> xarray.Dataset:
     missing += [name for name in ("time", "position", "dcm", "defined") if name not in dataset.variables]
     if missing:
         raise ValueError(
-            f"a figure of paths needs {', '.join(missing)}, which this dataset does not have: pass the path itself, or "
-            "qtraj.io.dataset.path_dataset({name: path}); to draw a table, call its plot()"
+            f"a figure of paths needs {', '.join(missing)}, which this dataset does not contain: pass the path itself, "
+            "or qtraj.io.dataset.path_dataset({name: path}); to draw a table, call its plot()"
         )
     return dataset
 
 
 def limits_of(tuned: Tuned) -> Limits:
-    """The limits of a tuning, from its certificate, without those that need a second path or a vehicle."""
+    """The limits of a tuning, from its certificate, except those that need a second path or a vehicle."""
     return _path_limits({name: limit for name, (_, _, limit) in tuned.certificate.worst.items()})
 
 
 def _path_limits(given: Mapping[str, Any]) -> Limits:
-    """Limits by name, without those that do not depend on the path alone."""
+    """The limits in a mapping that depend on the path alone."""
     names = [name for name, entry in QUANTITIES.items() if not entry.needs_vehicle]
     return Limits(**{name: limit for name, limit in given.items() if name in names})
 
@@ -88,7 +88,7 @@ def _one(path: AbstractHodograph) -> Any:
 
 
 def _sampled(dataset: xarray.Dataset, frame: Frame | None) -> xarray.Dataset:
-    """Samples of the path whose coefficients are in a dataset, with the limits of the dataset."""
+    """Samples of the path with the coefficients of a dataset, with the limits of the dataset."""
     placement = None
     if "origin" in dataset:
         placement = Placement(dataset["origin"].values, dataset["orientation"].values)

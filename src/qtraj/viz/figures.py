@@ -1,7 +1,7 @@
 """Figures for documents: pure functions that return a matplotlib Figure and do not use matplotlib's global state.
 
-Axes in space are equal, and every axis has a unit. Colours and line styles can be distinguished with any colour vision
-and in grey. `save` writes png, svg or pdf.
+Axes in space have equal scales, and every axis has a unit. Colours and line styles can be distinguished with any colour
+vision and in greyscale. `save` writes png, svg or pdf files.
 """
 
 import warnings
@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 _RENAMED = {"turn_figure": "slew_figure", "track_figure": "simulation_figure"}
-"""Former names, which warn until 1.0, and their present ones."""
+"""Deprecated names and their replacements; the old names warn until 1.0."""
 
 
 def __getattr__(name: str) -> Any:

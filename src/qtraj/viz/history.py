@@ -17,15 +17,15 @@ from qtraj.viz.space import draw_space
 from qtraj.viz.style import BAND, BOUND, LIMIT, RC, WIDTH, head, path_line, title
 
 ALWAYS = ("curvature", "lateral_acceleration")
-PANEL = 1.7  # [inch] of height
-FLAT = 0.85  # of the largest value: if all values are larger, an axis from zero would flatten the curves
+PANEL = 1.7  # height [inch]
+FLAT = 0.85  # relative to the largest value: if all values are larger, an axis from zero would flatten the curves
 
 
 def tuning_figure(dataset: Any) -> Figure:
-    """Paths in space with trihedra and recorded points; curvature, lateral acceleration and limits against time.
+    """Paths in space with trihedra and recorded points; curvature, lateral acceleration, limited quantities over time.
 
-    `dataset` is one of `qtraj.io.dataset.path_dataset`, or a path or a result that converts to one. Every path is
-    drawn, trihedra are drawn on the last one, and each variable with a limit has its own panel.
+    `dataset` is the result of `qtraj.io.dataset.path_dataset`, or a path or a result that converts to it. All paths are
+    drawn, the last one with trihedra, and each variable with a limit has its own panel.
 
     **Raises:** ValueError for a dataset without paths, or an object of another type.
     """
@@ -35,7 +35,7 @@ def tuning_figure(dataset: Any) -> Figure:
         band = BAND if name else 0.0
         height = max(4.65, PANEL * len(panels) + 0.45) + band
         figure = Figure(figsize=(WIDTH, height))
-        # The axes in space keep their shape for any number of panels, and begin below the title.
+        # The 3-D axes have the same shape for any number of panels, and start below the title.
         space: Any = figure.add_axes((-0.045, 1 - (4.65 + band) / height, 0.575, 4.6 / height), projection=Axes3D.name)
         draw_space(space, dataset)
         margins = {"left": 0.63, "right": 0.985, "top": 1 - (0.15 + band) / height, "bottom": 0.55 / height}
@@ -46,9 +46,9 @@ def tuning_figure(dataset: Any) -> Figure:
 
 
 def limits_figure(dataset: Any, names: Sequence[str] | None = None) -> Figure:
-    """Path quantities of every path against its own time, one panel each, with the limits of the dataset.
+    """Quantities of every path against its own time, one panel each, with the limits of the dataset.
 
-    `dataset` is one of `qtraj.io.dataset.path_dataset`, or a path or a result that converts to one. `names` are
+    `dataset` is the result of `qtraj.io.dataset.path_dataset`, or a path or a result that converts to it. `names` are
     names of `qtraj.Limits`; the default is curvature, lateral acceleration and all limited quantities.
 
     **Raises:** ValueError for an unknown name, a dataset without paths, or an object of another type.
@@ -69,7 +69,7 @@ def limits_figure(dataset: Any, names: Sequence[str] | None = None) -> Figure:
 
 
 def _panels(dataset: xarray.Dataset) -> list[str]:
-    """Variables to show against time: those with a limit, and always those of `ALWAYS`."""
+    """Variables to draw against time: the variables with a limit and those in `ALWAYS`."""
     return [name for name in LIMIT_VARIABLES.values() if name in ALWAYS or "limit" in dataset[name].attrs]
 
 
@@ -92,14 +92,14 @@ def _draw_history(axes: Any, dataset: xarray.Dataset, name: str, last: bool) -> 
         axes.axhline(limit, label=f"limit {limit:.4g}", **BOUND)
     drawn = [y for line in axes.lines for y in line.get_ydata()]
     sampled = [y for line in axes.lines if len(line.get_ydata()) > 2 for y in line.get_ydata()]
-    if (cut := spike([np.asarray(sampled)])) is not None:  # otherwise one stop would scale the axis
+    if (cut := spike([np.asarray(sampled)])) is not None:  # otherwise a single stop would determine the scale
         top = max(cut[0], 1.08 * (limit or 0.0))
         axes.set_ylim(-0.03 * top, top)
         if max(sampled) > top:
             note = f"values up to {max(sampled):.3g} are not shown"
             axes.text(0.99, 0.97, note, transform=axes.transAxes, ha="right", va="top", fontsize="x-small")
     elif min(drawn) < FLAT * max(drawn):
-        axes.set_ylim(-0.03 * max(drawn), 1.08 * max(drawn))  # keeps lines at both ends visible
+        axes.set_ylim(-0.03 * max(drawn), 1.08 * max(drawn))  # so that lines at both ends stay visible
     if limit is not None:
         top = axes.get_ylim()[1]
         axes.axhspan(limit, top, color=LIMIT, alpha=0.05, lw=0)

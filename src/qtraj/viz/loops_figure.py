@@ -1,4 +1,4 @@
-"""The figure that compares closed loops: error angles, their deviation from the closed form, commands."""
+"""The figure that compares closed loops: error angles, deviations from the closed form, and commands."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from qtraj.motion.simulation.solution import Solution
 from qtraj.viz.style import CLOSED, LIMIT, MIN_ANGLE, RC, WIDTH, above, frame, head, series
 
-PANEL = 2.3  # [inch] of height
-MIN_DEVIATION, MIN_TOP = 1e-17, 1e-13  # smallest range of the panel of deviations, so that round-off looks flat
+PANEL = 2.3  # height [inch]
+MIN_DEVIATION, MIN_TOP = 1e-17, 1e-13  # minimum range of the deviations, so that round-off looks flat
 
 
 def loops_figure(
@@ -21,19 +21,21 @@ def loops_figure(
     settled: float | None = None,
     title: str = "",
 ) -> Figure:
-    """Error angle (logarithmic) and norm of the physical command of closed loops, by name.
+    """Error angle (logarithmic) and magnitude of the physical command of closed loops, by name.
 
-    `solutions` are results of `qtraj.simulate`. `closed_forms` may have, for some of the names, the error quaternion
+    `solutions` are results of `qtraj.simulate`. `closed_forms` contains, for some of the names, the error quaternion
     (n, 4) of `qtraj.error_response` at the times of the solution, for a body or inertial error. It is drawn over the
-    simulation, and a panel shows the largest component of the deviation. `settled` [rad] draws a line at this angle.
+    simulation, and a panel shows the largest component of the deviation. `settled` [rad]: a line is drawn at this
+    angle.
 
-    **Raises:** ValueError if there is no solution, a solution has no commands, or a closed form has no solution.
+    **Raises:** ValueError if `solutions` is empty, a solution has no commands, or a name of `closed_forms` is not in
+    `solutions`.
     """
     closed = dict(closed_forms or {})
     if not solutions or any(solution.command is None for solution in solutions.values()):
         raise ValueError("a figure of closed loops needs solutions with commands, from qtraj.simulate")
     if unknown := closed.keys() - solutions.keys():
-        raise ValueError(f"there is a closed form named {min(unknown)!r}, but no solution of that name")
+        raise ValueError(f"closed_forms contains {min(unknown)!r}, but solutions does not")
     panels = 3 if closed else 2
     with mpl.rc_context(RC):
         height = PANEL * panels + 0.8

@@ -1,4 +1,4 @@
-"""The figure of an orientation over time: quaternion, Gibbs vector, angle, and their singular points."""
+"""The figure of an orientation over time: quaternion, Gibbs vector, angle, and singular points."""
 
 from typing import Any
 
@@ -13,10 +13,10 @@ from qtraj.viz.style import BAND, MARK, RC, SUBSCRIPTS, above, component, frame,
 
 SIZE = (7.6, 6.05)  # [inch] without a title
 JUMP = np.cos(np.pi / 4)
-"""Neighbours whose |⟨λ, λ⟩| is smaller differ by more than 90°: the frame flips between them."""
+"""If |⟨λ, λ⟩| of two neighbours is smaller, they differ by more than 90°: the frame flips between them."""
 HALF_TURN = 1e-9
-"""A unit quaternion with a smaller |λ0| is a rotation by 180°, at which the Gibbs vector is infinite."""
-MAX_GIBBS = 4.0  # of the axis: a Gibbs component is infinite at 180°
+"""A unit quaternion with a smaller |λ0| counts as a rotation by 180°, for which the Gibbs vector is infinite."""
+MAX_GIBBS = 4.0  # axis limit, because the Gibbs vector is infinite at 180°
 INFINITE = {"color": MARK, "lw": 1.0, "ls": (0, (4, 2)), "zorder": 1.2}
 FLIP = {"color": "0.35", "lw": 1.0, "ls": (0, (1, 1)), "zorder": 1.2}
 
@@ -26,9 +26,9 @@ def orientation_figure(
 ) -> Figure:
     """λ, G = λ_v/λ0 and the angle of the shorter rotation over `times` (n,) [s], with singular points marked.
 
-    `quaternions` (n, 4) may have any length and sign; signs are made continuous. The figure marks instants at which
-    the Gibbs vector is infinite (λ0 = 0, Φ = 180°), and at which the attitude jumps by more than 90°. Where `defined`
-    (n,) is false there is no attitude, and nothing is drawn.
+    `quaternions` (n, 4) need not be normalised and may have either sign; signs are made continuous. The figure marks
+    instants at which the Gibbs vector is infinite (λ0 = 0, Φ = 180°) or the attitude jumps by more than 90°. Samples at
+    which `defined` (n,) is false are not drawn.
     """
     t, q = np.asarray(times, float), np.asarray(quaternions, float)
     q = np.asarray(rotation.continuous(as_float(q))) / np.linalg.norm(q, axis=1, keepdims=True)
@@ -81,7 +81,7 @@ def _draw_gibbs(axes: Any, t: np.ndarray, q: np.ndarray, breaks: np.ndarray) -> 
 
 
 def _interrupted(t: np.ndarray, values: np.ndarray, breaks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A curve with gaps after the samples at which `breaks` (n−1,) is true."""
+    """A curve with a gap after each sample at which `breaks` (n−1,) is true."""
     places = np.flatnonzero(breaks) + 1
     return np.insert(t, places, t[places - 1]), np.insert(values, places, np.nan)
 

@@ -1,4 +1,4 @@
-"""The figures of `plot()` of a path, a table or a tuned path."""
+"""The figures drawn by `plot()` of a path, a table or a tuned path."""
 
 from collections.abc import Sequence
 
@@ -25,7 +25,7 @@ def path_plot(path: AbstractHodograph, frame: Frame | None = None, trihedra: int
 def tuned_plot(tuned: Tuned, frame: Frame | None = None) -> Figure:
     """The tuned path, with its limits.
 
-    **Raises:** ValueError for the results of a batch of problems.
+    **Raises:** ValueError for a batch of results.
     """
     return tuning_figure(drawable(tuned, frame))
 

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from qtraj.viz.style import BAND, MARKERS, RC, above, head, series
 
 SIZE = (6.4, 4.6)  # [inch]
-COLUMNS, ROW = 3, 0.17  # of the legend; [inch] of height
-FEW = 8  # so many different works are ticks of the axis
+COLUMNS, ROW = 3, 0.17  # of the legend: number of columns, height of a row [inch]
+FEW = 8  # up to this number of different work values, each is a tick of the axis
 
 
 def precision_figure(
@@ -22,12 +22,12 @@ def precision_figure(
     round_off: float | None = None,
     title: str = "",
 ) -> Figure:
-    """Errors against work, one line with markers for each method, both axes logarithmic.
+    """Error against work, one line with markers for each method, on logarithmic axes.
 
-    `series_by_name` has (works, errors) of each method, all positive; a method of order p has slope −p. `work` and
-    `error` are the axis labels, with units. Errors below `round_off` are drawn at `round_off`.
+    `series_by_name` contains (work, error) of each method, arrays of positive values; a method of order p has slope −p.
+    `work` and `error` are the axis labels, with units. Errors below `round_off` are drawn at `round_off`.
 
-    **Raises:** ValueError if there is no method, or a number is not positive.
+    **Raises:** ValueError if there is no method, or a value is not positive.
     """
     if not series_by_name:
         raise ValueError("a work-precision figure needs at least one method")
@@ -41,7 +41,7 @@ def precision_figure(
             x, y = np.asarray(x, float), np.asarray(y, float)
             y = y if round_off is None else np.maximum(y, round_off)
             if not ((x > 0).all() and (y > 0).all()):
-                raise ValueError(f"works and errors must be positive, but those of {name!r} are {x}, {y}")
+                raise ValueError(f"work and error values must be positive, but those of {name!r} are {x}, {y}")
             works |= set(x.tolist())
             axes.plot(x, y, marker=MARKERS[k % len(MARKERS)], ms=5, label=name, **series(k))
         axes.set_xscale("log")

@@ -28,9 +28,9 @@ def profiles_figure(
 ) -> Figure:
     """Φ, Φ̇ and Φ̈ of slews in degrees against time, Φ̇ against Φ, and their limits [rad/s, rad/s²].
 
-    `profiles` are profiles by name, such as `qtraj.EulerTurn(...).profile`.
+    `profiles` contains profiles by name, such as `qtraj.EulerTurn(...).profile`.
 
-    **Raises:** ValueError if there is no profile.
+    **Raises:** ValueError if `profiles` is empty.
     """
     if not profiles:
         raise ValueError("a figure of profiles needs at least one profile")
@@ -70,8 +70,8 @@ def profiles_figure(
 def _sampled(profile: Profile) -> tuple[np.ndarray, np.ndarray]:
     """Times (n,) and Φ, Φ̇, Φ̈ (n, 3) in degrees.
 
-    The times include each switch and the instant just before it, so that jumps are drawn vertically. The last sample
-    is just before the duration, so that the final value is that of the slew, not of the rest after it.
+    The times include each switch and the instant just before it, so that jumps are drawn as vertical lines. The last
+    sample is just before the duration, so that it shows the slew and not the rest after it.
     """
     switches = np.asarray(profile.switches, float)
     before = np.nextafter(switches, 0.0)
@@ -85,7 +85,7 @@ def _derivatives(profile: Profile, times: Float[Array, " n"]) -> Float[Array, "n
 
 
 def _bound(axes: Any, limit: float | None) -> None:
-    """Dotted lines at ± `limit`, the lower one only if a curve is below zero."""
+    """Draw dotted lines at ± `limit`, the lower one only if a curve is below zero."""
     if limit is None:
         return
     top = float(np.degrees(limit))

@@ -1,4 +1,4 @@
-"""The figure of a route: the map coloured by curvature; height, speed and limits against the distance travelled."""
+"""The figure of a route: a map coloured by curvature; height, speed and limits against the distance travelled."""
 
 from typing import Any
 
@@ -14,17 +14,17 @@ from qtraj.viz.drawable import path_samples
 from qtraj.viz.report.ranges import spike
 from qtraj.viz.style import BAND, BOUND, COLOURS, MARK, RC, RECORD, WIDTH, head, title
 
-PANEL, MAP = 1.05, 4.6  # [inch] of height
+PANEL, MAP = 1.05, 4.6  # heights [inch]
 LEFT = 0.105
 COLOURED = 0.95
-"""Quantile of the curvature at which the colour scale of the map ends: stops have infinite curvature."""
+"""Quantile of the curvature at which the colour scale of the map ends, because curvature is infinite at stops."""
 
 
 def route_figure(dataset: Any) -> Figure:
     """The last path of a dataset as a map, and its height, speed and limited quantities against the distance.
 
-    `dataset` is one of `qtraj.io.dataset.path_dataset`, or a path that converts to one. Recorded positions are drawn
-    below the path. Where a sample violates its limit, the curve is drawn in red.
+    `dataset` is the result of `qtraj.io.dataset.path_dataset`, or a path that converts to it. Recorded positions are
+    drawn under the path. Parts of a curve that violate a limit are red.
 
     **Raises:** ValueError for a dataset without paths, or an object of another type.
     """
@@ -62,7 +62,7 @@ def distance(path: xarray.Dataset) -> np.ndarray:
 
 
 def _draw_map(figure: Figure, axes: Any, dataset: xarray.Dataset, path: xarray.Dataset) -> None:
-    """The positions from above, about their centre in whole metres, coloured by curvature."""
+    """Draw the positions from above, relative to their centre in whole metres, coloured by curvature."""
     position = path["position"].values[:, :2]
     centre = np.round(position.mean(axis=0))
     points = position - centre
@@ -94,7 +94,7 @@ def _offset(letter: str, centre: float) -> str:
 
 
 def _draw_panel(axes: Any, path: xarray.Dataset, way: np.ndarray, name: str) -> None:
-    """One quantity against the distance, with its limit, and in red where it violates it."""
+    """Draw one quantity against the distance, with its limit; values that violate the limit are red."""
     values = path["position"].values[:, 2] if name == "height" else np.abs(path[name].values)
     axes.plot(way, values, color=COLOURS["after"], lw=1.0)
     limit = None if name == "height" else path[name].attrs.get("limit")

@@ -26,14 +26,14 @@ from qtraj.viz.style import (
 
 HEIGHT = 7.25  # [inch] without a title
 PROGRAM = {"color": "0.55", "lw": 0.8, "ls": "solid", "zorder": 1.5}
-LENGTH = {"color": "0.2", "lw": 1.2, "alpha": 0.8}
+NORM = {"color": "0.2", "lw": 1.2, "alpha": 0.8}
 
 
 def simulation_figure(dataset: xarray.Dataset, settled: float, limit: float | list[float] | None) -> Figure:
     """Error angle (logarithmic) and error quaternion with the closed form; rates; physical and virtual command; |λ|.
 
-    `dataset` is the table of `qtraj simulate`. Lines mark the angle `settled` [rad] and the `limit` of the command
-    [rad/s or rad/s²].
+    `dataset` is the table written by `qtraj simulate`. Lines mark the angle `settled` [rad] and the `limit` of the
+    command [rad/s or rad/s²].
     """
     with mpl.rc_context(RC):
         band = BAND if title(dataset) else 0.0
@@ -62,7 +62,7 @@ def simulation_figure(dataset: xarray.Dataset, settled: float, limit: float | li
 
 
 def _applies(dataset: xarray.Dataset) -> bool:
-    """Whether the closed form applies to this motion, and is drawn; it does not apply with a disturbance."""
+    """Whether the closed form applies to this motion and is drawn; with a disturbance, for example, it does not."""
     return dataset.attrs.get("closed_form", "applies") == "applies"
 
 
@@ -71,8 +71,9 @@ def _draw_angle(axes: Any, dataset: xarray.Dataset, settled: float) -> None:
     for name, label, line in (
         ("angle", "simulated", {"color": "#0072B2", "lw": 1.8}),
         ("closed_form_angle", "closed form", CLOSED),
+        ("open_loop_angle", "without feedback", {"color": "0.45", "lw": 1.4, "ls": (0, (1, 1))}),
     ):
-        if name in dataset and (name == "angle" or _applies(dataset)):
+        if name in dataset and (name != "closed_form_angle" or _applies(dataset)):
             values = np.degrees(dataset[name].values)
             axes.plot(time, np.where(values > MIN_ANGLE, values, np.nan), label=label, **line)
     axes.axhline(np.degrees(settled), color=LIMIT, lw=0.8, ls=(0, (4, 3)), label=f"{np.degrees(settled):.4g}°")
@@ -95,8 +96,8 @@ def _draw_command(axes: Any, dataset: xarray.Dataset, limit: float | list[float]
     unit = _unit(dataset)
     _draw_components(axes, dataset, "command", "ω" if unit == "°/s" else "ε", "xyz", degrees=True)
     values = np.degrees(dataset["command"].values)
-    if dataset.attrs.get("saturation") != "axis":  # otherwise the limits apply to components
-        axes.plot(dataset["time"].values, np.linalg.norm(values, axis=1), label="length", **LENGTH)
+    if dataset.attrs.get("saturation") != "axis":  # with "axis" the limits apply to components
+        axes.plot(dataset["time"].values, np.linalg.norm(values, axis=1), label="norm", **NORM)
     bounds = np.unique(np.degrees([] if limit is None else limit))
     peak = np.nanmax(np.abs(values), initial=0.0)
     if bounds.size and bounds.max() <= 3 * max(peak, 1e-12):
@@ -129,7 +130,7 @@ def _draw_norm(axes: Any, dataset: xarray.Dataset) -> None:
     middle, spread = np.nanmean(values), np.nanmax(values) - np.nanmin(values)
     if spread < 1e-6 * middle:  # otherwise the axis would magnify round-off
         axes.set_ylim(0.9 * middle, 1.1 * middle)
-    axes.set_ylabel("length |λ| [–]")
+    axes.set_ylabel("norm |λ| [–]")
 
 
 def _draw_components(

@@ -1,4 +1,4 @@
-"""The style of all figures: colours, line styles, labels; and writing figures to files."""
+"""The style of all figures: colours, line styles and labels. `save` writes figures to files."""
 
 import os
 from typing import Any
@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 
 from qtraj.path.frame_axes import NATURAL, FrameAxes, axes_of
 
-# Okabe and Ito's colours can be distinguished with any colour vision, the line styles also in grey.
+# Okabe and Ito's colours can be distinguished with any colour vision, and the line styles also in greyscale.
 COLOURS = {"before": "#D55E00", "after": "#0072B2"}
 STYLES = {"before": (0, (5, 2)), "after": "solid"}
-SPARE = ("#0072B2", "#D55E00", "#56B4E9", "#000000")  # for paths of other names; differ from AXIS_COLOURS
+SPARE = ("#0072B2", "#D55E00", "#56B4E9", "#000000")  # for paths with other names; different from AXIS_COLOURS
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 DASHES = ("solid", (0, (5, 2)), (0, (3, 1, 1, 1)), (0, (7, 1.5, 1.5, 1.5)), (0, (2, 1)), (0, (5, 1, 1, 1, 1, 1)))
 MARKERS = "os^Dvx+"
@@ -29,8 +29,8 @@ BOUND = {"color": LIMIT, "lw": 1.0, "ls": (0, (1, 1.5))}
 """For a limit."""
 
 WIDTH = 10.0  # [inch]
-BAND = 0.35  # [inch] of height for a title
-MIN_ANGLE = 1e-7  # [°] smaller angles are round-off
+BAND = 0.35  # height of a title [inch]
+MIN_ANGLE = 1e-7  # [°]; smaller angles are round-off
 ANGLE_LABEL, RATE_LABEL = r"angle $\Phi$ [°]", r"rate $\dot\Phi$ [°/s]"
 ACCELERATION_LABEL = r"acceleration $\ddot\Phi$ [°/s²]"
 
@@ -45,7 +45,7 @@ RC: Any = {
 
 
 def save(figure: Figure, file: str | os.PathLike[str]) -> None:
-    """Write a figure in the format of the suffix (png, svg, pdf); equal figures give equal bytes."""
+    """Write a figure in the format of the suffix (png, svg, pdf); equal figures give identical files."""
     suffix = os.fspath(file).rpartition(".")[2]
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(suffix)
     with mpl.rc_context(RC):
@@ -53,12 +53,12 @@ def save(figure: Figure, file: str | os.PathLike[str]) -> None:
 
 
 def title(dataset: xarray.Dataset) -> str:
-    """The name of the scenario, or else of its file."""
+    """The name of the scenario, or the name of its file if the scenario has none."""
     return dataset.attrs.get("title") or dataset.attrs.get("scenario_file", "")
 
 
 def body_axes(dataset: xarray.Dataset) -> FrameAxes:
-    """The names of the frame axes of a dataset; those of the natural trihedral if the dataset names no frame."""
+    """The names of the frame axes of a dataset; the natural trihedral if the dataset does not name a frame."""
     return axes_of(str(dataset.attrs.get("frame", NATURAL)))
 
 
@@ -75,7 +75,7 @@ def head(figure: Figure, text: str, y: float = 0.985) -> None:
 
 
 def above(axes: Any, columns: int = 6, handle: float = 1.7) -> None:
-    """Add a legend above the panel, where it hides nothing."""
+    """Add a legend above the panel, where it does not hide curves."""
     axes.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),

@@ -11,27 +11,29 @@ from matplotlib.figure import Figure
 from qtraj.foundation.units import symbol
 from qtraj.viz.style import AXIS_COLOURS, COMPONENTS, RC, SERIES, WIDTH, above, frame
 
-PANEL, MARGINS = 1.55, 0.75  # [inch] of height: of a panel, and of both margins
+PANEL, MARGINS = 1.55, 0.75  # heights [inch]: one panel, and both margins together
 MAX_PATHS = 8
 NOT_DRAWN = ("dcm", "defined")
-"""Outputs without a panel, unless they are named."""
+"""Outputs that are drawn only if they are named."""
 PALE = 0.55
 
 
 def table_figure(dataset: xarray.Dataset, names: Sequence[str] = ()) -> Figure:
     """Outputs of `qtraj.evaluate` against time, one panel each: `names`, or all but `dcm` and `defined`.
 
-    `dataset` is the `to_xarray()` of a table. Components have the labels of its frame. Of many paths the first eight
-    are drawn, the components of all but the first pale. Where the frame does not exist, outputs that depend on it are
-    not drawn.
+    `dataset` is the `to_xarray()` of a table. Components have the labels of its frame. At most eight paths are drawn;
+    the components of all paths except the first are pale. Outputs that depend on the frame are not drawn at instants at
+    which it is not defined.
 
-    **Raises:** ValueError for an output that is not in the dataset, or if there is nothing to draw.
+    **Raises:** ValueError for an output that is not in the dataset, or if there are no outputs to draw.
     """
     if unknown := [name for name in names if name not in dataset.data_vars]:
-        raise ValueError(f"the table has no {unknown[0]!r}; it has {', '.join(map(str, dataset.data_vars))}")
+        raise ValueError(
+            f"the table does not contain {unknown[0]!r}; it contains {', '.join(map(str, dataset.data_vars))}"
+        )
     drawn = list(names) or [str(name) for name in dataset.data_vars if name not in NOT_DRAWN]
     if not drawn:
-        raise ValueError(f"there is nothing to plot in a table of only {', '.join(map(str, dataset.data_vars))}")
+        raise ValueError(f"the table has no outputs to plot: it only contains {', '.join(map(str, dataset.data_vars))}")
     with mpl.rc_context(RC):
         height = PANEL * len(drawn) + MARGINS
         figure = Figure(figsize=(0.75 * WIDTH, height))
@@ -82,7 +84,7 @@ def _colour(label: str, column: int) -> str:
 
 
 def _exists(dataset: xarray.Dataset, variable: xarray.DataArray, k: int) -> np.ndarray:
-    """Where the frame exists, if the variable depends on it; otherwise everywhere."""
+    """Whether the frame is defined at each instant, if the variable depends on the frame; otherwise always true."""
     depends_on_frame = {"body", "quaternion_component"} & set(variable.dims)
     if "defined" not in dataset or not depends_on_frame:
         return np.ones(dataset["time"].shape[-1], bool)

@@ -113,9 +113,9 @@ def test_signs_storage_and_invalid_arguments(tmp_path):
     near.save(tmp_path / "pose.toml")
     np.testing.assert_array_equal(qt.load(tmp_path / "pose.toml").error, near.error)
     for call, expected in (
-        (lambda: qt.PoseProgram(both, both.attitude), "the path must be a hodograph"),
+        (lambda: qt.PoseProgram(both, both.attitude), "the path must be a position curve"),
         (lambda: qt.PoseProgram(both.path, both.path), "the attitude must be a program"),
-        (lambda: qt.PoseLaw(qt.RateLaw(1.0), 1.0, 1.0), "have no memory"),
+        (lambda: qt.PoseLaw(qt.RateLaw(1.0), 1.0, 1.0), "have no discrete state"),
         (lambda: qt.PoseLaw(LAW.attitude, [1.0, 2.0], 1.0), "k1 must be a scalar"),
         (lambda: qt.simulate_pose(both.path, LAW, *state), "must be a PoseProgram"),
         (lambda: qt.simulate_pose(both, LAW.attitude, *state), "must be a PoseLaw"),

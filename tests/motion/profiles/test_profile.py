@@ -220,7 +220,7 @@ def test_profiles_are_stored_exactly(make, suffix, tmp_path):
         (lambda: Quintic(), "needs a duration"),
         (lambda: Cubic(duration=0.0), "duration must be positive"),
         (lambda: Cubic(duration=1.0).profile(math.nan), "angle of a slew must be finite"),
-        (lambda: Cubic(duration=1.0).profile([1.0, 2.0]), "one angle"),
+        (lambda: Cubic(duration=1.0).profile([1.0, 2.0]), "must be a scalar"),
     ],
 )
 def test_bad_input_is_refused(make, message):

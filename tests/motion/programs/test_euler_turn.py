@@ -226,7 +226,7 @@ def test_programs_are_stored_exactly(suffix, tmp_path):
         (lambda: SlewSequence([BASE], Quintic(1.0)), "at least two quaternions"),
         (lambda: SlewSequence([BASE, 0 * BASE], Quintic(1.0)), "quaternion 1 is zero"),
         (lambda: SlewSequence([BASE, BASE, HALF], SCurve(1.0, 1.0, 1.0, duration=1.0)), "needs at least"),
-        (lambda: SlewSequence([BASE, HALF], TimeOptimal(1.0, 1.0, end_rate=0.0)), "rests at each attitude"),
+        (lambda: SlewSequence([BASE, HALF], TimeOptimal(1.0, 1.0, end_rate=0.0)), "is at rest at each attitude"),
     ],
 )
 def test_bad_input_is_refused(make, message):

@@ -206,8 +206,14 @@ def test_a_program_with_a_users_function_cannot_be_stored(tmp_path):
         (lambda: RotationMinimizing([1.0, 0.0]), r"quaternion \(4,\) or a normal \(3,\)"),
         (lambda: RotationMinimizing([0.0, 0.0, 0.0]), "must not be zero"),
         (lambda: RotationMinimizing([0.0, math.nan, 0.0]), "must be finite"),
-        (lambda: FrameProgram(spiral(), RotationMinimizing([1.0, 0.0, 0.0, 0.0])), "rad off the path"),
-        (lambda: FrameProgram(spiral(), RotationMinimizing(spiral().velocity(0.0))), "must not be along the path"),
+        (
+            lambda: FrameProgram(spiral(), RotationMinimizing([1.0, 0.0, 0.0, 0.0])),
+            "the angle between the forward axis",
+        ),
+        (
+            lambda: FrameProgram(spiral(), RotationMinimizing(spiral().velocity(0.0))),
+            "must not be parallel to the path",
+        ),
         (lambda: FrameProgram(spiral(), anchors=[[1.0, 0.0, 0.0, 0.0]]), "anchors must have shape"),
     ],
 )

@@ -264,15 +264,15 @@ def test_float32():
     ("change", "message"),
     [
         ({"times": [0.0, 1.0, 1.0]}, r"times\[1\] = 1 s is followed by 1 s"),
-        ({"times": [[0.0, 1.0]]}, "vector of at least one instant"),
-        ({"times": []}, "vector of at least one instant"),
+        ({"times": [[0.0, 1.0]]}, "non-empty vector of instants"),
+        ({"times": []}, "non-empty vector of instants"),
         ({"times": [0.0, np.nan]}, "times must be finite"),
         ({"q0": np.zeros(4)}, "must not be zero"),
         ({"q0": np.ones(3)}, r"shape \(4,\)"),
         ({"axes": "world"}, "'body' or 'inertial', but 'world'"),
         ({"omega": lambda t: jnp.ones(5)}, r"omega\(t\) must have shape"),
         ({"tolerance": 0.0}, "tolerance must be positive"),
-        ({"steps": 0}, "at least one per interval"),
+        ({"steps": 0}, "at least 1 in each interval"),
         ({"max_steps": 2}, "less than the number of intervals between the times, 3"),
     ],
 )

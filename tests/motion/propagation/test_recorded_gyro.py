@@ -3,7 +3,7 @@
 The bias is estimated from the rest at the beginning. tests/data/README.md describes the recording.
 """
 
-from pathlib import Path
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ import qtraj as qt
 
 from .coning import angles
 
-RECORDING = Path(__file__).parents[2] / "data" / "broad_02_slow_rotation.npz"
+RECORDING = files("qtraj.io") / "data" / "broad_02_slow_rotation.npz"
 START, SPAN = 4000, 5715
 """The first sample of the movement, and the number of samples of 20 s."""
 WITHIN = 3.0

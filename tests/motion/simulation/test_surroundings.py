@@ -53,7 +53,7 @@ def test_a_sinusoid(dtype):
 )
 @pytest.mark.parametrize("wrap", [lambda f: f, DisturbanceAcceleration, lambda f: DisturbanceTorque(f, 2.0)])
 def test_a_function_of_other_arguments_is_refused(function, signature, wrap):
-    with pytest.raises(ValueError, match=rf"a function of the time alone.*takes {signature}"):
+    with pytest.raises(ValueError, match=rf"a function of the time alone.*its signature is {signature}"):
         simulate(Rest(), AccelerationLaw(2.0, 1.0), IDENTITY, np.zeros(4), [0.0, 1.0], wrap(function))
 
 
@@ -113,15 +113,15 @@ def test_contradictory_parts_are_refused():
     def loop(law=None, times=(0.0, 1.0), **parts):
         simulate(Rest(), law or AccelerationLaw(2.0, 1.0), IDENTITY, np.zeros(4), times, **parts)
 
-    with pytest.raises(ValueError, match="a disturbing acceleration cannot change"):
+    with pytest.raises(ValueError, match="a disturbance has no effect"):
         loop(RateLaw(1.0), disturbance=lambda t: jnp.zeros(3))
     with pytest.raises(ValueError, match="need a continuous rate"):
         loop(RateLaw(1.0), sensor=Gyros(0.1))
-    with pytest.raises(ValueError, match="sample differently"):
+    with pytest.raises(ValueError, match="have different sampling"):
         loop(sensor=Gyros(0.1), actuator=Actuator(sampling=0.2))
-    with pytest.raises(ValueError, match="comes after the first of times"):
+    with pytest.raises(ValueError, match=r"is later than times\[0\]"):
         loop(actuator=Actuator(sampling=[0.1, 0.2]))
-    with pytest.raises(ValueError, match=r"means 1e\+07 commands in 1 s, but the maximum is 1000000"):
+    with pytest.raises(ValueError, match=r"requires 1e\+07 commands in 1 s, but the maximum is 1000000"):
         loop(actuator=Actuator(sampling=1e-7))
     with pytest.raises(ValueError, match="pass the instants"):
         jax.jit(lambda period: loop(actuator=Actuator(sampling=period)))(0.1)

@@ -1,14 +1,14 @@
-"""Grid search for the vertical axis of a recorded turn: starts for the least squares of `fit`.
+"""Grid search for the vertical axis of a recorded turn: computes the starts of the least-squares problem of `fit`.
 
-For a given axis, the radii and azimuths of the samples are known, and the polynomials of ρ and φ follow by linear least
-squares. So the search covers the whole plane about the track with a polar grid. The starts are the best axis and the
-next best ones at a distance from it, so that the result of the fit does not depend on a lucky guess.
+For a fixed axis, the radii and azimuths of the samples are known, and the polynomials of ρ and φ follow by linear least
+squares. So a polar grid can cover the plane about the track. The starts are the best axis and the next best axes at a
+minimum distance from it, so that the fit does not depend on one start.
 """
 
 import numpy as np
 
 SAMPLES = 256
-"""The search uses about this many samples, evenly spaced."""
+"""Approximate number of equally spaced samples in the search."""
 
 RINGS, RAYS = 36, 72
 """Size of the polar grid of axes about the centre of the track; the rings are spaced geometrically."""
@@ -20,8 +20,8 @@ MAX_STARTS, MIN_DISTANCE = 8, 0.25
 def starts(positions: np.ndarray, basis: np.ndarray, angle_terms: int, bounds: tuple[float, float]) -> list[np.ndarray]:
     """Start vectors (x, y, ρ coefficients, φ coefficients), best first.
 
-    `positions` (n, 2) are relative to their centre. `basis` (n, terms) holds the values of the basis polynomials at the
-    samples; φ uses the first `angle_terms` of them. `bounds` are those of the radius, in the unit of the positions.
+    `positions` (n, 2) are relative to their centre. `basis` (n, terms) contains the values of the basis polynomials at
+    the samples; φ uses the first `angle_terms` of them. `bounds` apply to the radius, in the unit of the positions.
     """
     stride = max(1, len(positions) // SAMPLES)
     positions, basis = positions[::stride], basis[::stride]
@@ -40,7 +40,7 @@ def _grid(positions: np.ndarray, bounds: tuple[float, float]) -> np.ndarray:
 def _mean_square_misfit(
     axes: np.ndarray, positions: np.ndarray, basis: np.ndarray, angle_terms: int, bounds: tuple[float, float]
 ) -> np.ndarray:
-    """Mean square distance of the samples from the best polynomials about each axis, plus violations of the bounds."""
+    """Mean square distance of the samples from the best polynomials about each axis, plus a penalty on the bounds."""
     radius, angle = _polar(axes[:, None, :], positions)
     errors = _residual(radius, basis) ** 2 + (radius * _residual(angle, basis[:, :angle_terms])) ** 2
     violation = np.maximum(bounds[0] - radius, 0) + np.maximum(radius - bounds[1], 0)

@@ -22,13 +22,16 @@ _ATTITUDE = ("attitude_rms", "attitude_maximum", "mounting_yaw", "mounting_pitch
 FACTS = {
     "samples": MEANINGS["samples"],
     **{name: MEANINGS[name] for name in _RESIDUAL},
-    "relative_rms": ("1", "horizontal root mean square over the radius of the turn"),
-    "relative_speed": ("1", "largest difference of speeds over the root mean square of the recorded one"),
+    "relative_rms": ("1", "RMS horizontal distance divided by the radius of the turn"),
+    "relative_speed": ("1", "largest speed difference divided by the RMS recorded speed"),
     "recorded_turn": MEANINGS["turn"],
     "turn": ("rad", "angle of the fitted path about its axis"),
     "duration": ("s", "duration of the fitted path"),
-    "attitude_rms": ("rad", "root mean square of the angle between recorded attitude and mounted upright frame"),
-    "attitude_maximum": ("rad", "largest angle between recorded attitude and mounted upright frame"),
+    "attitude_rms": ("rad", "RMS angle between the recorded attitude and the upright frame rotated by the mounting"),
+    "attitude_maximum": (
+        "rad",
+        "largest angle between the recorded attitude and the upright frame rotated by the mounting",
+    ),
     "mounting_yaw": ("rad", "yaw of the recorder in the upright frame (Z-Y-X)"),
     "mounting_pitch": ("rad", "pitch of the recorder in the upright frame (Z-Y-X), nose down"),
     "mounting_roll": ("rad", "roll of the recorder in the upright frame (Z-Y-X)"),
@@ -74,7 +77,7 @@ def fit_variables(fitted: Fitted) -> tuple[dict[str, Quantity], dict[str, str]]:
         if fit[name] is not None
     }
     axis = np.asarray((fitted.path.placement or Placement()).origin)
-    variables["fit_axis"] = Quantity(axis, "m", "fit: a point of the vertical axis", ("world",))
+    variables["fit_axis"] = Quantity(axis, "m", "fit: a point on the vertical axis", ("world",))
     texts = {f"fit_{name}": fit[name] for name in ("status", "result", "warning") if fit[name]}
     return variables, texts
 
@@ -87,7 +90,7 @@ def fact_rows(fit: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("horizontal distance", f"{fit['horizontal_rms']:.3f} m RMS, {_percent(fit['relative_rms'])} of the radius"),
         ("vertical distance", f"{fit['vertical_rms']:.3f} m RMS"),
         ("largest distance", f"{fit['maximum']:.3f} m"),
-        ("speed", f"differs by {_percent(fit['relative_speed'])} of the recorded one at most"),
+        ("speed", f"differs from the recorded speed by at most {_percent(fit['relative_speed'])}"),
         ("samples", f"{fit['samples']:.0f} in {fit['duration']:.2f} s"),
         ("direction of travel", f"turns by {degrees(fit['recorded_turn']):.2f}°"),
         ("angle about the axis", f"{degrees(fit['turn']):.2f}°"),
@@ -97,10 +100,10 @@ def fact_rows(fit: Mapping[str, Any]) -> list[tuple[str, str]]:
     if fit["direction_rms"] is not None:
         rows.insert(2, ("direction", f"{degrees(fit['direction_rms']):.2f}° RMS"))
     else:
-        rows.append(("velocities", "not recorded: those of the fitted path"))
+        rows.append(("velocities", "not recorded; taken from the fitted path"))
     if fit["attitude_rms"] is not None:
         rms, maximum, yaw, pitch, roll = (degrees(fit[name]) for name in _ATTITUDE)
-        rows.append(("recorded attitude", f"differs from the frame by {rms:.2f}° RMS, {maximum:.2f}° at most"))
+        rows.append(("recorded attitude", f"differs from the frame by {rms:.2f}° RMS, {maximum:.2f}° maximum"))
         rows.append(("mounting", f"yaw {yaw:.2f}°, pitch {pitch:.2f}°, roll {roll:.2f}° (Z-Y-X)"))
     return rows
 
@@ -110,5 +113,5 @@ def _finite_or_none(value: Any) -> float | None:
 
 
 def _percent(fraction: float | None) -> str:
-    """A fraction in percent, or a dash where an older document does not contain it."""
+    """A fraction in percent, or a dash if an older document does not contain it."""
     return "-" if fraction is None or math.isnan(fraction) else f"{fraction:.1%}"

@@ -1,13 +1,13 @@
-"""Fit a spiral-helix to a recorded turn: least squares over axis, radius, angle and height.
+"""Fits a spiral-helix to a recorded turn: least squares over axis, radius, angle and height.
 
-The height is a separate, linear problem. In the horizontal plane, Levenberg–Marquardt from several starts finds the
-axis (x, y) and the polynomials of ρ and φ. The unit of length is the mean turning radius R = L/|θ| (path length over
-turn of the travel direction), and the origin is the centre of the window, so that large world coordinates cost no
-precision.
+The height is a separate, linear problem. In the horizontal plane, the Levenberg–Marquardt method from several starts
+finds the axis (x, y) and the polynomials of ρ and φ. The unit of length is the mean turning radius R = L/|θ| (path
+length over turn of the travel direction). The origin is the centre of the window, so that large world coordinates do
+not reduce the precision.
 
-Without bounds the axis would diverge: polynomials of ρ and φ about a far axis, or about one that touches the path, fit
-almost any curve. So ρ is bounded, by default to R/4 … 2R, which keeps the axis inside the bend. An augmented Lagrangian
-enforces the bounds: it alternates searches with updates of the multipliers.
+Without bounds the axis would diverge: polynomials of ρ and φ about a far axis, or about an axis that touches the path,
+fit almost any curve. So ρ is bounded, by default to R/4 … 2R, which keeps the axis inside the bend. An augmented
+Lagrangian enforces the bounds: it alternates searches with updates of the multipliers.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -35,7 +35,7 @@ from qtraj.path.track import Track, elapsed_times, to_float64
 from qtraj.path.trihedral import Upright
 
 ANGLE_TERMS = {"uniform": 2, "hermite": 4}
-"""Coefficients of φ in each motion: linear, or cubic as between two boundary states."""
+"""Number of coefficients of φ for each motion: linear, or cubic as between two boundary states."""
 
 BOUNDS = (0.25, 2.0)
 """Default bounds of ρ in mean turning radii."""
@@ -54,26 +54,27 @@ def fit(
     *,
     throw: bool = False,
 ) -> Fitted:
-    """Fit a spiral-helix about a vertical axis to `track`; path time 0 is its first sample.
+    """Fit a spiral-helix about a vertical axis to `track`; time 0 of the path is the first sample.
 
     `motion` is "hermite" (cubic φ, for a vehicle that changes its speed) or "uniform" (constant φ̇, as in paper S); ρ
-    and h are cubics. To tune the path, pass the same motion to `tune`. The fit minimises the sum of squared position
-    errors over `position_sigma` [m] and, if velocities are recorded, squared velocity errors over `velocity_sigma`
-    [m/s]. The ratio of the two sets their weights. Windows shorter than 200 `position_sigma` are rejected.
-    `radius_bounds` [m] bound ρ on the whole path; the default is a quarter to twice the mean turning radius.
+    and h are cubics. To tune the path, pass the same motion to `tune`. The fit minimises the sum of the squared
+    position errors divided by `position_sigma` [m] and, if velocities are recorded, of the squared velocity errors
+    divided by `velocity_sigma` [m/s]. The ratio of the sigmas determines the weights. Windows shorter than 200
+    `position_sigma` are rejected. `radius_bounds` [m] bound ρ on the whole path; the default is a quarter to twice the
+    mean turning radius.
 
-    The result has the fitted `path`, the `residual` of its fit to the track, and a `result` text that says what to do,
-    also if the radius is at a bound. A fit is loose if the root mean square of the horizontal distance exceeds 3 % of
-    the turn's radius (its length over its total turning), or if the speed differs by more than 25 % of the recorded
-    root mean square. Beyond 10 % or 50 % it is poor, which counts as a failure. Recorded attitudes do not enter the
-    fit; `attitude` compares them with the upright frame of the path, by `compare_attitude`.
+    The result contains the fitted `path`, the `residual` of its fit to the track, and a `result` text that says what to
+    do, also if the radius is at a bound. A fit is loose if the RMS horizontal distance exceeds 3 % of the radius of the
+    turn (its length over its total turning), or if the speed differs by more than 25 % of the RMS recorded speed.
+    Beyond 10 % or 50 % it is poor, which counts as a failure. The fit does not use recorded attitudes; `attitude`
+    compares them with the upright frame of the path, by `compare_attitude`.
 
-    Use float64. The data must be concrete: gradients do not pass through the fit, but the fitted path is differentiable
-    like any other.
+    Use float64. The data must be concrete: the fit cannot be differentiated with respect to the recording, but the
+    fitted path is differentiable like any other path.
 
     **Raises:** ValueError for an unknown motion, for sigmas or bounds that are not positive, for too few samples, or if
-    the vehicle stands still, hardly moves, or drives nearly straight or through bends that cancel. RuntimeError with
-    `throw` if the search did not converge or the fit is poor.
+    the vehicle stands still, hardly moves, drives nearly straight, or drives through bends that cancel. RuntimeError
+    with `throw` if the search did not converge or the fit is poor.
     """
     if motion not in ANGLE_TERMS:
         raise ValueError(f"motion={motion!r} is unknown: choose one of {', '.join(map(repr, ANGLE_TERMS))}")

@@ -1,8 +1,8 @@
-"""Fits a route to a whole recorded drive or flight: banded least squares for the states at the joints.
+"""Fits a route to a whole recorded drive or flight: banded least squares for the states at the knots.
 
 The fit minimises the weighted sum of squared distances of the samples and of squared errors of recorded velocities,
-plus `smoothing`·∫|r⃛|²dt. The weight of the velocities is the ratio of both variances. The computation uses NumPy arrays
-relative to the first sample and takes O(samples) time; only the comparison with the recording is compiled.
+plus `smoothing`·∫|r⃛|²dt. The weight of the velocities is the ratio of the two variances. The computation uses NumPy
+arrays relative to the first sample and O(samples) time; only the comparison with the recording is compiled.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from qtraj.path.route import Route
 from qtraj.path.track import STANDSTILL, Track, to_float64
 
 MAX_HALVINGS, MIN_GAIN = 3, 0.03
-"""The spacing is halved at most this many times, while that reduces the score by at least this fraction."""
+"""Maximum number of times the spacing is halved, and the minimum relative decrease of the score for another halving."""
 
 GAP = 4.0
 """Minimum length of a gap, in spacings of the knots and in time steps of the recording."""
@@ -42,21 +42,21 @@ def fit_route(
     *,
     throw: bool = False,
 ) -> FittedRoute:
-    """Fit a route to a whole `track`, with stops and straight parts; path time 0 is its first sample.
+    """Fit a route to a whole `track`, with stops and straight parts; time 0 of the route is the first sample.
 
-    `knots` [s]: their spacing, or the times of the joints since the first sample, increasing from 0 to the duration.
-    `smoothing` [s⁵]: the weight of ∫|r⃛|²dt, relative to the sum of squared distances [m²]. By default both are chosen
-    by cross-validation: they minimise the error of the predicted velocities (of the positions, if no velocities are
-    recorded) in intervals of 1.5 s that are left out. With a `tolerance` [m], the fit uses the largest smoothing for
-    which the root mean square of the distances is at most the tolerance.
+    `knots` [s]: their spacing, or their times since the first sample, increasing from 0 to the duration. `smoothing`
+    [s⁵]: the weight of ∫|r⃛|²dt, relative to the sum of squared distances [m²]. By default both are chosen by
+    cross-validation: they minimise the error of the predicted velocities (of the positions, if no velocities are
+    recorded) in held-out intervals of 1.5 s. With a `tolerance` [m], the fit uses the largest smoothing for which the
+    RMS distance does not exceed the tolerance.
 
-    A stop is detected if the speed is below 0.5 % of the largest one, within 0.1 m, for a second or more. There the
-    velocity and acceleration of the route are exactly zero. Samples that jump away from their neighbours by more than
-    ten times the upper quartile of the distances are left out as `outliers`. Gaps are bridged with minimum jerk.
-    `covariance()` of the result is the covariance of the joint states. Recorded attitudes are not used in the fit;
-    `attitude` of the result compares them with the route's upright frame, by `compare_attitude`. For geographical
-    coordinates use `read_track(..., projection=...)`. Use float64. The fit is not differentiable; the route is, like
-    any other path.
+    A stop is detected if the vehicle stays within 0.1 m, below 0.5 % of its largest speed, for a second or more. There
+    the velocity and acceleration of the route are exactly zero. Samples that jump away from their neighbours by more
+    than ten times the upper quartile of the distances are excluded as `outliers`. Gaps are interpolated with minimum
+    jerk. `covariance()` of the result is the covariance of the states at the knots. The fit does not use recorded
+    attitudes; `attitude` of the result compares them with the upright frame of the route, by `compare_attitude`. For
+    geographic coordinates use `read_track(..., projection=...)`. Use float64. The fit is not differentiable; the route
+    is, like any other path.
 
     **Raises:** ValueError for invalid knots, a tolerance or smoothing that is not positive, a tolerance that is too
     small, both at once, or fewer than eight samples. RuntimeError with `throw` if the result is not finite.
@@ -93,7 +93,7 @@ def fit_route(
 
 
 class _Solution(NamedTuple):
-    """Joint states (m, 3, 3), the standard deviation of the positions [m], and the matrix of the normal equations."""
+    """States at the knots (m, 3, 3), standard deviation of the positions [m], and matrix of the normal equations."""
 
     states: np.ndarray
     sigma: float
@@ -109,7 +109,7 @@ def _recording(track: Track) -> Recording:
 
 
 def _stops(recording: Recording) -> list[tuple[float, float]]:
-    """The intervals of stops, by the recorded speeds or those of a preliminary fit."""
+    """The intervals of stops, from the recorded speeds or the speeds of a preliminary fit."""
     inliers = recording.weights > 0
     times, positions = recording.times[inliers], recording.positions[inliers]
     if np.linalg.norm(positions - positions.mean(axis=0), axis=1).max() <= STANDSTILL:
@@ -132,7 +132,7 @@ def _chosen(
     tolerance: float | None,
     smoothing: float | None,
 ) -> tuple[Problem, float, float]:
-    """The problem on the chosen knots, the smoothing, and the error in intervals that are left out [m]."""
+    """The problem on the chosen knots, the smoothing, and the error in held-out intervals [m]."""
     duration, start = float(recording.times[-1]), SMOOTHING / recording.step
     folds = choice.folds(recording.times, recording.step)
 
@@ -163,7 +163,7 @@ def _chosen(
 def _solution(recording: Recording, problem: Problem, smoothing: float) -> _Solution:
     """The fit to positions and recorded velocities.
 
-    The weight of the velocities is the ratio of the variances of both residuals in a fit to the positions alone.
+    The weight of the velocities is the ratio of the variances of the two residuals in a fit to the positions only.
     """
     inliers, system = recording.weights > 0, problem.system(smoothing)
     states = solve(system)
@@ -193,7 +193,7 @@ def _with_exact_stops(states: np.ndarray, problem: Problem) -> np.ndarray:
 def _with_inliers(
     recording: Recording, problem: Problem, smoothing: float, solution: _Solution
 ) -> tuple[Recording, _Solution]:
-    """The fit with all samples that are no outliers at the final smoothing; outliers were found with another one."""
+    """The fit with all samples that are not outliers at the final smoothing; they were found with the initial one."""
     if (recording.weights > 0).all():
         return recording, solution
     residuals = predict(problem.positions, solution.states) - recording.positions
@@ -207,11 +207,11 @@ def _with_inliers(
 
 
 def _prediction_error(recording: Recording, problem: Problem, smoothing: float) -> float:
-    """The root mean square of the distance at every other sample from a route through the rest [m]."""
+    """The RMS distance of every second sample from a route that is fitted to the others [m]."""
     fitted = np.arange(len(recording.times)) % 2 == 0
     positions, weights = recording.positions, recording.weights
     samples = sample_system(len(problem.knots), problem.positions.part(fitted), positions[fitted], weights[fitted])
-    # Half of the samples have half of the weight, so the smoothing is halved as well.
+    # Half of the samples have half of the weight, so the smoothing is halved, too.
     states = solve(samples.plus(problem.jerk, 0.5 * smoothing).plus(problem.stops))
     squares = np.sum((predict(problem.positions.part(~fitted), states) - positions[~fitted]) ** 2, axis=1)
     return float(np.sqrt(np.mean(squares[weights[~fitted] > 0])))
@@ -225,7 +225,7 @@ def _gaps(recording: Recording, knots: np.ndarray) -> Float[np.ndarray, "j 2"]:
 
 
 def _part(track: Track, inliers: np.ndarray) -> Track:
-    """The inliers, and the first sample in any case, because the comparison starts at path time 0."""
+    """The inliers, and always the first sample, because the comparison starts at time 0 of the route."""
     if inliers.all():
         return track
     kept = inliers.copy()

@@ -33,12 +33,11 @@ class Fitted(AbstractOutcome):
     - `code`, `result`: a `ResultCode`, and its text, which says what to do.
     - `iterations`: the steps of the best search.
     - `radius_bounds` [m]: the bounds of the radius on the whole path.
-    - `relative_rms`: the root mean square of the horizontal distance over the turn's radius, which is its length over
-      its total turning. NaN in older documents.
-    - `relative_speed`: the largest difference of speeds over the root mean square of the recorded speed. NaN in older
-      documents.
-    - `attitude`: for a recording with attitudes, their difference from the path's upright frame, and the mounting of
-      the recorder in it.
+    - `relative_rms`: the RMS horizontal distance divided by the radius of the turn, which is its length over its total
+      turning. NaN in older documents.
+    - `relative_speed`: the largest speed difference divided by the RMS recorded speed. NaN in older documents.
+    - `attitude`: for a recording with attitudes, their difference from the upright frame of the path, and the mounting
+      of the recorder in it.
     """
 
     path: SpiralHelix
@@ -68,9 +67,9 @@ class Fitted(AbstractOutcome):
         self.attitude = attitude
 
     def program(self, frame: Frame | None = None) -> FrameProgram:
-        """The attitude program along the path: upright as a vehicle on wheels (the default), or of another frame.
+        """The attitude program along the path: the upright frame, as of a wheeled vehicle (the default), or another.
 
-        The default of `FrameProgram` and `evaluate` is the natural frame, which flips where the bend changes sides.
+        The default of `FrameProgram` and `evaluate` is the natural frame, which flips where the curvature changes sign.
         """
         return FrameProgram(self.path, Upright() if frame is None else frame)
 
@@ -86,9 +85,9 @@ class Fitted(AbstractOutcome):
             misfit = self._misfit(at, LOOSE)
             note = f" ({misfit})" if misfit else ""
             return (
-                f"not converged after {steps} steps: this is not the best path with a radius from {span}"
+                f"not converged after {steps} steps: this may not be the best path with a radius from {span}"
                 f"{note}. Choose a window with one clear bend, or pass wider radius_bounds; "
-                "a larger max_steps helps only where the search still made progress."
+                "a larger max_steps helps only if the search was still making progress."
             )
         if code in (ResultCode.loose_fit, ResultCode.poor_fit) and np.isfinite(np.asarray(self.relative_rms)[at]):
             radius, duration = np.asarray(self.path.radius)[at], float(np.asarray(self.path.duration)[at])
@@ -107,7 +106,9 @@ class Fitted(AbstractOutcome):
         if not relative <= threshold.rms:
             problems.append(f"{rms:.3g} m RMS are {relative:.1%} of the turn's radius, more than {threshold.rms:.0%}")
         if not speed <= threshold.speed:
-            problems.append(f"its speed differs by {speed:.1%} of the recorded one, more than {threshold.speed:.0%}")
+            problems.append(
+                f"its speed differs from the recorded speed by up to {speed:.1%}, more than {threshold.speed:.0%}"
+            )
         return " and ".join(problems)
 
     def record(self) -> Record:
@@ -117,9 +118,11 @@ class Fitted(AbstractOutcome):
             **path.variables,
             **{f"residual_{name}": quantity for name, quantity in residual.variables.items()},
             "radius_bounds": Quantity(self.radius_bounds, "m", "bounds of the radius", ("bound",)),
-            "relative_rms": Quantity(self.relative_rms, "1", "horizontal root mean square over the turn's radius"),
+            "relative_rms": Quantity(
+                self.relative_rms, "1", "RMS horizontal distance divided by the radius of the turn"
+            ),
             "relative_speed": Quantity(
-                self.relative_speed, "1", "largest difference of speeds over the recorded root mean square"
+                self.relative_speed, "1", "largest speed difference divided by the RMS recorded speed"
             ),
             "iterations": Quantity(self.iterations, "1", "steps of the best search"),
             "result": Quantity(np.asarray(self.result), "", "the result in words"),

@@ -25,16 +25,16 @@ class FittedRoute(AbstractOutcome):
 
     - `path`: the `Route`; its time 0 is the first sample.
     - `residual`: the differences between the route and the samples that are not outliers.
-    - `prediction_error` [m]: the root mean square distance of every other sample from a route fitted to the rest.
-    - `stretch_error` [m]: the root mean square distance of samples in whole intervals from a route fitted to the rest.
+    - `prediction_error` [m]: the RMS distance of every second sample from a route that is fitted to the others.
+    - `stretch_error` [m]: the RMS distance of the samples in held-out intervals from a route fitted to the others.
     - `smoothing` [s⁵]: the weight of ∫|r⃛|²dt, relative to the sum of squared distances.
-    - `outliers` (k,): the indices of samples that were left out.
+    - `outliers` (k,): the indices of samples that are excluded from the fit.
     - `stops` (m, 2) [s]: the intervals of stops.
-    - `gaps` (j, 2) [s]: the intervals without samples over several segments, where the route is a guess.
+    - `gaps` (j, 2) [s]: the intervals without samples over several segments, in which the route is interpolated.
     - `position_sigma` [m]: the standard deviation of the residuals per axis.
     - `information` (6, 3 n): the diagonals of the normal matrix, in units of position_sigma^-2, for `covariance()`.
-    - `attitude`: for a recording with attitudes, their difference from the route's upright frame, and the mounting of
-      the recorder in it.
+    - `attitude`: for a recording with attitudes, their difference from the upright frame of the route, and the mounting
+      of the recorder in it.
     """
 
     path: Route
@@ -75,14 +75,14 @@ class FittedRoute(AbstractOutcome):
 
     @property
     def knots(self) -> Float[Array, " n"]:
-        """The times of the joints [s]."""
+        """The times of the knots [s]."""
         return self.path.times
 
     def covariance(self) -> Float[np.ndarray, "n 3 3"]:
-        """The covariance of position, velocity and acceleration at each joint, the same for x, y and z (SI units).
+        """The covariance of position, velocity and acceleration at each knot, the same for x, y and z (SI units).
 
-        It assumes independent errors. If the errors of k successive samples are correlated, it is about k times larger.
-        At the ends of a stop the velocity and acceleration are exactly zero.
+        It assumes independent errors. If the errors of k successive samples are correlated, the true covariance is
+        about k times larger. At the ends of a stop the velocity and acceleration are exactly zero.
         """
         sigma = float(np.asarray(self.position_sigma))
         return sigma**2 * covariances(np.asarray(self.information, float))
@@ -94,14 +94,14 @@ class FittedRoute(AbstractOutcome):
             return code.text
         rms, prediction = float(self.residual.distance_rms), float(self.prediction_error)
         texts = [
-            f"{self.path.segments} segments follow the recording to {rms:.3g} m RMS; samples that are left out are "
-            f"predicted to {prediction:.3g} m RMS."
+            f"{self.path.segments} segments fit the recording with an RMS distance of {rms:.3g} m; the RMS distance of "
+            f"held-out samples (cross-validation) is {prediction:.3g} m."
         ]
         if len(self.outliers):
-            texts.append(f"Outliers that were left out: {len(self.outliers)}.")
+            texts.append(f"Outliers excluded from the fit: {len(self.outliers)}.")
         if len(self.gaps):
             longest = float(np.max(np.diff(np.asarray(self.gaps), axis=1)))
-            texts.append(f"Gaps that were bridged by a guess: {len(self.gaps)}, the longest of {longest:.3g} s.")
+            texts.append(f"Gaps interpolated without data: {len(self.gaps)}, the longest {longest:.3g} s.")
         return " ".join(texts)
 
     def record(self) -> Record:
@@ -111,15 +111,17 @@ class FittedRoute(AbstractOutcome):
             **path.variables,
             **{f"residual_{name}": quantity for name, quantity in residual.variables.items()},
             "prediction_error": Quantity(
-                self.prediction_error, "m", "root mean square at every other sample, which was left out"
+                self.prediction_error, "m", "RMS distance at held-out samples (every second one)"
             ),
-            "stretch_error": Quantity(self.stretch_error, "m", "root mean square in intervals that were left out"),
+            "stretch_error": Quantity(self.stretch_error, "m", "RMS distance in held-out intervals"),
             "smoothing": Quantity(self.smoothing, "s5", "weight of the squared jerk"),
             "position_sigma": Quantity(self.position_sigma, "m", "standard deviation of the samples per axis"),
             "result": Quantity(np.asarray(self.result), "", "the result in words"),
         }
         if len(self.outliers):
-            variables["outlier"] = Quantity(self.outliers, "1", "index of a sample that was left out", ("outlier_",))
+            variables["outlier"] = Quantity(
+                self.outliers, "1", "index of a sample excluded from the fit", ("outlier_",)
+            )
         for name, meaning in (("stops", "intervals of stops"), ("gaps", "intervals without samples")):
             if len(getattr(self, name)):
                 variables[name] = Quantity(getattr(self, name), "s", meaning, (name[:-1], "bound"))

@@ -13,8 +13,8 @@ from qtraj.path.track import Track, chord_marks, elapsed_times, to_float64
 class Quality(NamedTuple):
     """Relative misfits of a fit.
 
-    `rms`: root mean square of the horizontal distance over the radius of the turn. `speed`: the largest difference of
-    speeds over the root mean square of the recorded speed.
+    `rms`: the RMS horizontal distance divided by the radius of the turn. `speed`: the largest speed difference divided
+    by the RMS recorded speed.
     """
 
     rms: float
@@ -26,9 +26,9 @@ LOOSE, POOR = Quality(0.03, 0.25), Quality(0.10, 0.50)
 
 
 def speed_misfit(path: SpiralHelix, track: Track) -> float:
-    """The largest difference of speeds over the root mean square of the recorded speed.
+    """The largest speed difference divided by the RMS recorded speed.
 
-    Without recorded velocities, the mean speeds along chords are compared, which noise hardly changes.
+    Without recorded velocities, mean speeds along chords are compared, because noise hardly changes them.
     """
     times = elapsed_times(track)
     if track.velocities is not None:

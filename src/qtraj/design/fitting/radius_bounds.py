@@ -4,13 +4,13 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 BOUND_TOLERANCE = 1e-3
-"""A radius within this relative distance of a bound is at the bound."""
+"""A radius within this relative distance of a bound counts as at the bound."""
 
 MARGIN = 1e-9
 """A radius that violates its bounds is moved inside by this relative margin, so that rounding cannot violate them."""
 
 MAX_IMAGINARY = 1e-12
-"""A root with a smaller imaginary part, relative to the duration, is real."""
+"""A root with a smaller imaginary part, relative to the duration, counts as real."""
 
 Bounds = tuple[float, float]
 
@@ -27,7 +27,7 @@ def extremes(radius: np.ndarray, duration: float) -> Bounds:
 
 
 def shrink_into_bounds(radius: np.ndarray, duration: float, bounds: Bounds) -> np.ndarray:
-    """The coefficients of ρ, shrunk towards the middle of the bounds as far as needed to satisfy them everywhere."""
+    """The coefficients of ρ, shrunk towards the middle of the bounds just enough to satisfy them everywhere."""
     minimum, maximum = extremes(radius, duration)
     if bounds[0] <= minimum and maximum <= bounds[1]:
         return radius

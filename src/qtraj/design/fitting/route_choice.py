@@ -1,8 +1,8 @@
 """Chooses the smoothing of a fitted route by cross-validation over intervals of the recording.
 
-The errors of a recording are correlated in time: the best prediction of a single sample follows the errors of its
-neighbours, so leaving out single samples would choose hardly any smoothing. Therefore whole intervals are left out. The
-score is the error of the predicted velocities there, or of the positions if no velocities are recorded.
+The errors of a recording are correlated in time. The best prediction of a single sample follows the errors of its
+neighbours, so holding out single samples would result in hardly any smoothing. Therefore whole intervals are held out.
+The score is the error of the predicted velocities there, or of the positions if no velocities are recorded.
 """
 
 from typing import NamedTuple
@@ -22,10 +22,10 @@ from qtraj.design.fitting.route_system import (
 )
 
 INTERVAL, STEPS = 1.5, 4
-"""Length of an interval that is left out: in seconds, and at least this many time steps of the recording."""
+"""Minimum length of a held-out interval: in seconds, and in time steps of the recording."""
 
 FOLDS, PERIOD = 2, 5
-"""Number of folds; each leaves out every fifth interval."""
+"""Number of folds, and the period in intervals: each fold holds out every fifth interval."""
 
 DECADES = 12
 """Maximum number of steps in the search for the smoothing; each is a factor of ten."""
@@ -35,7 +35,7 @@ STOP_WEIGHT = 1e8
 
 
 class Recording(NamedTuple):
-    """Samples: times (n,) [s], positions (n, 3) relative to the first, velocities (n, 3), weights (n,)."""
+    """Samples: times (n,) [s], positions (n, 3) relative to the first one, velocities (n, 3), weights (n,)."""
 
     times: Float[np.ndarray, " n"]
     positions: Float[np.ndarray, "n 3"]
@@ -52,7 +52,7 @@ class Problem(NamedTuple):
     """The least-squares problem of a recording on some knots, without the smoothing.
 
     `positions` and `velocities` are design matrices; `samples`, `jerk` and `stops` are systems; `folds` are pairs of
-    the samples that a fold leaves out and their system.
+    the samples that a fold holds out and their system.
     """
 
     knots: Float[np.ndarray, " m"]
@@ -68,7 +68,7 @@ class Problem(NamedTuple):
         return self.samples.plus(self.jerk, smoothing).plus(self.stops)
 
     def states(self, smoothing: float, without: System | None = None) -> Float[np.ndarray, "m 3 3"]:
-        """The joint states, optionally without the samples of a system."""
+        """The states at the knots, optionally without the samples of a system."""
         system = self.system(smoothing)
         return solve(system if without is None else system.plus(without, -1.0))
 
@@ -89,7 +89,7 @@ def problem(recording: Recording, knots: np.ndarray, is_stop: np.ndarray, folds:
 
 
 def folds(times: np.ndarray, step: float) -> list[Bool[np.ndarray, " n"]]:
-    """The samples that each fold leaves out; both ends of the recording are never left out."""
+    """The samples that each fold holds out; the two ends of the recording are never held out."""
     length = max(INTERVAL, STEPS * step)
     period = PERIOD * length
     inner = (times > times[0] + length) & (times < times[-1] - length)
@@ -98,7 +98,7 @@ def folds(times: np.ndarray, step: float) -> list[Bool[np.ndarray, " n"]]:
 
 
 def score(recording: Recording, of: Problem, smoothing: float) -> float:
-    """The mean square error of the velocities, or else the positions, in the intervals that are left out."""
+    """The mean square error of the velocities, or else of the positions, in the held-out intervals."""
     errors = []
     for fold, system in of.folds:
         states = of.states(smoothing, system)
@@ -112,7 +112,7 @@ def score(recording: Recording, of: Problem, smoothing: float) -> float:
 
 
 def best_smoothing(recording: Recording, of: Problem, start: float) -> tuple[float, float]:
-    """The smoothing with the smallest score, and that score: a bracket of powers of ten, then a parabola."""
+    """The smoothing with the smallest score, and that score, by a bracket of powers of ten and then a parabola."""
     scores = {k: score(recording, of, start * 10.0**k) for k in (-1, 0, 1)}
     for _ in range(DECADES):
         best = min(scores, key=lambda k: scores[k])
@@ -130,9 +130,9 @@ def best_smoothing(recording: Recording, of: Problem, start: float) -> tuple[flo
 
 
 def largest_smoothing(recording: Recording, of: Problem, start: float, tolerance: float) -> float:
-    """The largest smoothing for which the root mean square of the distances is at most `tolerance` [m].
+    """The largest smoothing for which the RMS distance does not exceed `tolerance` [m].
 
-    **Raises:** ValueError if it is larger even for a negligible smoothing.
+    **Raises:** ValueError if the RMS distance exceeds `tolerance` even with negligible smoothing.
     """
 
     def rms(power: float) -> float:
@@ -144,8 +144,8 @@ def largest_smoothing(recording: Recording, of: Problem, start: float, tolerance
     min_rms = rms(low)
     if min_rms > tolerance:
         raise ValueError(
-            f"a route with these knots follows the recording to {min_rms:.3g} m RMS at best, but the tolerance is "
-            f"{tolerance:.3g} m: pass a larger tolerance or more knots"
+            f"the best route with these knots has an RMS distance of {min_rms:.3g} m from the recording, more than the "
+            f"tolerance of {tolerance:.3g} m: pass a larger tolerance or more knots"
         )
     for _ in range(24):
         middle = 0.5 * (low + high)

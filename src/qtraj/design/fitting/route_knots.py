@@ -1,4 +1,4 @@
-"""Places the joints of a fitted route, and detects stops."""
+"""Places the knots of a fitted route, and detects stops."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -6,13 +6,13 @@ from jaxtyping import Bool, Float
 from qtraj.path.track import STANDSTILL
 
 STOP_SPEED = 0.005
-"""Maximum speed at a stop, relative to the largest speed."""
+"""Maximum speed at a stop, relative to the largest speed of the recording."""
 
 MIN_STOP, MIN_STEPS = 1.0, 4
 """Minimum duration of a stop: in seconds, and in time steps of the recording."""
 
 MIN_DISTANCE = 0.2
-"""Joints closer to a stop than this, relative to the spacing of the joints, are removed."""
+"""Minimum distance of a knot from a stop, relative to the spacing of the knots; closer knots are removed."""
 
 
 def find_stops(
@@ -38,7 +38,7 @@ def equal_knots(duration: float, spacing: float) -> Float[np.ndarray, " m"]:
 def with_stops(
     knots: Float[np.ndarray, " m"], stops: list[tuple[float, float]]
 ) -> tuple[Float[np.ndarray, " k"], Bool[np.ndarray, " segments"]]:
-    """`knots` with the ends of stops in place of those inside or close to a stop, and which segments are stops."""
+    """`knots`, with the ends of stops in place of the knots inside or close to a stop; and which segments are stops."""
     near = MIN_DISTANCE * float(np.median(np.diff(knots)))
     ends = np.array(stops).ravel()
     kept = np.ones(len(knots), bool)

@@ -1,4 +1,4 @@
-"""Finds outliers: samples whose distance from the route is far larger than those of the others."""
+"""Finds outliers: samples that are much farther from the route than the others."""
 
 from typing import Any
 
@@ -10,32 +10,32 @@ from qtraj.design.fitting.route_system import design, jerk_system, predict, samp
 from qtraj.foundation.arrays import as_float, concrete, require_positive
 
 SPACING, STEPS = 1.0, 2
-"""Initial spacing of the knots: in seconds, and at least this many time steps of the recording."""
+"""Minimum initial spacing of the knots: in seconds, and in time steps of the recording."""
 
 SMOOTHING = 1e-4
 """Initial smoothing [s⁶], to be divided by the median time step [s]."""
 
 OUTLIER_RATIO = 10.0
-"""A sample is an outlier if its distance from the route exceeds this multiple of the upper quartile."""
+"""A sample is an outlier if its distance from the route exceeds the upper quartile of the distances by this factor."""
 
 MIN_JUMP = 0.5
-"""Outliers jump by at least this part of their largest distance from one sample to the next."""
+"""Outliers jump by at least this fraction of their largest distance from one sample to the next."""
 
 MAX_ROUNDS, REDUCTION = 12, 0.3
 """Maximum number of fits, and the factor by which the bound decreases from one to the next."""
 
 END_TOLERANCE = 1e-6
-"""Relative to the duration: tolerance on the first and the last of the user's knots."""
+"""Tolerance on the first and the last of the user's knots, relative to the duration."""
 
 MIN_QUARTILE = 1e-8
-"""[m] Lower bound on the quartile: rounding errors of noiseless samples are no outliers."""
+"""[m] Lower bound on the quartile, so that rounding errors of noiseless samples do not make outliers."""
 
 
 def without_outliers(recording: Recording, knots: Any) -> tuple[Recording, float, np.ndarray | None]:
     """The recording with weight 0 for outliers; the initial spacing of the knots; the user's knots, or None.
 
-    The bound on the distance decreases from fit to fit. So the worst samples are removed first, before they pull the
-    route away from good ones.
+    The bound on the distance decreases from fit to fit. So the worst samples are removed first, before they can pull
+    the route away from good samples.
     """
     duration = float(recording.times[-1])
     spacing, user_knots = max(SPACING, STEPS * recording.step), None
@@ -50,30 +50,35 @@ def without_outliers(recording: Recording, knots: Any) -> tuple[Recording, float
             spacing = float(np.median(np.diff(user_knots)))
     grid = equal_knots(duration, spacing) if user_knots is None else user_knots
     at, jerk, bound = design(grid, recording.times), jerk_system(grid), np.inf
+    samples = sample_system(len(grid), at, recording.positions, recording.weights)
     for _ in range(MAX_ROUNDS):
-        samples = sample_system(len(grid), at, recording.positions, recording.weights)
         states = solve(samples.plus(jerk, SMOOTHING / recording.step))
         residuals = predict(at, states) - recording.positions
         inliers = np.linalg.norm(residuals[recording.weights > 0], axis=1)
         final_bound = outlier_bound(inliers)
         bound = max(final_bound, REDUCTION * min(bound, inliers.max()))
         weights = (~outliers(residuals, bound)).astype(float)
-        if bound == final_bound and np.array_equal(weights, recording.weights):
+        change = weights - recording.weights
+        changed = change != 0
+        if bound == final_bound and not changed.any():
             break
-        recording = recording._replace(weights=weights)
+        if changed.any():
+            recording = recording._replace(weights=weights)
+            part = sample_system(len(grid), at.part(changed), recording.positions[changed], change[changed])
+            samples = samples.plus(part)
     return recording, spacing, user_knots
 
 
 def outlier_bound(distances: np.ndarray) -> float:
-    """The distance above which a sample is an outlier [m], from the distances of all samples that count."""
+    """The distance above which a sample is an outlier [m], from the distances of all inliers."""
     return OUTLIER_RATIO * max(float(np.quantile(distances, 0.75)), MIN_QUARTILE)
 
 
 def outliers(residuals: np.ndarray, bound: float) -> np.ndarray:
     """Whether each sample is an outlier (n,), from the differences between route and samples (n, 3) [m].
 
-    Consecutive samples above the bound are outliers only if they jump away from their neighbours. Otherwise they are a
-    motion that the route does not follow yet, such as a swerve between two knots.
+    Consecutive samples above the bound are outliers only if they jump away from their neighbours. Otherwise they belong
+    to a motion that the route does not follow yet, such as a swerve between two knots.
     """
     distances = np.linalg.norm(residuals, axis=1)
     steps = np.linalg.norm(np.diff(residuals, axis=0), axis=1)

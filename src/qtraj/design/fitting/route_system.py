@@ -1,8 +1,9 @@
 """Banded normal equations of a route that is fitted to recorded positions.
 
-The unknowns are position, velocity and acceleration at the joints. The route at a sample is a combination of the six
-states at the ends of its segment, with Hermite polynomials as factors. The integral of the squared jerk over a segment
-is a quadratic form of the same six states. So the matrix has five diagonals beside the main one; x, y and z share it.
+The unknowns are position, velocity and acceleration at the knots. The route at a sample is a linear combination of the
+six states at the ends of its segment; the factors are Hermite polynomials. The integral of the squared jerk over a
+segment is a quadratic form of the same six states. So the matrix has five diagonals above the main one, and the same
+matrix serves x, y and z.
 """
 
 import math
@@ -14,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from qtraj.path import pieces
 
 WIDTH = 6
-"""The states at both ends of a segment, per axis."""
+"""Number of states at both ends of a segment, per axis."""
 
 
 def _basis() -> np.ndarray:
@@ -41,7 +42,7 @@ JERK = _jerk_form()
 
 
 class Design(NamedTuple):
-    """The design matrix: for each sample, its segment and the factors of the six states at the segment's ends."""
+    """The design matrix: for each sample, its segment and the factors of the six states at the ends of the segment."""
 
     segment: Int[np.ndarray, " n"]
     factors: Float[np.ndarray, "n 6"]
@@ -115,9 +116,9 @@ def stop_system(knots: Float[np.ndarray, " m"], is_stop: np.ndarray, weight: flo
 
 
 def solve(system: System) -> Float[np.ndarray, "knots 3 3"]:
-    """The joint states (knots, order, axis) that satisfy the normal equations.
+    """The states at the knots (knots, order, axis) that satisfy the normal equations.
 
-    **Raises:** numpy.linalg.LinAlgError where the samples do not determine them.
+    **Raises:** numpy.linalg.LinAlgError if the samples do not determine them.
     """
     from scipy.linalg import solveh_banded
 
@@ -126,13 +127,13 @@ def solve(system: System) -> Float[np.ndarray, "knots 3 3"]:
 
 
 def predict(at: Design, states: Float[np.ndarray, "knots 3 3"]) -> Float[np.ndarray, "n 3"]:
-    """The positions or velocities (n, 3) at the samples, of the route with these joint states."""
+    """The positions or velocities (n, 3) at the samples, on the route with these states at the knots."""
     both = np.concatenate([states[:-1], states[1:]], axis=1)[at.segment]
     return np.einsum("nk,nka->na", at.factors, both)
 
 
 def covariances(matrix: Float[np.ndarray, "6 unknowns"]) -> Float[np.ndarray, "knots 3 3"]:
-    """The diagonal blocks (3, 3) of the inverse of a banded matrix, one per joint (Takahashi's recursion)."""
+    """The diagonal blocks (3, 3) of the inverse of a banded matrix, one per knot (Takahashi's recursion)."""
     count = matrix.shape[1] // 3
     blocks = np.zeros((count, 3, 6))
     for d in range(WIDTH):
@@ -164,7 +165,7 @@ def _banded(blocks: Float[np.ndarray, "segments 6 6"]) -> np.ndarray:
 
 
 def _assembled(sides: Float[np.ndarray, "segments 6 3"]) -> np.ndarray:
-    """The right-hand sides of segments that share their joints."""
+    """The right-hand sides of segments that share their knots."""
     result = np.zeros((len(sides) + 1, 3, sides.shape[2]))
     result[:-1] += sides[:, :3]
     result[1:] += sides[:, 3:]

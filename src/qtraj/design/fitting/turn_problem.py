@@ -13,13 +13,13 @@ from qtraj.foundation.arrays import as_array, bucket
 from qtraj.path.track import Track, elapsed_times, to_float64
 
 TERMS = 4
-"""Coefficients of ρ and h: cubics."""
+"""Number of coefficients of ρ and h, which are cubics."""
 
 UNKNOWNS = 2 + 2 * TERMS
-"""The axis (x, y), and the coefficients of ρ and φ in the basis; for a linear φ the last two stay zero."""
+"""Number of unknowns: the axis (x, y), and the coefficients of ρ and φ; for a linear φ the last two remain zero."""
 
 POINTS = 129
-"""Number of evenly spaced instants at which the bounds of ρ apply; between them a cubic violates them only slightly."""
+"""Number of equally spaced instants at which the bounds of ρ apply; between them a cubic can violate them slightly."""
 
 PENALTY = 10.0
 """Weight of a violation of the radius bounds, relative to the position errors."""
@@ -28,7 +28,7 @@ INITIAL_DAMPING, DAMPING_DECREASE, DAMPING_INCREASE = 1e-2, 0.3, 2.0
 """The initial Levenberg–Marquardt damping, and its factors after accepted and rejected steps."""
 
 MIN_DAMPING = 100
-"""Minimum damping, in units of the machine epsilon."""
+"""Minimum damping, in units of machine epsilon."""
 
 
 class TurnProblem(eqx.Module):
@@ -46,7 +46,7 @@ class TurnProblem(eqx.Module):
     def errors(self, unknowns: Float[Array, " m"], shifts: Float[Array, "2 p"]) -> Float[Array, " k"]:
         """Weighted errors of position and velocity, and penalised violations of the bounds of ρ, in one vector.
 
-        `shifts` are the scaled multipliers of the lower and the upper bound, lengths that are added to the violations.
+        `shifts` are the scaled multipliers of the lower and the upper bound, which are added to the violations.
         """
         axis, radius_coefficients, angle_coefficients = unknowns[:2], unknowns[2 : 2 + TERMS], unknowns[2 + TERMS :]
         coefficients, rates = jnp.stack([radius_coefficients, angle_coefficients]), jnp.stack([self.basis, self.slope])
@@ -131,7 +131,7 @@ def minimise(
     """Least squares by Levenberg–Marquardt from each of `starts`; `free` is 0 for fixed unknowns.
 
     Returns, for each search, the unknowns, the violations of the bounds of ρ, the sum of squared errors of position and
-    velocity, whether it converged, and its steps. All searches are one loop over arrays. This compiles much faster than
+    velocity, whether it converged, and its steps. One loop over arrays runs all searches. It compiles much faster than
     a general solver, and only once for both motions.
     """
     count, dtype = starts.shape[0], starts.dtype
@@ -181,9 +181,9 @@ def minimise(
 def _damped(
     errors: Float[Array, "s k"], jacobian: Float[Array, "s k m"], damping: Float[Array, " s"]
 ) -> Float[Array, "s m"]:
-    """The steps that minimise |J p + r|² + damping |D p|² by the normal equations; D has the lengths of J's columns.
+    """The steps p that minimise |J p + r|² + damping |D p|² by the normal equations; D has the norms of J's columns.
 
-    The squared condition number reduces the accuracy of a step, but not of the solution, since later steps correct it.
+    The squared condition number reduces the accuracy of a step, but not of the solution: later steps correct it.
     """
     normal = jnp.einsum("skm,skn->smn", jacobian, jacobian)
     lengths = jnp.sqrt(jnp.diagonal(normal, axis1=1, axis2=2))

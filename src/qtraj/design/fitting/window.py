@@ -11,29 +11,30 @@ POSITION_SIGMA, VELOCITY_SIGMA = 0.005, 0.08
 """Default noise [m], [m/s]: the residual of cubics over 1 s of a car's smoothed recording (Boreas)."""
 
 MIN_TURN = float(np.radians(10.0))
-"""A window that turns by less than this does not determine the axis [rad]."""
+"""[rad] Minimum turn of a window; a smaller turn does not determine the axis."""
 
 MIN_LENGTH = 200.0
 """Minimum length of a window in standard deviations of a position.
 
-At this length a turn of `MIN_TURN` deviates from its chord by four of them.
+At this length a turn of `MIN_TURN` deviates from its chord by four standard deviations.
 """
 
 MIN_SAMPLES = 8
-"""Enough for up to ten unknowns in the plane from two coordinates per sample, with about as many left over."""
+"""Minimum number of samples. Each has two coordinates in the plane, for up to ten unknowns, so about as many are left.
+"""
 
 WANDER = 1.0
-"""[m] The positions of a parked vehicle may drift by this much, if its velocities show that it stands."""
+"""[m] Maximum drift of the positions of a parked vehicle, if its velocities show that it stands still."""
 
 WINDOW = "with track.window(t0, t1), in a scenario with the key window"
 """How to choose a window."""
 
 SPACING = 2 * MIN_LENGTH
-"""Length of the chords that give the direction of travel without recorded velocities, in standard deviations."""
+"""Length in standard deviations of the chords that give the direction of travel if no velocities are recorded."""
 
 
 class Turn(NamedTuple):
-    """The turn of a window: `radius` is its length over the net turn [m], `total_radius` that over all turning [m]."""
+    """The radii of a window [m]: its length over the net turn (`radius`), or over all turning (`total_radius`)."""
 
     radius: float
     total_radius: float
@@ -62,27 +63,27 @@ def measure_turn(track: Track, sigma: float, velocity_sigma: float = VELOCITY_SI
 
 
 def _moving_length(track: Track, sigma: float, velocity_sigma: float) -> float:
-    """The horizontal length of a window [m], checked to be long enough."""
+    """The horizontal length of a window [m]; raises a ValueError if it is too short."""
     standstill_radius, min_length = _standstill_radius(sigma), MIN_LENGTH * sigma
     if spread_radius(track) <= standstill_radius:
         climb = float(np.ptp(to_float64(track.positions)[:, 2]))
         if climb > 2 * standstill_radius:
             raise ValueError(
                 f"the window is a vertical climb: the height changes by {climb:.3g} m, but all positions are within "
-                f"{standstill_radius:g} m of a vertical line, so there is no horizontal direction of travel to follow. "
+                f"{standstill_radius:g} m of a vertical line, so there is no horizontal direction of travel. "
                 f"Choose a window in which the vehicle turns, {WINDOW}."
             )
         raise ValueError(
             "the vehicle stands still in this window: all positions are within "
             f"{standstill_radius:g} m of their centre, so there is no direction of travel and no turn. Choose a window "
-            f"in which it drives, {WINDOW}."
+            f"in which it moves, {WINDOW}."
         )
     speed = _rms_speed(track)
     if speed is not None and speed <= velocity_sigma and spread_radius(track) <= WANDER:
         raise ValueError(
-            f"the vehicle stands still in this window: its recorded speed, {speed:.2g} m/s, is no more than "
-            f"velocity_sigma = {velocity_sigma:g} m/s, and its positions only drift by up to {WANDER:g} m. Choose a "
-            f"window in which it drives, {WINDOW}, or pass a smaller velocity_sigma for a slow vehicle."
+            f"the vehicle stands still in this window: its recorded speed, {speed:.2g} m/s, does not exceed "
+            f"velocity_sigma = {velocity_sigma:g} m/s, and its positions drift by less than {WANDER:g} m. Choose a "
+            f"window in which it moves, {WINDOW}, or pass a smaller velocity_sigma for a slow vehicle."
         )
     length = travel_length(track)
     if length < min_length:
@@ -110,9 +111,9 @@ def _opposite_bends_message(turn: float, length: float, single_bends: list[Bend]
     sharpest = max(single_bends, key=lambda bend: abs(bend.turn))
     span = f"{sharpest.start:.2f} to {sharpest.end:.2f} s"
     return (
-        f"the window holds {len(single_bends)} bends that turn against each other: over {length:.4g} m the direction "
-        f"of travel turns by {np.degrees(turn):.2f}° from start to end, but a spiral-helix follows one bend only. "
-        "A change between driving ahead and back counts as bends too. "
+        f"the window contains {len(single_bends)} bends in opposite directions: over {length:.4g} m the direction "
+        f"of travel turns by {np.degrees(turn):.2f}° from start to end, but a spiral-helix follows only one bend. "
+        "A reversal of the driving direction also counts as a bend. "
         f"Choose a window around one bend, {WINDOW}; the largest, from about {span}, turns by "
         f"{np.degrees(sharpest.turn):.1f}°."
     )

@@ -82,10 +82,10 @@ class Finding(NamedTuple):
 class Certificate(AbstractOutcome):
     """The findings on each limit, of one path or a batch (batch dimensions in front).
 
-    `names` are the limited quantities. Over them, `codes` index the statuses, `times` [s] and `values` are those of the
-    largest values found, and `limits` the limits. For an undefined quantity, the time is where it is undefined and the
-    value is NaN. A batch gives arrays where one path gives a text or a number; `certificate[k]` is one element. `code`
-    is the `ResultCode` of the whole path, and `result` its text.
+    `names` are the limited quantities, along the last axis of the arrays: `codes` index the statuses, `times` [s] and
+    `values` give the largest values found, and `limits` are the limits. If a quantity is undefined, the time is an
+    instant at which it is undefined, and the value is NaN. A batch gives arrays where one path gives a string or a
+    number; `certificate[k]` is one element. `code` is the `ResultCode` of the whole path, and `result` its text.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -128,7 +128,7 @@ class Certificate(AbstractOutcome):
         return [finding.name for finding in self.findings() if not finding.met]
 
     def margin(self, name: str) -> Any:
-        """The limit minus the largest value, in the limit's unit; negative where the limit is violated."""
+        """The limit minus the largest value, in the unit of the limit; negative if the limit is violated."""
         _, value, limit = self.worst[name]
         return limit - value
 
@@ -155,14 +155,14 @@ class Certificate(AbstractOutcome):
 
     def findings(self, at: tuple[int, ...] = ()) -> list[Finding]:
         """The finding on each limit of one path; `at` is its index in a batch."""
-        # No bound method here: Equinox makes a Module of each, which would dominate the run time.
+        # Bound methods are avoided: Equinox makes a Module of each, which would dominate the run time.
         codes, *numbers = (_concrete(x)[at] for x in (self.codes, self.times, self.values, self.limits))
         columns = zip(self.names, codes.tolist(), *(x.tolist() for x in numbers), strict=True)
         return [Finding(name, STATUSES[code], *rest) for name, code, *rest in columns]
 
     @property
     def code(self) -> Int[Array, "*batch"]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The `ResultCode` of the whole path: that of its worst finding."""
+        """The `ResultCode` of the whole path, from its worst finding."""
         code = jnp.full(self.codes.shape[:-1], ResultCode.successful, jnp.int32)
         for finding, result in reversed(_RESULT_OF_FINDING):
             code = jnp.where(jnp.any(self.codes == finding, axis=-1), int(result), code)
@@ -172,22 +172,22 @@ class Certificate(AbstractOutcome):
         """The result of one path in words."""
         code, findings = ResultCode(int(np.asarray(self.code)[at])), self.findings(at)
         if code == ResultCode.successful:
-            return "every limit is proved on the whole path."
+            return "every limit is proved to be satisfied on the whole path."
         unmet = "; ".join(f"{x.name} is {x.status}: {x.text}" for x in findings if not x.met)
         return f"{code.text} {unmet}." if unmet else code.text
 
     def record(self) -> Record:
-        """The findings over the dimension `limit`; the coordinate `limit_unit` holds the unit of each."""
+        """The findings over the dimension `limit`; the coordinate `limit_unit` contains the unit of each limit."""
         dims = ("limit",)
         statuses = np.asarray(STATUSES)[_concrete(self.codes)]
         variables = {
             "status": Quantity(statuses, "", f"one of {', '.join(STATUSES)}", dims),
             "bound": Quantity(self.limits, "", "the limit, in limit_unit", dims),
-            "worst_value": Quantity(self.values, "", "largest value found, in limit_unit; NaN for none", dims),
-            "worst_time": Quantity(self.times, "s", "when it is attained, or where it is undefined", dims),
+            "worst_value": Quantity(self.values, "", "largest value found, in limit_unit; NaN if undefined", dims),
+            "worst_time": Quantity(self.times, "s", "time of the largest value, or at which it is undefined", dims),
         }
         coordinates = {
-            "limit": Quantity(np.array(self.names, dtype=str), "", "what is limited", dims),
+            "limit": Quantity(np.array(self.names, dtype=str), "", "limited quantity", dims),
             "limit_unit": Quantity(np.array([quantity(x).unit for x in self.names], dtype=str), "", "its unit", dims),
         }
         summary = f"{batch_prefix(self.codes.shape[:-1], 'paths')}{self.summary}"
@@ -227,7 +227,7 @@ def require_float64(path: AbstractHodograph) -> None:
 def _concrete(x: Array) -> np.ndarray:
     array = concrete(x)
     if array is None:
-        raise ValueError("inside a trace a certificate's findings are traced arrays: use its codes and values")
+        raise ValueError("inside a trace the findings of a certificate are traced arrays: use its codes and values")
     return array
 
 

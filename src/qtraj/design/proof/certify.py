@@ -1,4 +1,4 @@
-"""Certificates of limits on whole paths: proofs for polynomial paths, refined sampling for all others."""
+"""Checks limits on whole paths: by proof for polynomial paths, by refined sampling for all others."""
 
 from __future__ import annotations  # so that `help` shows short names
 
@@ -33,7 +33,7 @@ from qtraj.path.values import to_turned_basis
 from qtraj.path.vehicle import RoadParameters
 
 BLOCK_SIZE = 64
-"""Number of paths that are judged at once, small enough for the processor's cache."""
+"""Number of paths that are processed together, small enough for the processor's cache."""
 
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -82,27 +82,27 @@ def certify(
     - "undecided": no proof was found, usually because the margin is below the rounding error (relative, about 1e-11).
     - "undefined": the quantity divides by the speed or by |ṙ×r̈|, which cannot be distinguished from zero somewhere.
     - "sampled": satisfied according to refined sampling. This is the best status for a `Curve`, and for quantities that
-      depend on the vertical if the path's axis is not vertical.
+      depend on the vertical if the axis of the path is not vertical.
 
     A batch of paths (stacked, as by `jax.vmap`) gives a batch of findings; limits are shared or have the same batch
-    dimension. Under `jit` and `vmap` the certificate's arrays are available, but not its texts. The `values` are
-    differentiable in the path (envelope theorem). They are the largest values found: if a limit has a wide margin, the
-    search may miss a narrow peak below the limit, but the proof does not.
+    dimension. Under `jit` and `vmap` the arrays of the certificate are available, but not its texts. The `values` can
+    be differentiated with respect to the path (envelope theorem). They are the largest values found: if a limit has a
+    wide margin, the search may miss a narrow peak below the limit, but the proof does not.
 
     For a route every segment is checked separately. The `RouteCertificate` gives the status on the whole route and on
-    each segment, and the intervals where a limit is broken. At a joint the values on both sides count. At a joint where
-    the velocity is zero, up to rounding, rates of frames and accelerations along and across the path are computed from
-    the direction of the velocity, which has a limit there. A segment without motion satisfies every limit.
+    each segment, and the intervals in which a limit is violated. At a joint of two segments the values on both sides
+    count. If the velocity is zero there, up to rounding, the rates of frames and the tangential and normal acceleration
+    are computed from the direction of the velocity, which has a limit. A segment without motion satisfies every limit.
 
-    `corridor` [m] bounds the distance of a spiral-helix from `reference`, another one about the same axis, at equal
-    fractions of their durations, measured along the arc. It is one more limit, the last of the certificate.
+    `corridor` [m] bounds the distance of a spiral-helix from another one about the same axis, `reference`, at equal
+    fractions of their durations, measured along the arc. It is an additional limit, the last one of the certificate.
 
     **Raises:** ValueError in float32, whose rounding error is too large for these proofs; for a batch in which an array
     lacks the batch dimension; for a corridor without a reference, or about another axis. RuntimeError with `throw` if a
-    limit is broken, undecided or undefined.
+    limit is violated, undecided or undefined.
     """
     if corridor is None and reference is not None:
-        raise ValueError("a reference was given without a corridor: pass corridor=, the largest distance, as well")
+        raise ValueError("a reference was given without a corridor: also pass corridor=, the largest distance")
     require_float64(path)
     if isinstance(path, Route):
         if corridor is not None:
@@ -151,7 +151,7 @@ def _judge_batch(source: Any, limits: Any, index: Any, count: Any, batch: tuple[
 
 
 def _source(path: AbstractHodograph, axes: int) -> Any:
-    """The data that the findings depend on: polynomials where the paths have them, else the paths themselves."""
+    """The data on which the findings depend: the polynomials of the paths if they have any, else the paths."""
     polynomials = _vmap_times(lambda path: path.polynomials(), axes)(path)
     if polynomials is None:
         return path

@@ -1,7 +1,7 @@
 """Proof that a path stays within a corridor about a reference path.
 
 The squared distance at equal fractions of the two durations, s = 2t/duration − 1, is measured along the arc. It is a
-polynomial in s where both radii are positive (see `CORRIDOR`), which is proved as well.
+polynomial in s if both radii are positive (see `CORRIDOR`); this is proved, too.
 """
 
 from typing import Any, NamedTuple
@@ -28,7 +28,7 @@ from qtraj.path.spiral_helix import SpiralHelix
 
 MAX_CELL_WIDTH = 2.0
 CHUNKS = 8
-"""The maximum distance is searched in this many chunks of 30 intervals."""
+"""Number of chunks of 30 intervals in the search for the maximum distance."""
 
 
 class Coefficients(NamedTuple):
@@ -51,9 +51,9 @@ def coefficients(path: SpiralHelix, batch: tuple[int, ...]) -> Coefficients:
 
 
 def add_corridor(certificate: Certificate, path: Any, reference: Any, width: Array) -> Certificate:
-    """The certificate with one more finding, on the distance from the reference.
+    """The certificate with an additional finding, on the distance from the reference.
 
-    **Raises:** ValueError for paths that are no spiral-helices, for different axes, or a corridor that is not positive.
+    **Raises:** ValueError for other types of paths, for different axes, or a corridor that is not positive.
     """
     if not (isinstance(path, SpiralHelix) and isinstance(reference, SpiralHelix)):
         raise ValueError(
@@ -86,7 +86,7 @@ def add_corridor(certificate: Certificate, path: Any, reference: Any, width: Arr
 
 
 def _may_be_equal(one: Array, other: Array) -> bool:
-    """Whether two arrays are equal after broadcasting, or not both concrete."""
+    """Whether two arrays are equal after broadcasting; true unless both are concrete."""
     a, b = concrete(one), concrete(other)
     return a is None or b is None or bool(np.all(a == b))
 
@@ -149,7 +149,7 @@ def _whole_turns(path: Coefficients, reference: Coefficients) -> Array:
 
 
 def _polynomial(numbers: Float[Array, "axes k paths"], sizes: Float[Array, "axes k paths"]) -> CellPolynomial:
-    """Polynomials in s from coefficients in 1 + s, with a bound on the rounding errors so far and of this change."""
+    """Polynomials in s from coefficients in 1 + s, with a bound on all rounding errors, including this conversion."""
     centre_all = jax.vmap(lambda c: centred(c[:, None]))
     count = 3 * numbers.shape[1] + 6
     size = jnp.max(jnp.sum(centre_all(sizes), axis=AXIS), axis=0)

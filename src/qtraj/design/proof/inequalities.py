@@ -1,9 +1,9 @@
 """Limits as inequalities between polynomials in s = 2t/duration − 1 (paper S).
 
-In the moving basis every derivative is a polynomial: those of R_z(φ)·(a, b, h) follow from (a, b)' = (a' − bφ',
-b' + aφ'). So a quantity's square is numerator/denominator, and a limit is satisfied where
+In the moving basis every derivative is a polynomial: the derivatives of R_z(φ)·(a, b, h) follow from (a, b)' =
+(a' − bφ', b' + aφ'). So the square of a quantity is numerator/denominator, and a limit is satisfied where
 limit² · denominator − numerator ≥ 0 and the divisor is positive. The unit of time is half the duration, and the unit of
-length a power of two close to the size of the path, so that high degrees do not overflow.
+length is a power of two close to the size of the path, so that high degrees do not overflow.
 """
 
 import math
@@ -27,7 +27,7 @@ from qtraj.path.path_quantity import PathQuantity
 ORDER = 4
 
 UNDERFLOW = 2.0**-500
-"""Bound on a derivative's error by underflow, in units of the length, if the length [m] is not smaller than this."""
+"""Bound on the underflow error of a derivative, in units of the length, if the length [m] is at least this value."""
 
 
 class Vectors(eqx.Module):
@@ -54,9 +54,9 @@ class Vectors(eqx.Module):
 
 
 class PathDerivatives(eqx.Module):
-    """The derivatives r', r'', … in s of a batch of paths, in units of `length` [m]; `unit` [s] is half a duration.
+    """dr/ds, d²r/ds², … of a batch of paths, in units of `length` [m]; `unit` [s] is half a duration.
 
-    If r' stands for its direction only, `pace` is the velocity over it; None is 1.
+    If dr/ds has only the direction of the velocity, `pace` is the velocity divided by it; None is 1.
     """
 
     derivatives: list[CellPolynomial]
@@ -68,7 +68,7 @@ class PathDerivatives(eqx.Module):
 def path_derivatives(path: MovingPolynomials, duration: PerPath, roundings: int = 0) -> PathDerivatives:
     """The derivatives up to `ORDER` of a batch of paths, which is the last axis of all coefficients.
 
-    `roundings` is the number of relative roundings that each coefficient has already.
+    `roundings` is the number of relative rounding errors that each coefficient already contains.
     """
     unit = 0.5 * duration
     # The initial height and azimuth do not matter. Without them the other coefficients keep their full precision.
@@ -78,7 +78,7 @@ def path_derivatives(path: MovingPolynomials, duration: PerPath, roundings: int 
     sizes = jnp.stack([jnp.max(jnp.abs(c[:, 0]), axis=0) for c in scaled[:3]])
     length = _power_of_two(jnp.max(sizes, axis=0))
     lengths = [c / length[None, None] for c in scaled[:3]]
-    # The absolute values of all coefficients are computed along, as further paths: their sums bound the rounding.
+    # The absolute values of all coefficients are treated as additional paths: their sums bound the rounding errors.
     x, y, z, angle = (centred(jnp.concatenate([c, jnp.abs(c)], axis=-1)) for c in (*lengths, scaled[3]))
     signs = jnp.concatenate([jnp.full_like(unit, -1.0), jnp.ones_like(unit)])
     degrees = [c.shape[0] - 1 for c in scaled]
@@ -108,7 +108,7 @@ def bounds(limit: PerPath, scale: PerPath) -> Bound:
 
 
 def squared_bound(limit: PerPath, scale: PerPath) -> tuple[Array, Array]:
-    """The square of a limit in the units of `PathDerivatives`, and a bound on its rounding."""
+    """The square of a limit in the units of `PathDerivatives`, and a bound on its rounding error."""
     bound = limit * scale
     square = bound * bound
     is_normal = _is_normal(bound) & _is_normal(square) & _is_normal(scale)
@@ -129,7 +129,7 @@ def _derivatives(x: Array, y: Array, z: Array, angle: Array, signs: Array) -> li
 
 def _derivative(c: Array) -> Array:
     n = c.shape[AXIS] - 1
-    return c[1:] * jnp.arange(1, n + 1, dtype=c.dtype)[:, None, None] if n else jnp.zeros_like(c)
+    return c[1:] * jnp.asarray(np.arange(1.0, n + 1)[:, None, None], c.dtype) if n else jnp.zeros_like(c)
 
 
 def _add(p: Array, q: Array) -> Array:
@@ -140,8 +140,8 @@ def _add(p: Array, q: Array) -> Array:
 def _n_roundings(degree: int, angle_rate: int, order: int) -> int:
     """The number of roundings of any term of a coefficient of the derivative of this order.
 
-    Changing the variable to s takes 2n + 3: n + 1 for the powers of time, one for the binomial and n for the sum. Each
-    derivative multiplies, sums up to `angle_rate` products and adds, and inherits the roundings of φ'.
+    The change of variable to s needs at most 2n + 3: n + 1 for the powers of time, one for the binomial and n for the
+    sum. Each derivative multiplies, sums up to `angle_rate` products and adds, and inherits the roundings of φ'.
     """
     first = 2 * max(degree, angle_rate) + 4
     return first + order * (angle_rate + 4 + first)
@@ -158,21 +158,22 @@ def centred(coefficients: Float[Array, "k 1 paths"]) -> Array:
 
 
 def in_units(coefficients: Float[Array, "k paths"], unit: PerPath) -> Float[Array, "k paths"]:
-    """Coefficients of polynomials in t/unit from those in t."""
+    """Coefficients of polynomials in t/unit, from the coefficients in t."""
     powers = [jnp.ones_like(unit)]
     for _ in range(coefficients.shape[0] - 1):
         powers.append(powers[-1] * unit)
     return coefficients * jnp.stack(powers)
 
 
+@jax.jit
 def _is_normal(x: Array) -> Bool[Array, " paths"]:
-    """Whether a positive number is far enough from overflow and underflow for its rounding to be relative."""
+    """Whether a positive number is so far from overflow and underflow that its rounding error is relative."""
     limits = jnp.finfo(x.dtype)
     return (x > float(limits.tiny) / float(limits.eps)) & (x < float(limits.max) * float(limits.eps))
 
 
 def _power_of_two(size: PerPath) -> PerPath:
-    """The largest power of two that does not exceed `size`; 1 where that is not positive and finite."""
+    """The largest power of two that does not exceed `size`; 1 if `size` is not positive and finite."""
     exponent = jax.lax.bitcast_convert_type(size, jnp.int64) & 0x7FF0000000000000
     power = jax.lax.bitcast_convert_type(exponent, size.dtype)
     return jnp.where((power > 0) & (power < jnp.inf), power, 1.0)

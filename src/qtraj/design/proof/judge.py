@@ -1,7 +1,7 @@
-"""Findings on a batch of paths: one executable for any set of limits.
+"""Computes the findings on a batch of paths, with one executable for any set of limits.
 
-The set of limits is data: a loop over their indices, in which one switch builds the inequality and another evaluates
-the quantity. The index is never batched, so a switch compiles to a branch and absent limits cost nothing.
+The set of limits is data: the loop runs over their indices, and in it one switch builds the inequality and another
+evaluates the quantity. The index is never batched, so a switch compiles to a branch, and absent limits cost nothing.
 """
 
 from collections.abc import Callable
@@ -21,6 +21,7 @@ from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, U
 from qtraj.design.proof.inequalities import ORDER, PathDerivatives, bounds, slack
 from qtraj.design.proof.road import Bound
 from qtraj.design.proof.search import find_maximum
+from qtraj.foundation.indexing import element, with_element
 from qtraj.path.frenet import Invariants, safe_root as root
 from qtraj.path.path_quantity import LOAD, PathQuantity
 from qtraj.path.quantity import QUANTITIES
@@ -32,7 +33,7 @@ MIN_RELATIVE_DIVISOR = 1e-9
 """A relative divisor below this that is not proved positive cannot be distinguished from zero."""
 
 CHUNKS = (8, 35)
-"""The maximum is searched in this many chunks of 30 intervals: with a proof, and without one."""
+"""Number of chunks of 30 intervals in the search for the maximum: with a proof, and without one."""
 
 DIVISORS = ("S", "N", "H")
 DIVISOR_SIZES = ("speed", "cross_norm", "level", LOAD)
@@ -41,13 +42,13 @@ DIVISOR_SIZES = ("speed", "cross_norm", "level", LOAD)
 LIMITS = tuple(QUANTITIES.values())
 LIMIT_COUNT = len(LIMITS)
 ENTRY_COUNT = LIMIT_COUNT + len(DIVISOR_SIZES)
-"""Number of entries: the limits in the registry's order, then the divisors."""
+"""Number of entries: the limits in the order of the registry, then the divisors."""
 
 UPRIGHT_DIVISOR = DIVISOR_SIZES.index("level")
 """The first divisor that depends on the vertical."""
 
 NO_DIVISOR = ENTRY_COUNT
-"""The index that stands for the divisor of a quantity without one."""
+"""The index of the divisor for a quantity that has none."""
 
 TIME_POWERS = 1 + max(entry.per_time for entry in LIMITS)
 ROAD = ORDER + 1
@@ -62,7 +63,7 @@ BRANCHES = [sum(order != ROAD for order in ORDERS[: k if ORDERS[k] != ROAD else 
 
 
 class Entry(NamedTuple):
-    """The constants of one entry, all integers, in one table."""
+    """The constants of one entry, which are all integers."""
 
     unit: Any
     upright: Any
@@ -100,7 +101,7 @@ class Scale(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """Status codes, times [s] and values of all entries: the limits, the divisors, and one for no divisor."""
+    """Status codes, times [s] and values of all entries: the limits, the divisors, and `NO_DIVISOR`."""
 
     codes: Int[Array, "entries paths"]
     times: Float[Array, "entries paths"]
@@ -126,10 +127,10 @@ def judge(
     count: Int[Array, ""],
     vehicle: RoadParameters | None,
 ) -> Findings:
-    """The findings on the first `count` entries of `index`, for paths that `evaluate` evaluates.
+    """The findings on the first `count` entries of `index`, for the paths behind `evaluate`.
 
-    Without polynomial `derivatives` nothing is proved. The numbers of the `vehicle` are one for each path, in SI units;
-    without them, no entry may need them, and their branches are not compiled.
+    Without polynomial `derivatives` no limit is proved. `vehicle` has one value for each path, in SI units; None if no
+    limit needs a vehicle: then the branches of such limits are not compiled.
     """
     paths, dtype = scale.time.shape, scale.time.dtype
     shape = (ENTRY_COUNT + 1, *paths)
@@ -138,10 +139,10 @@ def judge(
     vehicle = None if vehicle is None else road.in_units(vehicle, scale.length, scale.time)
 
     def step(k: Array, findings: Findings) -> Findings:
-        entry_index = _take(index, k)
-        entry = Entry(*_take(jnp.asarray(ENTRIES), entry_index))
-        divisor: Findings = jax.tree.map(lambda x: _take(x, entry.divisor), findings)
-        bound, unit = _take(limits, jnp.minimum(entry_index, LIMIT_COUNT - 1)), _take(units, entry.unit)
+        entry_index = element(index, k)
+        entry = Entry(*element(ENTRIES, entry_index))
+        divisor: Findings = element(findings, entry.divisor)
+        bound, unit = element(limits, jnp.minimum(entry_index, LIMIT_COUNT - 1)), element(units, entry.unit)
         provable = (upright | (entry.upright == 0)) & (derivatives is not None)
         answer = _proof(derivatives, entry, bounds(bound, unit), vehicle, paths, dtype)
         chunks = jnp.where(jnp.all(provable), *CHUNKS)
@@ -156,12 +157,12 @@ def judge(
         code = jnp.where((divisor.codes == UNDECIDED) & (code != BROKEN), UNDECIDED, code)
         undefined = divisor.codes == UNDEFINED
         code = jnp.where(undefined, UNDEFINED, code)
-        # A divisor is proved positive, or cannot be distinguished from zero, or is positive at all samples.
+        # A divisor is proved positive, cannot be distinguished from zero, or is positive at all samples.
         evidence = jnp.where(-square < MIN_RELATIVE_DIVISOR**2, UNDEFINED, jnp.where(provable, UNDECIDED, SAMPLED))
         code = jnp.where(entry_index < LIMIT_COUNT, code, jnp.where(provable & proved, PROVED, evidence))
         time = jnp.where(undefined, divisor.times, (at + 1) * scale.time)
         finding = Findings(code.astype(jnp.int32), time, jnp.where(undefined, jnp.nan, value))
-        return jax.tree.map(lambda x, y: jax.lax.dynamic_update_index_in_dim(x, y, entry_index, 0), findings, finding)
+        return with_element(findings, entry_index, finding)
 
     return jax.lax.fori_loop(0, count, step, start)
 
@@ -169,15 +170,11 @@ def judge(
 def _units(scale: Scale) -> Float[Array, "units paths"]:
     """All products of powers of the units that occur: lengths from −1 to 2, times from 0."""
     inverse = 1 / scale.length
-    lengths = (scale.length, jnp.ones_like(scale.length), inverse, inverse * inverse)
+    lengths = jnp.stack([scale.length, jnp.ones_like(scale.length), inverse, inverse * inverse])
     times = [jnp.ones_like(scale.time)]
     for _ in range(TIME_POWERS - 1):
         times.append(times[-1] * scale.time)
-    return jnp.stack([a * b for a in lengths for b in times])
-
-
-def _take(x: Array, k: Array) -> Array:
-    return jax.lax.dynamic_index_in_dim(x, k, keepdims=False)
+    return (lengths[:, None] * jnp.stack(times)[None]).reshape(-1, *scale.time.shape)
 
 
 def _proof(

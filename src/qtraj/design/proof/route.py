@@ -18,10 +18,10 @@ from qtraj.path.stops import Segments
 from qtraj.path.vehicle import RoadParameters
 
 INSTANTS = 65
-"""Sampled instants of a segment with a broken limit, between which the ends of the intervals are searched."""
+"""Number of instants of a segment with a violated limit between which the ends of the intervals are located."""
 
 HALVINGS = 50
-"""Bisection steps for the ends of an interval."""
+"""Number of bisection steps for the ends of an interval."""
 
 
 def certify_route(route: Route, limits: Limits) -> RouteCertificate:
@@ -62,7 +62,7 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
 def _intervals(
     segments: Segments, name: str, bound: float, road: RoadParameters | None, rows: np.ndarray, peaks: np.ndarray
 ) -> list[tuple[float, float]]:
-    """The intervals in which the segments `rows` exceed a bound, as they do at their local times `peaks`."""
+    """The intervals in which the segments `rows` exceed a bound; they exceed it at the local times `peaks`."""
     if not rows.size:
         return []
     c, h = segments.coefficients[rows], segments.durations[rows]

@@ -1,4 +1,4 @@
-"""Certificates of routes: for the whole route, for each segment, and the intervals in which limits are broken."""
+"""Certificates of routes: for the whole route, for each segment, and the intervals in which limits are violated."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class RouteCertificate(AbstractOutcome):
     - `whole`: the `Certificate` of the route, with the worst finding of all segments for each limit.
     - `segments`: a batch of certificates, one for each segment, with times of the route.
     - `starts` (segments,) [s]: the start times of the segments.
-    - `broken` (k, 2) [s]: the intervals in which a limit is broken; `broken_limits` (k,) are the indices of the limits.
+    - `broken` (k, 2) [s]: the intervals in which a limit is violated; `broken_limits` (k,) are indices of the limits.
     """
 
     whole: Certificate
@@ -81,7 +81,7 @@ class RouteCertificate(AbstractOutcome):
         return self.whole.active
 
     def margin(self, name: str) -> Any:
-        """The limit minus the largest value on the route, in the limit's unit; negative if the limit is violated."""
+        """The limit minus the largest value on the route, in the unit of the limit; negative if it is violated."""
         return self.whole.margin(name)
 
     def margins(self, name: str) -> Float[np.ndarray, " segments"]:
@@ -90,10 +90,10 @@ class RouteCertificate(AbstractOutcome):
         return np.asarray(limits - values)
 
     def intervals(self, name: str) -> list[tuple[float, float]]:
-        """The intervals (start, end) [s] in which a limit is broken, in order.
+        """The intervals (start, end) [s] in which a limit is violated, in order.
 
-        Their ends are sign changes of the limit's polynomial inequality. They are searched between 65 equally spaced
-        instants of each segment that breaks the limit, and the instant of its largest value.
+        Their ends are sign changes of the polynomial inequality of the limit. They are located between 65 equally
+        spaced instants of each segment that violates the limit, and the instant of its largest value.
         """
         k = self.names.index(name)
         intervals = np.asarray(self.broken)[np.asarray(self.broken_limits) == k]
@@ -109,7 +109,7 @@ class RouteCertificate(AbstractOutcome):
 
     @property
     def code(self) -> Int[Array, ""]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The `ResultCode` of the whole route: that of its worst finding."""
+        """The `ResultCode` of the whole route, from its worst finding."""
         return self.whole.code
 
     def explain(self, at: tuple[int, ...]) -> str:
@@ -125,10 +125,10 @@ class RouteCertificate(AbstractOutcome):
         variables["segment_start"] = Quantity(self.starts, "s", "time at which a segment starts", ("segment",))
         if len(self.broken):
             names = np.array(self.names, dtype=str)[np.asarray(self.broken_limits)]
-            variables["broken_limit"] = Quantity(names, "", "the limit that is broken in the interval", ("interval",))
+            variables["broken_limit"] = Quantity(names, "", "the limit that is violated in the interval", ("interval",))
             for k, name in enumerate(("start", "end")):
                 variables[f"broken_{name}"] = Quantity(self.broken[:, k], "s", f"{name} of the interval", ("interval",))
-        where = f"; {extent(len(self.broken))} intervals with a broken limit" if len(self.broken) else ""
+        where = f"; {extent(len(self.broken))} intervals with a violated limit" if len(self.broken) else ""
         summary = f"{len(self.starts)} segments: {self.whole.summary}{where}"
         return Record(summary, variables, whole.coordinates, whole.attributes)
 
@@ -139,5 +139,5 @@ class RouteCertificate(AbstractOutcome):
             if spans:
                 listed = ", ".join(f"{a:.4g} to {b:.4g} s" for a, b in spans[:5])
                 more = f" and {len(spans) - 5} more" if len(spans) > 5 else ""
-                lines.append(f"{name} is broken from {listed}{more}")
+                lines.append(f"{name} is violated from {listed}{more}")
         return "\n".join(lines)

@@ -1,10 +1,10 @@
 """The findings on each segment of a route, including segments that start or end at a stop.
 
 At a stop the velocity vanishes, and most quantities divide by it. If the velocity of a segment has a zero of order m at
-an end, then r' = u^m·q with the time u from that end, where q has the direction of r' and does not vanish. So the
+an end, then r' = u^m·q, where u is the time from that end, and q has the direction of r' and does not vanish. So the
 upright and the natural frame rotate as on a path with velocity q, and the lateral and longitudinal acceleration are the
-components of r'' relative to the direction of q. These quantities are certified with q in place of r'. The curvature
-has no such form: at a stop it grows without bound, unless the path is straight there.
+components of r'' relative to the direction of q. These quantities are certified with q in place of r'. This does not
+apply to the curvature: at a stop it grows without bound, unless the path is straight there.
 """
 
 from collections.abc import Sequence
@@ -41,17 +41,17 @@ MAX_ORDER = 8
 """The highest order of a zero of the velocity for which forces are computed; lower ones occur in practice."""
 
 N_ROUNDINGS = 3
-"""Rounding operations in each coefficient of Q, the integral of q."""
+"""Number of rounding operations in each coefficient of Q, the integral of q."""
 
 BLOCK_SIZE = 64
-"""Segments that are processed together, few enough for the processor's cache."""
+"""Number of segments that are processed together, small enough for the processor's cache."""
 
 ZERO = 64 * float(np.finfo(float).eps)
-"""A velocity or acceleration at an end counts as zero below this fraction of the segment's size."""
+"""A velocity or acceleration at an end counts as zero below this fraction of the size of the segment."""
 
 
 class SegmentFindings(NamedTuple):
-    """Codes, times [s] since the segment's start, and values; one row per segment, one column per limit."""
+    """Codes, times [s] since the start of the segment, and values; one row per segment, one column per limit."""
 
     codes: Int[np.ndarray, "segments limits"]
     times: Float[np.ndarray, "segments limits"]
@@ -96,7 +96,7 @@ def findings(segments: Segments, limits: dict[str, float], road: RoadParameters 
                 result.codes[cells], result.values[cells] = update.codes[:, source], update.values[:, source]
                 times = update.times[:, source]
                 result.times[cells] = durations - times if at_end and keep_acceleration else times
-        if at_end:  # the times of these were counted from the end
+        if at_end:  # these times were measured from the end
             cells = np.ix_(rows, _places(names, [name for name in names if name in DIRECTIONS]))
             result.times[cells] = durations - result.times[cells]
         cells = np.ix_(rows, undefined)
@@ -111,7 +111,7 @@ def _places(order: list[str], names: Sequence[str]) -> np.ndarray:
 
 
 class _Stopping(NamedTuple):
-    """The segments `rows` that stop at their start, or at their end; `coefficients` in the time from that end."""
+    """The segments `rows` that stop at their start, or at their end; `coefficients` are for the time from that end."""
 
     at_end: bool
     rows: np.ndarray
@@ -180,7 +180,7 @@ def _order(c: np.ndarray) -> np.ndarray:
 
 
 def _exactly_reversed(c: np.ndarray, h: float) -> np.ndarray:
-    """The coefficients in the time before the end, each rounded once."""
+    """The coefficients for the time before the end, each rounded once."""
     duration, result = Fraction(float(h)), np.zeros_like(c)
     for axis in range(c.shape[1]):
         terms = [Fraction(float(x)) for x in c[:, axis]]
@@ -203,8 +203,8 @@ def _judged(
 ) -> Findings:
     """Findings (rows, LIMIT_COUNT) on segments `c`, with the derivative of `directions` in place of the velocity.
 
-    The higher derivatives are also those of `directions`, or with `keep_acceleration` those of `c`. The velocity is
-    then u^order times that derivative, with u the time from the stop.
+    The higher derivatives are also taken from `directions`, or with `keep_acceleration` from `c`. The velocity is then
+    u^order times the derivative of `directions`, with u the time from the stop.
     """
     index, count = indices(tuple(names))
     keep = np.full(len(h), keep_acceleration)

@@ -1,8 +1,8 @@
-"""The maximum of a function of time on [−1, 1], for a batch of paths, from function values alone.
+"""The maximum of a function of time on [−1, 1], for a batch of paths, from function values only.
 
 [−1, 1] is divided into windows of eleven instants each. The candidate of a window is its highest instant, or the vertex
 of the parabola through that instant and its neighbours. Narrower windows about the three best candidates refine them.
-All of it is one loop with a single evaluation of the function in its body, for any number of windows.
+For any number of windows, the search is one loop whose body evaluates the function once.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int
 from qtraj.algebra.cells import PerPath
 
 WINDOWS = 3
-"""Number of windows that are evaluated at once, and of candidates."""
+"""Number of windows that are evaluated together, and number of candidates."""
 
 OFFSETS = np.linspace(-1.0, 1.0, 11)
 """The instants of a window, in units of its half-width."""
@@ -28,14 +28,15 @@ REFINEMENTS = 4
 """Number of refinements."""
 
 TIE = 4.0
-"""A vertex within this many units of round-off of the highest value is preferred: its time is more accurate."""
+"""A vertex whose height is within this number of round-off units of the highest value is preferred, because its time
+is more accurate."""
 
 Windows = Float[Array, "windows paths"]
 Function = Callable[[Float[Array, "instants paths"]], Float[Array, "instants paths"]]
 
 
 class MaximumState(NamedTuple):
-    """The highest value so far, its rank (infinite for NaN), its place, and the candidates."""
+    """The highest value found so far, its rank (infinite for NaN), its place, and the candidates."""
 
     rank: PerPath
     value: PerPath
@@ -47,7 +48,7 @@ class MaximumState(NamedTuple):
 def find_maximum(function: Function, hints: Windows, chunks: Int[Array, ""]) -> tuple[PerPath, PerPath]:
     """The maximum and its place, from 30·`chunks` intervals and from windows about `hints`; NaN if any value is NaN.
 
-    With zero chunks nothing is evaluated, and the first hint is returned.
+    With zero chunks the function is not evaluated, and the first hint is returned.
     """
     nothing = jnp.full_like(hints[0], -jnp.inf)
     start = MaximumState(nothing, nothing, hints[0], jnp.full_like(hints, -jnp.inf), hints)
@@ -68,11 +69,11 @@ def find_maximum(function: Function, hints: Windows, chunks: Int[Array, ""]) -> 
 
 
 def _step(function: Function, state: MaximumState, centres: Windows, half: Array, first: Array) -> MaximumState:
-    """Evaluate windows, and merge their candidates with the previous ones, or replace those when refining."""
+    """Evaluate windows, and merge their candidates with the previous ones, or replace these when refining."""
     s = jnp.clip(centres[:, None] + half * jnp.asarray(OFFSETS, centres.dtype)[None, :, None], -1.0, 1.0)
     raw = function(s.reshape(-1, s.shape[-1])).reshape(s.shape)
     values = jnp.where(jnp.isnan(raw), jnp.inf, raw)
-    # A centre is the vertex of the previous round: among equal values, the maximum is there.
+    # A centre is the vertex of the previous round. Of equal values, it is the best estimate of the maximum.
     centre = jnp.asarray(OFFSETS == 0)[None, :, None] & ~first
     rank = values + jnp.where(centre, TIE * float(jnp.finfo(values.dtype).eps) * jnp.abs(values), 0.0)
     end = jnp.full_like(values[:, :1], jnp.inf)
@@ -90,7 +91,7 @@ def _step(function: Function, state: MaximumState, centres: Windows, half: Array
 def _vertex(
     rank: Windows, middle: Windows, s: Windows, left: Windows, right: Windows, step: Array
 ) -> tuple[Windows, Windows]:
-    """Height and place of the vertex of the parabola through three values, or those of the middle if there is none."""
+    """Height and place of the vertex of the parabola through three values, or of the middle value without a vertex."""
     curvature = 2 * middle - left - right
     peak = (middle >= left) & (middle >= right) & (curvature > 0) & (curvature < jnp.inf)
     move = jnp.where(peak, (right - left) / jnp.where(peak, 2 * curvature, 1.0), 0.0)
@@ -99,7 +100,7 @@ def _vertex(
 
 
 def _maximum(operands: tuple[Array, ...], axis: int) -> tuple[Array, ...]:
-    """The largest value of the first operand, with the values of the others at the same place; any of equal ones."""
+    """The maximum of the first operand, and the other operands at the same index; ties are resolved arbitrarily."""
 
     def larger(a: tuple[Array, ...], b: tuple[Array, ...]) -> tuple[Array, ...]:
         return tuple(jnp.where(b[0] > a[0], y, x) for x, y in zip(a, b, strict=True))

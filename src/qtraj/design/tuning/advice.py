@@ -1,8 +1,8 @@
 """Infeasibility advice: which limits to raise, or which boundary number to change, and by how much.
 
-The minimum violation is a smooth function of the boundary data. Its gradient is the sum of the constraints' gradients,
-weighted by their multipliers (envelope theorem), and a boundary number is changed along it. Every remedy that is named
-has been checked: sequential quadratic programming from the same starts met the limits on the whole path.
+The minimum violation is a smooth function of the boundary data. Its gradient is the sum of the gradients of the
+constraints, weighted by their multipliers (envelope theorem), and a boundary number is changed along it. Every remedy
+in the advice has been checked: with it, sequential quadratic programming from the same starts satisfies the limits.
 """
 
 import dataclasses
@@ -18,15 +18,16 @@ from jaxtyping import Array, Float, Int
 
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certify import certify
-from qtraj.design.tuning.constraints import values
+from qtraj.design.tuning.constraints import of_one_path, values
 from qtraj.design.tuning.model import make_setting
 from qtraj.design.tuning.multistart import minimise_violation, solve, take, without_objective
 from qtraj.design.tuning.peaks import ABSENT
 from qtraj.design.tuning.problem import Problem
 from qtraj.design.tuning.search import SearchResult
 from qtraj.design.tuning.sqp import FEASIBLE, SequentialQuadratic
-from qtraj.design.tuning.task import TARGET_RATIO, LimitSlots, Task
+from qtraj.design.tuning.task import TARGET_RATIO, LimitSlots, Task, over_slots
 from qtraj.foundation.arrays import as_float
+from qtraj.foundation.indexing import element, with_element
 from qtraj.foundation.progress import Report
 from qtraj.foundation.types import Scalar
 from qtraj.foundation.units import with_unit
@@ -37,20 +38,20 @@ RELAXATION = 1e6
 """Factor that makes a limit ineffective."""
 
 MARGINS = (1.0001, 1.01, 1.1)
-"""A limit is raised to the smallest peak times the first of these factors with which the problem can be solved."""
+"""A limit is raised to the smallest peak times a factor: the first of these for which the problem can be solved."""
 
 MORE_STARTS = 4
-"""Factor on the number of starts in the advice to search from more of them."""
+"""Factor on the number of starts in the advice to use more of them."""
 
 MAX_MOVES, MAX_NUMBERS, OVERSHOOT = 5, 2, 1.3
-"""Steps of one number, numbers that are tried, and the factor on each Newton step."""
+"""Maximum number of steps of one number, of numbers to try, and the factor on each Newton step."""
 
 MAX_RELATIVE_MOVE = 3.0
 """Largest useful change of a number, relative to its scale."""
 
 
 class _Number(NamedTuple):
-    """A boundary number: its text and unit, and the attribute and field of a problem that hold it."""
+    """A boundary number: its name and unit, and the attribute and field of a problem that contain it."""
 
     text: str
     unit: str
@@ -59,16 +60,16 @@ class _Number(NamedTuple):
 
 
 NUMBERS = (
-    _Number("the radius of the start", "m", "start", "radius"),
-    _Number("the radius of the end", "m", "end", "radius"),
-    _Number("the height of the start", "m", "start", "height"),
-    _Number("the height of the end", "m", "end", "height"),
+    _Number("the radius at the start", "m", "start", "radius"),
+    _Number("the radius at the end", "m", "end", "radius"),
+    _Number("the height at the start", "m", "start", "height"),
+    _Number("the height at the end", "m", "end", "height"),
     _Number("the turn", "rad", "turn", None),
 )
 
 
 class SearchOptions(NamedTuple):
-    """The options that all searches for one piece of advice share."""
+    """The options shared by all searches for one piece of advice."""
 
     slots: LimitSlots
     starts: int
@@ -86,7 +87,7 @@ class SearchOptions(NamedTuple):
         return solve(method, tasks, self.slots, self.starts, self.max_steps, self.report)
 
     def can_be_met(self, tasks: Task, names: Sequence[str]) -> bool:
-        """Whether a multistart meets the limits of one problem (a batch of one) on the whole path."""
+        """Whether a multistart finds a path that satisfies the limits of one problem (a batch of one)."""
         result = self.solve(tasks)
         if float(result.violation[0]) > FEASIBLE:
             return False
@@ -105,7 +106,7 @@ _path = eqx.filter_jit(lambda problem, z: problem.path(z))
 def advice(tasks: Task, names: Sequence[str], result: SearchResult, options: SearchOptions) -> str:
     """What to do about the limits of one problem (a batch of one), from the result with minimum violation."""
     tasks = without_objective(tasks)
-    # The search's own values: it replaces limits that are almost zero.
+    # The limits that the search uses: it replaces limits that are almost zero.
     limits = dict(zip(names, np.asarray(tasks.limits, float)[0] / TARGET_RATIO, strict=False))
     worst = dict(zip(limits, _peak_ratios(result)[0], strict=False))
     violated = [name for name, ratio in worst.items() if ratio > 1 + FEASIBLE]
@@ -116,11 +117,11 @@ def advice(tasks: Task, names: Sequence[str], result: SearchResult, options: Sea
     remedies = [*_raise_limits(tasks, limits, worst, violated, options), *_move_number(tasks, limits, result, options)]
     possible_remedies = []
     if tasks.problem.motion.is_uniform:
-        possible_remedies.append("motion 'hermite', whose angle need not turn uniformly")
+        possible_remedies.append("motion 'hermite', whose angular rate need not be constant")
     if tasks.problem.objective.fixes_duration:
-        possible_remedies.append("a longer duration, which this objective keeps fixed")
+        possible_remedies.append("a longer duration, which this objective does not change")
     if remedies:
-        sentences.append("What would help: " + "; or ".join(remedies) + " (with this the limits can be met).")
+        sentences.append("What would help: " + "; or ".join(remedies) + " (then the limits can be met).")
     if possible_remedies:
         sentences.append("What may help: " + "; or ".join(possible_remedies) + ".")
     sentences.append(f"More starts may find a path: pass starts={MORE_STARTS * options.starts}.")
@@ -128,18 +129,18 @@ def advice(tasks: Task, names: Sequence[str], result: SearchResult, options: Sea
 
 
 def _describe(name: str, min_ratio: float, limit: float, starts: int) -> str:
-    """What the search for one violated limit alone gave; `min_ratio` is its smallest peak found over the limit."""
+    """The result of a search with one violated limit alone; `min_ratio` is its smallest peak divided by the limit."""
     if min_ratio > 1 + FEASIBLE:
         smallest = with_unit(min_ratio * limit, quantity(name).unit)
         searched = "1 start" if starts == 1 else f"{starts} starts"
-        return f"{name}: tuned alone from {searched} it was not met either; the smallest peak found is {smallest}."
-    return f"{name} can be met alone, but was not met with the others."
+        return f"{name} was not met even as the only limit (from {searched}); the smallest peak found is {smallest}."
+    return f"{name} can be met on its own, but was not met together with the other limits."
 
 
 def _raise_limits(
     tasks: Task, limits: dict[str, float], worst: dict[str, float], violated: list[str], options: SearchOptions
 ) -> list[str]:
-    """The values to which to raise the violated limits, in words; empty if none were found that can be met."""
+    """The values to which the violated limits must be raised, in words; empty if none were found that can be met."""
     for margin in MARGINS:
         raised = {name: float(f"{margin * worst[name] * limits[name]:.6g}") for name in violated}
         new = np.array(tasks.limits, float)
@@ -196,7 +197,7 @@ def _move_until_met(
 
 
 def _newton_steps(tasks: Task, result: SearchResult, slots: LimitSlots) -> list[tuple[float, float]]:
-    """For each number, the Newton step to zero violation, and the same relative to the number's scale."""
+    """For each number, the Newton step that removes the violation, and the same step divided by the number's scale."""
     task, at = take(tasks, 0), take(result, 0)
     violation, slopes = float(at.violation), [float(s) for s in _violation_gradient(task, slots, at)]
     steps = [-violation / s if s != 0 else math.inf for s in slopes]
@@ -205,7 +206,7 @@ def _newton_steps(tasks: Task, result: SearchResult, slots: LimitSlots) -> list[
 
 @eqx.filter_jit
 def _violation_gradient(task: Task, slots: LimitSlots, at: SearchResult) -> tuple[Scalar, ...]:
-    """The derivatives of the minimum violation in each number."""
+    """The derivative of the minimum violation with respect to each number."""
 
     def violation_of(numbers: tuple[Scalar, ...]) -> Scalar:
         problem = task.problem
@@ -224,11 +225,12 @@ def _constraint_values(task: Task, slots: LimitSlots, at: SearchResult) -> Float
     here = make_setting(task.problem, at.z)
 
     def of_slot(slot: Int[Array, ""], carry: Array) -> Array:
-        index = jnp.asarray(slots.index)[slot]
-        slot_values = values(here, index, task.limits[slot], at.times[slot])
-        return carry.at[slot].set(jnp.where(at.values[slot] > ABSENT, slot_values, ABSENT))
+        index = element(slots.index, slot)
+        slot_values = of_one_path(values)(here, index, *element((task.limits, at.times), slot))
+        found = jnp.where(element(at.values, slot) > ABSENT, slot_values, ABSENT)
+        return with_element(carry, slot, found)
 
-    return jax.lax.fori_loop(0, jnp.asarray(slots.count), of_slot, jnp.full_like(at.times, ABSENT))
+    return over_slots(slots, of_slot, jnp.full_like(at.times, ABSENT))
 
 
 _constraint_values_jit = eqx.filter_jit(_constraint_values)

@@ -20,8 +20,8 @@ from qtraj.path.vehicle import Vehicle
 class Advisor:
     """Advice on the problems of a batch, computed on demand and cached.
 
-    All advisors compare equal, so they affect neither what is compiled for a batch nor its tree structure. A batch
-    stores its advisor's `number` with the index of each element, because JAX may substitute another advisor.
+    All advisors compare equal, so they affect neither the compilation nor the tree structure of a batch. A batch stores
+    the `number` of its advisor with the index of each element, because JAX may substitute another advisor.
     """
 
     _numbers = itertools.count(1)

@@ -36,7 +36,7 @@ def make_outcome(
     placement: Placement | None,
     faults: Any,
 ) -> Tuned:
-    """The outcome of a batch of tasks that may be padded; `faults` are the codes of ill-posed problems."""
+    """The outcome of a batch of tasks, which may be padded; `faults` are the codes of ill-posed problems."""
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tasks))
     if traced:
         order, constant = limit_names(limits, corridor), jax.lax.stop_gradient(result)
@@ -67,7 +67,7 @@ def make_outcome(
 
 
 def _with_nan(data: Any, ill_posed: Any) -> Any:
-    """`data` with NaN in the elements that are ill-posed."""
+    """`data` with NaN in place of ill-posed elements."""
     return jax.tree.map(
         lambda x: jnp.where(jnp.expand_dims(ill_posed, range(ill_posed.ndim, x.ndim)), jnp.nan, x), data
     )
@@ -89,8 +89,8 @@ def _paths(
 
     def one(problem: Problem, z: Array, start: BoundaryState, end: BoundaryState) -> tuple[Any, ...]:
         path = problem.path(z)
-        first = BoundaryState(start.position, path.velocity(0.0))
-        last = BoundaryState(end.position, path.velocity(path.duration))
+        velocities = jax.vmap(path.velocity)(jnp.stack([jnp.zeros_like(path.duration), path.duration]))
+        first, last = BoundaryState(start.position, velocities[0]), BoundaryState(end.position, velocities[1])
         return path, problem.objective.value(problem, z), first, last
 
     return jax.vmap(one)(problems, z, start, end)

@@ -1,13 +1,13 @@
-"""The augmented Lagrangian method, with any optimiser of optax for the inner problem.
+"""The augmented Lagrangian method, with any optax optimiser for the inner problem.
 
-A round minimises the augmented Lagrangian (see `lagrangian`) by steps of the optimiser, and ends at its best point.
-The next round depends on how accurate that point is:
+An outer iteration, or round, minimises the augmented Lagrangian (see `lagrangian`) with the optimiser, and returns the
+best point. The next round depends on how accurate that point is:
 
-- Accurate: the multipliers become m + μg, and the penalty μ grows if the constraints decreased too little.
-- Inaccurate, with no improvement in the last steps: the optimiser's steps are too long. The next round scales all
-  updates by a smaller `stride`. So an optimiser with a fixed learning rate converges, too.
+- Accurate: the multipliers become max(0, m + μg), and the penalty μ grows if the violation did not decrease enough.
+- Inaccurate, with no improvement in the last steps: the steps of the optimiser are too long. The next round multiplies
+  all updates by a smaller `stride`. This lets an optimiser with a fixed learning rate converge.
 
-The times of the peaks are constant during one step, including its line search, if the optimiser has one.
+The times of the peaks are constant during one step, including the line search of the optimiser if it has one.
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -34,6 +34,7 @@ from qtraj.design.tuning.problem import Variables
 from qtraj.design.tuning.search import AbstractSearch, SearchResult, step_count
 from qtraj.design.tuning.sqp import FEASIBLE
 from qtraj.design.tuning.task import LimitSlots, Task
+from qtraj.foundation.indexing import choose
 from qtraj.foundation.types import Flag, Scalar
 
 INITIAL_PENALTY, PENALTY_GROWTH, MAX_PENALTY = 10.0, 4.0, 1e9
@@ -52,10 +53,10 @@ MAX_TOLERANCE, MIN_TOLERANCE, TOLERANCE_RATIO = 1e-2, 1e-7, 0.1
 STRIDE_FACTOR, MIN_STRIDE = 0.5, 1e-9  # factor on the stride after a round without improvement, and its lower bound
 
 LATE_FRACTION = 10
-"""If the best point is in the last tenth of a round's steps, the steps are still improving."""
+"""If the best point is in the last tenth of the steps of a round, the steps are still improving."""
 
 ROUNDING = 1e-13
-"""Values with a smaller relative difference count as equal; then the smaller gradient is better."""
+"""Values with a smaller relative difference count as equal; the point with the smaller gradient is then better."""
 
 
 class Point(NamedTuple):
@@ -72,7 +73,7 @@ class Point(NamedTuple):
 
 
 class State(NamedTuple):
-    """The state of the searches; `constants` are those of the current round."""
+    """The state of the searches; `constants` are the constants of the current round."""
 
     y: Variables
     memory: Any  # the optimiser's state
@@ -93,7 +94,7 @@ class State(NamedTuple):
 
 
 class AugmentedLagrangian(AbstractSearch):
-    """The augmented Lagrangian search with an optax optimiser. `step_limit` counts its steps in all rounds."""
+    """The augmented Lagrangian search with an optax optimiser; `step_limit` counts its steps in all rounds."""
 
     stages: ClassVar[tuple[int, ...]] = (100, 200, 400, 800, 1600, 3200, 6400)
     optimiser: Any = eqx.field(static=True)
@@ -102,7 +103,7 @@ class AugmentedLagrangian(AbstractSearch):
 
     @property
     def step_limit(self) -> Int[Array | np.ndarray, ""]:
-        """Steps of the optimiser in all rounds, at most."""
+        """Maximum number of steps of the optimiser in all rounds."""
         return self.rounds * (self.inner_steps + 1)
 
     def init(self, tasks: Task, z: Any) -> State:
@@ -137,7 +138,7 @@ class AugmentedLagrangian(AbstractSearch):
         )
 
     def run(self, tasks: Task, slots: LimitSlots, states: State, max_steps: Int[Array | np.ndarray, ""]) -> State:
-        """Take steps of the optimiser, over as many rounds as needed, until each search is done or at `max_steps`."""
+        """Take steps of the optimiser, over several rounds, until each search is done or has taken `max_steps`."""
 
         def is_running(s: State) -> Bool[Array, " batch"]:
             return ~s.done & (s.steps < max_steps)
@@ -145,7 +146,7 @@ class AugmentedLagrangian(AbstractSearch):
         def advance(s: State) -> State:
             on = is_running(s)
             after = jax.vmap(lambda task, s, on: self._step(task, slots, s, on))(tasks, s, on)
-            return jax.tree.map(lambda new, old: jnp.where(jnp.expand_dims(on, range(1, new.ndim)), new, old), after, s)
+            return choose(on, after, s)
 
         return jax.lax.while_loop(lambda s: jnp.any(is_running(s)), advance, states)
 

@@ -1,4 +1,4 @@
-"""Many searches at once: blocks on all cores, with the unfinished searches regrouped from time to time.
+"""Runs many searches in blocks on all cores, and regroups the unfinished searches from time to time.
 
 Searches that are computed together wait for the slowest of them. So each stage runs a few steps, and the searches that
 are not done by then are packed into fewer blocks, next to others whose last step took a similar effort. The blocks are

@@ -14,16 +14,16 @@ from qtraj.foundation.arrays import as_float, concrete
 from qtraj.foundation.types import ArrayInput, Scalar
 
 MAX_CHANGE, MAX_LOG_DURATION = 10.0, 3.0
-"""Default bounds on the change of a velocity, in reference speeds, and on the logarithm of the duration ratio."""
+"""Default bounds on the change of a velocity, in units of the reference speed, and on the logarithm of T/T₀."""
 
 BOUND_TOLERANCE = 1e-6
-"""A variable this close to a default bound is at the bound."""
+"""A variable within this distance of a default bound counts as at the bound."""
 
 Bounds = TypeAliasType("Bounds", Mapping[str, tuple[ArrayInput | None, ArrayInput | None]])
 
 
 def require_names(motion: AbstractMotion, objective: AbstractObjective, fixed: Sequence[str], bounds: Bounds) -> None:
-    """Raise a ValueError for unknown names, contradictory bounds, or if no variable is left free."""
+    """Raise a ValueError for unknown names, for contradictory bounds, or if all variables are fixed."""
     names = variable_names(motion, objective)
     for name in (*fixed, *bounds):
         if name in HEADINGS and name not in bounds:
@@ -31,8 +31,8 @@ def require_names(motion: AbstractMotion, objective: AbstractObjective, fixed: S
         if name not in names:
             hint = " (uniform motion has V_phi = rho·turn/duration: bound the duration)" if name in VELOCITIES else ""
             raise ValueError(
-                f"{name!r} is no variable of this problem{hint}: its variables are {', '.join(names)}; fixed also "
-                f"takes {', '.join(HEADINGS)}"
+                f"{name!r} is not a variable of this problem{hint}: its variables are {', '.join(names)}; fixed also "
+                f"accepts {', '.join(HEADINGS)}"
             )
         if name in fixed and name in bounds:
             raise ValueError(f"{name} is both fixed and bounded: remove one of the two")
@@ -40,7 +40,7 @@ def require_names(motion: AbstractMotion, objective: AbstractObjective, fixed: S
         if name in fixed or name in bounds:
             raise ValueError(f"a fixed heading determines {name}: do not fix or bound both")
     if set(names) <= {dependent_velocity(x) if x in HEADINGS else x for x in fixed}:
-        raise ValueError("every variable is fixed, so there is nothing to tune: remove one from fixed")
+        raise ValueError("every variable is fixed: remove at least one name from fixed")
     for name, (low, high) in bounds.items():
         _require_order(name, low, high)
 
@@ -55,14 +55,16 @@ def change_weights(
 ) -> Float[Array, " 7"]:
     """The weights of the squared changes, in the order of `Problem.weights`; 1 by default.
 
-    **Raises:** ValueError for an unknown name, or a weight that is not a finite number of 0 or more.
+    **Raises:** ValueError for an unknown name, or a weight that is negative or not finite.
     """
     names = VELOCITIES if motion.is_uniform else (*VELOCITIES, DURATION)
     if weights and objective.name != "nearest":
         raise ValueError(f"weights apply to objective='nearest', but the objective is {objective.name!r}: remove them")
     for name, weight in weights.items():
         if name not in names:
-            raise ValueError(f"{name!r} cannot be weighted: the changes that 'nearest' sums are {', '.join(names)}")
+            raise ValueError(
+                f"{name!r} cannot be weighted: objective 'nearest' sums only the changes of {', '.join(names)}"
+            )
         if not (np.ndim(weight) == 0 and np.isfinite(weight) and weight >= 0):
             raise ValueError(f"the weight of {name} must be a finite number of 0 or more, but {weight!r} was given")
     return as_float([float(weights.get(name, 1.0)) for name in (*VELOCITIES, DURATION)])
@@ -78,7 +80,8 @@ def box(problem: Problem, fixed: Sequence[str], bounds: Bounds) -> tuple[Variabl
         if name in fixed_variables:
             reach = 0.0
         lower, upper = (None if x is None else _variable(problem, name, x) for x in bounds.get(name, (None, None)))
-        # A side without a bound gets the default, or if the other bound lies beyond zero, the same distance from that.
+        # A missing bound is ±reach from zero. If the other bound is beyond zero, it is ±reach from that bound instead,
+        # so that the interval is not empty.
         low.append(lower if lower is not None else jnp.minimum(-reach, (0.0 if upper is None else upper) - reach))
         high.append(upper if upper is not None else jnp.maximum(reach, (0.0 if lower is None else lower) + reach))
     forward_ranges = [_forward_range(problem, name, fixed) for name in problem.names]
@@ -94,7 +97,7 @@ def box(problem: Problem, fixed: Sequence[str], bounds: Bounds) -> tuple[Variabl
 
 
 def _forward_range(problem: Problem, name: str, fixed: Sequence[str]) -> tuple[Scalar, Scalar] | None:
-    """The range in which V_φ keeps its sign where the heading is fixed: outside, the vehicle would drive backwards."""
+    """The range in which V_φ keeps its sign, for a fixed heading; outside it the vehicle would drive backwards."""
     end, _, component = name.partition(".")
     if component != "V_phi" or f"{end}.heading" not in fixed:
         return None
@@ -131,10 +134,11 @@ def _require_order(name: str, low: ArrayInput | None, high: ArrayInput | None) -
     ends = [None if x is None else concrete(as_float(x)) for x in (low, high)]
     for value in ends:
         if value is not None and not np.all(np.isfinite(value)):
-            raise ValueError(f"the bounds of {name} must be finite, or None for none, but {value} was given")
+            raise ValueError(f"the bounds of {name} must be finite, or None for an open side, but {value} was given")
         if name == DURATION and value is not None and not np.all(value > 0):
             raise ValueError(f"the bounds of {name} must be positive [s], but {value} was given")
     if ends[0] is not None and ends[1] is not None and np.any(ends[0] >= ends[1]):
         raise ValueError(
-            f"the bounds of {name} contradict: {ends[0]} is not below {ends[1]}. To keep its value, add it to fixed"
+            f"the bounds of {name} contradict each other: {ends[0]} is not below {ends[1]}. To keep its value, add it "
+            "to fixed"
         )

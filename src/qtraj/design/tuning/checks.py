@@ -1,6 +1,6 @@
-"""Checks of the input of a tuning: contradictory options raise, and so do the data of a single ill-posed problem.
+"""Checks the input of a tuning: contradictory options and the data of a single ill-posed problem raise a ValueError.
 
-In a batch, an ill-posed problem gets a result code of its own instead.
+In a batch, each ill-posed problem gets a result code instead.
 """
 
 from collections.abc import Callable
@@ -27,14 +27,14 @@ BOUNDING = tuple(name for name, entry in QUANTITIES.items() if entry.bounds_spee
 """Limits that bound the speed: the fastest path needs one of them."""
 
 MAX_AXIS_DISTANCE, MAX_AXIS_DISTANCE_LOOPS = 100.0, 1e3
-"""Largest distance of the default axis over the distance between the states: beyond it a placement is probably missing.
+"""Largest distance of the default axis over the distance between the states; beyond it a placement is probably missing.
 
-The second value is for turns beyond half a revolution in the sense of both velocities: their ends may be close
+The second value is for turns beyond half a revolution with the sense of both velocities, whose ends may be close
 together.
 """
 
 TURN_TOLERANCE = 1e-6
-"""[rad] Tolerance on the user's turn, which must lead to the azimuth of the end."""
+"""[rad] Tolerance on the user's turn, which must end at the azimuth of the end state."""
 
 
 def require_choices(
@@ -45,28 +45,28 @@ def require_choices(
     motion: AbstractMotion,
     has_duration: bool,
 ) -> None:
-    """Raise a ValueError for arguments that contradict each other; `has_duration` says whether the user gave one."""
+    """Raise a ValueError for arguments that contradict each other; `has_duration`: the user passed a duration."""
     if not isinstance(limits, Limits):
         raise ValueError(f"limits must be a Limits, such as Limits(curvature=0.05), but {limits!r} was given")
     user_limits = limits.given()
     if not user_limits:
-        raise ValueError("no limit was given, so there is nothing to tune for: set at least one field of Limits")
+        raise ValueError("no limit was given: a tuning needs at least one limit, so set at least one field of Limits")
     if objective.needs_time_limit and not any(name in BOUNDING for name in user_limits):
         raise ValueError(
-            f"nothing bounds the fastest path: the given limits ({', '.join(user_limits)}) allow any speed. "
+            f"the fastest path is unbounded: the given limits ({', '.join(user_limits)}) allow any speed. "
             f"Give one of {', '.join(BOUNDING)}."
         )
     if start.acceleration is not None or end.acceleration is not None:
-        raise ValueError("tuning changes the boundary velocities and cannot keep given accelerations: leave them out")
+        raise ValueError("tuning changes the boundary velocities and cannot keep boundary accelerations: omit them")
     if has_duration and motion.is_uniform and not objective.fixes_duration:
         raise ValueError(
-            "a duration was given, but the tuned rate of uniform motion determines the duration. Leave it out, or use "
+            "a duration was given, but the tuned rate of uniform motion determines the duration. Omit it, or use "
             "motion='hermite' or objective='smoothest'."
         )
 
 
 class _Data(NamedTuple):
-    """The data to check, of one problem or a batch: all NumPy arrays or all JAX arrays, as `xp` says."""
+    """The data to check, of one problem or a batch; all arrays belong to `xp`, which is NumPy or JAX's NumPy."""
 
     problem: Problem
     turn: Any
@@ -80,7 +80,7 @@ def fault_codes(
 ) -> Int[Array | np.ndarray, "*batch"]:
     """The code of the first fault of each problem, or `successful`. It can be traced.
 
-    `turn` is the user's, and `has_placement` says whether the user gave a placement.
+    `turn` is the turn that the user passed; `has_placement` is true if the user passed a placement.
     """
     data = _data(problem, turn, limits, corridor, has_placement)
     code = data.xp.full(data.problem.speed.shape, ResultCode.successful, np.int32)
@@ -197,8 +197,8 @@ def _senses_message(data: _Data) -> str:
     first, last = _rates(data)
     return (
         f"the states turn in opposite senses (V_phi/rho is {first:.6g} rad/s at the start and {last:.6g} at the end), "
-        "so they do not define a duration: give the end a velocity in the sense of the start's, or use "
-        "motion='hermite' with a duration."
+        "so they do not define a duration: give the end a velocity with the same sense of rotation as the start, or "
+        "use motion='hermite' with a duration."
     )
 
 
@@ -247,8 +247,8 @@ FAULTS = (
         ResultCode.turn_against_sense,
         lambda d: (d.problem.duration < 0) & (d.turn is not None),
         lambda _: (
-            "the turn is against the sense of V_phi, so the states do not define a duration: give one with "
-            "motion='hermite', or a turn in the sense of the states"
+            "the turn and V_phi have opposite senses, so the states do not define a duration: give a duration with "
+            "motion='hermite', or a turn with the same sense as V_phi"
         ),
     ),
     _Fault(
@@ -265,8 +265,8 @@ FAULTS = (
         ResultCode.turn_mismatch,
         _turn_mismatch,
         lambda d: (
-            f"a turn of {d.turn:.9g} rad does not lead from the start's azimuth to the end's: the nearest valid turn "
-            f"is {d.problem.turn:.9g} rad"
+            f"a turn of {d.turn:.9g} rad does not lead from the azimuth of the start to the azimuth of the end: the "
+            f"nearest valid turn is {d.problem.turn:.9g} rad"
         ),
     ),
 )

@@ -5,10 +5,12 @@ scales the limit: (value/limit)² = κ·G with κ = T^−2p/limit², where p is 
 function of a few invariants. These are scalar products of r', r'', …, c = r'×r'' and c' = r'×r''', called blocks.
 
 The limit is selected by an index that all searches of a batch share. So the formula of each limit is compiled once, and
-only the limits that are set are evaluated.
+only the limits that are set are evaluated. All functions here take a batch of paths, because a branch or a loop that
+`jax.vmap` adds the batch to is traced several times.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -21,29 +23,34 @@ from qtraj.design.tuning import corridor, monomials, road
 from qtraj.design.tuning.curves import Curves, along_u
 from qtraj.design.tuning.monomials import Table
 from qtraj.design.tuning.world_axes import upright_derivatives
+from qtraj.foundation.indexing import element
 from qtraj.foundation.types import Scalar
 from qtraj.path.frenet import Invariants
 from qtraj.path.path_quantity import PathQuantity
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.vehicle import RoadParameters
 
-Places = Float[Array, " places"]
+Places = Float[Array, "batch places"]
 
 
 class Setting(NamedTuple):
-    """A path in unit time, ln T, the rotation from its placement's axes to the world's, the initial path, a vehicle."""
+    """A path in unit time, ln T, the rotation from its placement's axes to the world's, the initial path, a vehicle.
+
+    For a batch of paths every array has a leading axis.
+    """
 
     curves: Curves
-    log_duration: Scalar
-    axes: Float[Array, "3 3"]
-    reference: Float[Array, "terms 3"]
+    log_duration: Float[Array, "*batch"]
+    axes: Float[Array, "*batch 3 3"]
+    reference: Float[Array, "*batch terms 3"]
     road: RoadParameters | None
 
 
-class Group(NamedTuple):
+@dataclass(frozen=True, eq=False)  # compared by identity, so that compiled functions can depend on it
+class Group:
     """Quantities that share the same invariants.
 
-    `products` maps each invariant to the names of the two blocks, or of the block and the vertical, that it multiplies.
+    `products` maps each invariant to the names of the two blocks that it multiplies, or of a block and the vertical.
     """
 
     order: int
@@ -64,7 +71,7 @@ HORIZONTAL = ("H", "G")
 
 
 HINTS = ("S", "N")
-"""Quantities that divide by these invariants may have a narrow peak, between the nodes, at the invariant's minimum."""
+"""Quantities that divide by these invariants may have narrow peaks between the nodes, where the invariant is small."""
 
 
 def _group(order: int, products: dict[str, tuple[str, str]], entries: Sequence[PathQuantity], *more: str) -> Group:
@@ -102,54 +109,74 @@ GROUPS = (
 """The quantities of low order, which most problems limit, and all others."""
 
 FIRST_HINT = len(QUANTITIES)
-"""The first index after the limits. Here follow the negative invariants of `HINTS`, whose peaks are minima."""
+"""The first index after the limits; it belongs to the negative invariants of `HINTS`, whose peaks are minima."""
 
 HINT_OF = np.asarray(
-    [*(int(entry.divisor == "cross_norm") for entry in QUANTITIES.values()), *[0] * (len(HINTS) + 1)], np.int32
+    [*(int(entry.divisor == "cross_norm") for entry in QUANTITIES.values()), *[0] * (len(HINTS) + 1)], np.uint32
 )
 """The hint that each quantity uses."""
 
 CORRIDOR_INDEX = FIRST_HINT + len(HINTS)
-"""The index of the corridor, which is a group of its own."""
+"""The index of the corridor, which is a separate group."""
 
 ROAD_GROUP = len(GROUPS) + 1
 """The group of the quantities that need a vehicle, which only problems with one have."""
 
 _GROUP_INDICES = [ROAD_GROUP if entry.needs_vehicle else _group_index(entry) for entry in QUANTITIES.values()]
 _HINT_MEMBERS = range(len(_ENTRIES[0]), len(_ENTRIES[0]) + len(HINTS))
-GROUP = np.asarray([*_GROUP_INDICES, *[0] * len(HINTS), len(GROUPS)], np.int32)
-MEMBER = np.asarray([*(_GROUP_INDICES[:k].count(g) for k, g in enumerate(_GROUP_INDICES)), *_HINT_MEMBERS, 0], np.int32)
+GROUP = np.asarray([*_GROUP_INDICES, *[0] * len(HINTS), len(GROUPS)], np.uint32)
+MEMBER = np.asarray(
+    [*(_GROUP_INDICES[:k].count(g) for k, g in enumerate(_GROUP_INDICES)), *_HINT_MEMBERS, 0], np.uint32
+)
 PER_TIME = np.asarray([*(entry.per_time for entry in QUANTITIES.values()), *[0] * (len(HINTS) + 1)], np.int32)
 
 
-def values(setting: Setting, index: Int[Array, ""], limit: Scalar, u: Places) -> Places:
-    """The constraint g at the places `u`."""
-    curves = setting.curves
-    scale, _ = limit_scale(setting, index, limit)
+def values(settings: Setting, index: Int[Array, ""], limits: Float[Array, " batch"], u: Places) -> Places:
+    """The constraint g of a batch of paths, each at its own places `u`."""
+    scale, _ = limit_scale(settings, index, limits)
+
+    def in_world(order: int, upright: bool) -> Array:
+        r = jax.vmap(lambda curves, u: along_u(curves.up_to(order), u, 0)[0])(settings.curves, u)
+        return upright_derivatives(settings.axes, settings.curves.angle, r, u) if upright else r
 
     def make_branch(group: Group) -> Callable[[], Places]:
         def branch() -> Places:
-            r = along_u(curves.up_to(group.order), u, 0)[0]
-            r = upright_derivatives(setting.axes, setting.curves.angle, r, u) if group.upright else r
-            invariants = Invariants([None, *((x[0], x[1], x[2]) for x in r)])
+            r = in_world(group.order, group.upright)
+            invariants = Invariants([None, *((x[:, 0], x[:, 1], x[:, 2]) for x in jnp.moveaxis(r, 1, 0))])
             used = SimpleNamespace(**{name: getattr(invariants, name) for name in group.products})
             squares = [lambda square=square: square(used) for square in group.members]
-            return jax.lax.switch(jnp.asarray(MEMBER)[index], squares)
+            return jax.lax.switch(element(MEMBER, index), squares)
 
         return branch
 
-    def on_road() -> Places:
-        r = along_u(curves.up_to(road.ORDER), u, 0)[0]
-        return road.value(setting, upright_derivatives(setting.axes, curves.angle, r, u), jnp.asarray(MEMBER)[index])
+    def corridor_branch() -> Places:
+        return jax.vmap(corridor.value)(settings.curves.place, settings.reference, u)
 
-    others = [lambda: corridor.value(curves.place, setting.reference, u), *([] if setting.road is None else [on_road])]
-    return 0.5 * (scale * switch_group(index, make_branch, others) - 1)
+    def road_branch() -> Places:
+        member = element(MEMBER, index)
+        return jax.vmap(lambda setting, r: road.value(setting, r, member))(settings, in_world(road.ORDER, True))
+
+    others = [corridor_branch, *([] if settings.road is None else [road_branch])]
+    return 0.5 * (scale[:, None] * switch_group(index, make_branch, others) - 1)
 
 
-def limit_scale(setting: Setting, index: Int[Array, ""], limit: Scalar) -> tuple[Array, Array]:
+def of_one_path(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`values` or one of the functions like it for one path: the arguments and the result without the batch axis."""
+
+    def of_one(setting: Setting, *arguments: Any) -> Any:
+        *derivatives, index, limit, u = arguments
+        settings, batched, limits, places = jax.tree.map(lambda x: x[None], (setting, derivatives, limit, u))
+        return jax.tree.map(lambda x: x[0], function(settings, *batched, index, limits, places))
+
+    return of_one
+
+
+def limit_scale(
+    settings: Setting, index: Int[Array, ""], limits: Float[Array, " batch"]
+) -> tuple[Float[Array, " batch"], Scalar]:
     """κ and d ln κ / d ln T."""
-    per_log = jnp.asarray(-2.0 * PER_TIME)[index].astype(limit.dtype)
-    return jnp.exp(per_log * setting.log_duration) / limit**2, per_log
+    per_log = element(-2.0 * PER_TIME, index).astype(limits.dtype)
+    return jnp.exp(per_log * settings.log_duration) / limits**2, per_log
 
 
 def switch_group(
@@ -159,4 +186,4 @@ def switch_group(
 
     `others` are the branches of the corridor and, for a problem with a vehicle, of the road.
     """
-    return jax.lax.switch(jnp.asarray(GROUP)[index], [*(make_branch(group) for group in GROUPS), *others])
+    return jax.lax.switch(element(GROUP, index), [*(make_branch(group) for group in GROUPS), *others])

@@ -1,7 +1,7 @@
-"""The distance from the initial path as a constraint: its square, with derivatives in the end slopes and in u.
+"""The distance from the initial path as a constraint: its square, with derivatives for the end slopes and u.
 
-ρ, φ and h are linear in the slopes. So only the square itself needs second derivatives; it is a polynomial in the four
-numbers of `Offset`.
+ρ, φ and h are linear in the slopes. So only the square needs second derivatives; it is a polynomial in the four numbers
+of `Offset`.
 """
 
 import jax
@@ -23,7 +23,7 @@ def value(place: Cubics, reference: Cubics, u: Places) -> Places:
 def slopes(
     place: Cubics, directions: Float[Array, "k terms 3"], reference: Cubics, u: Places
 ) -> tuple[Places, Float[Array, "k places"]]:
-    """The squared distance at the places `u`, and its derivatives in the slopes."""
+    """The squared distance at the places `u`, and its derivatives with respect to the slopes."""
     p = along_u(_offset(place, reference), u, 0)[0]
     gradient = jax.grad(lambda p: jnp.sum(_square(p)))(p)
     return _square(p), _along(gradient, along_u(_padded(directions), u, 0)[0])
@@ -32,7 +32,7 @@ def slopes(
 def second_order(
     place: Cubics, directions: Float[Array, "k terms 3"], reference: Cubics, u: Places
 ) -> tuple[Places, Array, Array, Array, Places, Places]:
-    """The squared distance, with first and second derivatives in the slopes, mixed ones, and those in u."""
+    """The squared distance, its first and second derivatives for the slopes, the mixed ones, and those for u."""
     p, in_u, in_u_twice = along_u(_offset(place, reference), u, 2)
     first, first_in_u = along_u(_padded(directions), u, 1)
     n = directions.shape[0]

@@ -1,11 +1,13 @@
-"""Paths in unit time: the polynomials of their derivatives, and the derivatives of those in the variables.
+"""Paths in unit time: the polynomials of their derivatives, differentiated with respect to the variables.
 
-In the moving basis the derivatives of R_z(φ)·(ρ, 0, h) in u = t/T are polynomials in u: (a, b, h)' = (a' − bφ',
-b' + aφ', h'). Between fixed ends the path in unit time depends only on its slopes there, the boundary velocities times
-T. The coefficients are differentiated in these slopes, once for all limits and places.
+In the moving basis the derivatives of R_z(φ)·(ρ, 0, h) with respect to u = t/T are polynomials in u:
+(a, b, h)' = (a' − bφ', b' + aφ', h'). Between fixed ends the path in unit time depends only on its slopes there, which
+are the boundary velocities times T. The coefficients are differentiated with respect to these slopes, once for all
+limits and places.
 """
 
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +18,9 @@ from qtraj.design.tuning.problem import Problem
 
 ORDERS = 4
 TERMS = 4  # coefficients of cubics
+
+HERMITE = np.asarray([[1, 0, 0, 0], [0, 0, 1, 0], [0, 3, -2, -1], [0, -2, 1, 1]], float)
+"""From the first value, the difference of the values, and the slopes at both ends to the coefficients of a cubic."""
 
 ANGLE = 1  # the index of φ in (ρ, φ, h)
 
@@ -36,20 +41,25 @@ class Curves(NamedTuple):
 
     def up_to(self, order: int) -> Float[Array, "*more order terms 3"]:
         """The coefficients of the derivatives up to `order`, without trailing zeros."""
-        orders, terms = self.derivatives.shape[-3:-1]
-        per_order = (terms - TERMS) // orders
-        return self.derivatives[..., :order, : terms - per_order * (orders - order), :]
+        return up_to(self.derivatives, order)
+
+
+def up_to(derivatives: Float[Array, "*more orders terms 3"], order: int) -> Float[Array, "*more order terms 3"]:
+    """The coefficients of the derivatives up to `order`, without trailing zeros."""
+    orders, terms = derivatives.shape[-3:-1]
+    per_order = (terms - TERMS) // orders
+    return derivatives[..., :order, : terms - per_order * (orders - order), :]
 
 
 class CurveDerivatives(NamedTuple):
-    """Derivatives of curves in the slopes at the ends, and of the slopes and ln T in the variables.
+    """Derivatives of curves with respect to the end slopes, and of the slopes and ln T with respect to the variables.
 
-    The path is linear in the slopes of ρ and h. So `second` contains only the pairs of slopes (`pairs`) with φ' among
-    them, and is None where φ' is constant.
+    The path is linear in the slopes of ρ and h. So `second` contains only the pairs of slopes that include φ' (see
+    `pairs`), and is None if φ' is constant.
     """
 
     first: Curves
-    second: Curves | None
+    second: Float[Array, "pairs orders terms 3"] | None  # of r', r'', …
     slopes: Float[Array, "k n"]
     log_duration: Float[Array, " n"]
 
@@ -57,61 +67,81 @@ class CurveDerivatives(NamedTuple):
 def cubics(problem: Problem, slopes: Float[Array, "2 3"]) -> Float[Array, "4 3"]:
     """The coefficients of ρ, φ and h in u, with these slopes at the ends."""
     first, last = problem.ends
-    difference = last - first
-    return jnp.stack(
-        [first, slopes[0], 3 * difference - 2 * slopes[0] - slopes[1], slopes[0] + slopes[1] - 2 * difference]
-    )
+    return jnp.asarray(HERMITE, slopes.dtype) @ jnp.concatenate([jnp.stack([first, last - first]), slopes])
 
 
+@jax.jit
 def reference_cubics(problem: Problem) -> Float[Array, "4 3"]:
     """The coefficients of ρ, φ and h in u of the initial path."""
     return cubics(problem, problem.slopes(jnp.zeros(problem.size, problem.speed.dtype))[0])
 
 
 def curve(problem: Problem, slopes: Float[Array, "2 3"]) -> Curves:
-    """The path with these slopes of ρ, φ and h in u at its ends."""
+    """The path with these slopes dρ/du, dφ/du and dh/du at its ends."""
     cubic = cubics(problem, slopes)
-    uniform = problem.motion.is_uniform
-    angle_rate = (cubic[1:, ANGLE] * jnp.arange(1, TERMS, dtype=cubic.dtype))[: 1 if uniform else None]
-    terms = TERMS if uniform else TERMS + (TERMS - 2) * ORDERS
-    straight = jnp.asarray([1.0, 0.0, 1.0], cubic.dtype)
-    x, orders = jnp.pad(cubic * straight[None], ((0, terms - TERMS), (0, 0))), []
-    power = jnp.arange(1, terms, dtype=cubic.dtype)[:, None]
-    for _ in range(ORDERS):
-        rotated = jnp.stack([-x[:, 1], x[:, 0], jnp.zeros_like(x[:, 0])], axis=1)
-        x = jnp.pad(x[1:] * power, ((0, 1), (0, 0)))
-        for k in range(angle_rate.shape[0]):
-            x = x + angle_rate[k] * (rotated if k == 0 else jnp.pad(rotated[:-k], ((k, 0), (0, 0))))
-        orders.append(x)
-    return Curves(jnp.stack(orders), cubic)
+    return Curves(_orders(cubic[None], _angle_rate(problem, cubic), None)[0], cubic)
 
 
 def curve_derivatives(
     problem: Problem, z: Float[Array, " n"], slopes: Float[Array, "2 3"]
 ) -> tuple[Curves, CurveDerivatives]:
     """The path for the variables, with its derivatives."""
-    unit = jnp.asarray(_directions(problem), z.dtype)
-
-    def along(direction: Array) -> tuple[Curves, Curves]:
-        return jax.jvp(lambda s: curve(problem, s), (slopes,), (direction,))
-
-    def twice(one: Array, other: Array) -> Curves:
-        return jax.jvp(lambda s: jax.jvp(lambda s: curve(problem, s), (s,), (one,))[1], (slopes,), (other,))[1]
-
-    at, first = jax.vmap(along, out_axes=(None, 0))(unit)
-    second = None
-    if not problem.motion.is_uniform:
-        first_index, second_index = pairs().T
-        second = jax.vmap(twice)(unit[first_index], unit[second_index])
+    cubic, directions = cubics(problem, slopes), _directions(problem)
+    moved: Any = np.einsum("tk,nkc->ntc", HERMITE[:, 2:], directions)  # of the cubics, the same for all slopes
+    orders = _orders(
+        jnp.concatenate([cubic[None], jnp.asarray(moved, z.dtype)]),
+        _angle_rate(problem, cubic),
+        None if problem.motion.is_uniform else moved[:, 1:, ANGLE] * np.arange(1, TERMS),
+    )
+    n = directions.shape[0]
     slopes_in_z = jax.jacfwd(lambda z: problem.slopes(z)[0])(z).reshape(6, -1)
     last = 0.0 if problem.objective.fixes_duration else 1.0
     log_in_z = jnp.asarray([0.0] * (z.shape[0] - 1) + [last], z.dtype)
-    free = np.flatnonzero(_directions(problem).any(axis=0).reshape(-1))
+    free = np.flatnonzero(directions.any(axis=0).reshape(-1))
+    at, first = Curves(orders[0], cubic), Curves(orders[1 : n + 1], jnp.asarray(moved, z.dtype))
+    second = None if problem.motion.is_uniform else orders[n + 1 :]
     return at, CurveDerivatives(first, second, slopes_in_z[free], log_in_z)
 
 
+def _angle_rate(problem: Problem, cubic: Float[Array, "4 3"]) -> Float[Array, " rates"]:
+    """The coefficients of φ' in u."""
+    if problem.motion.is_uniform:
+        return cubic[1:2, ANGLE]
+    return cubic[1:, ANGLE] * jnp.arange(1, TERMS, dtype=cubic.dtype)
+
+
+def _orders(
+    cubic: Float[Array, "rows 4 3"], angle_rate: Float[Array, " rates"], moved_rate: Float[np.ndarray, "k rates"] | None
+) -> Float[Array, "rows_ orders terms 3"]:
+    """The coefficients of r', r'', … of a path, of its derivatives in the k slopes, and in `pairs` of these.
+
+    `cubic` holds ρ, φ and h: of the path, and where wanted their derivatives in the slopes. The pairs are included if
+    `moved_rate`, the derivatives of φ', is given. With x = (a, b, h), the recursion is x ← x' + φ'·(−b, a, 0).
+    """
+    terms = TERMS if angle_rate.shape[0] == 1 else TERMS + (TERMS - 2) * ORDERS
+    n_pairs = 0 if moved_rate is None else len(pairs())
+    power = np.arange(1.0, terms)[None, :, None]
+    turned = jnp.asarray([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]], cubic.dtype)
+    x = jnp.pad(cubic * np.asarray([[[1.0, 0.0, 1.0]]]), ((0, n_pairs), (0, terms - TERMS), (0, 0)))
+    orders = []
+    for _ in range(ORDERS):
+        rotated = x @ turned
+        x = jnp.pad(x[:, 1:] * power, ((0, 0), (0, 1), (0, 0)))
+        for k in range(angle_rate.shape[0]):
+            shifted = rotated if k == 0 else jnp.pad(rotated[:, :-k], ((0, 0), (k, 0), (0, 0)))
+            x = x + angle_rate[k] * shifted
+            if moved_rate is not None:
+                i, j = pairs().T
+                rates = moved_rate[:, k, None, None]
+                from_slopes = rates * shifted[:1]
+                from_pairs = rates[i] * shifted[1 + j] + rates[j] * shifted[1 + i]
+                x = x + jnp.concatenate([jnp.zeros_like(x[:1]), from_slopes, from_pairs])
+        orders.append(x)
+    return jnp.stack(orders, axis=1)
+
+
 def pairs() -> np.ndarray:
-    """The pairs of slopes i ≤ j with a slope of φ among them, (pairs, 2)."""
+    """Index pairs i ≤ j of slopes, at least one of which is a slope of φ, (pairs, 2)."""
     return np.asarray([(i, j) for i in range(6) for j in range(i, 6) if ANGLE in (i % 3, j % 3)])
 
 
@@ -130,7 +160,7 @@ def second_along(
     k = derivatives.slopes.shape[0]
     if derivatives.second is None:
         return jnp.zeros((k, k, *u.shape), u.dtype)
-    second = derivatives.second.up_to(order)
+    second = up_to(derivatives.second, order)
     powers = [jnp.ones_like(u)]
     for _ in range(second.shape[-2] - 1):
         powers.append(powers[-1] * u)
@@ -140,27 +170,28 @@ def second_along(
 
 def along_u(coefficients: Float[Array, "*more terms 3"], u: Float[Array, " places"], order: int) -> list[Array]:
     """Vectors of polynomials at the places, and their Taylor coefficients up to `order`: (*more, 3, places) each."""
-    return _horner([coefficients[..., k, :, None] for k in range(coefficients.shape[-2])], u, order)
+    return _horner(jnp.moveaxis(coefficients, -2, 0), u, order)
 
 
 def angle_at(angle: Float[Array, "*more terms"], u: Float[Array, " places"], order: int) -> list[Array]:
     """φ at the places, and its Taylor coefficients up to `order`: (*more, places) each."""
-    return _horner([angle[..., k, None] for k in range(angle.shape[-1])], u, order)
+    return _horner(jnp.moveaxis(angle, -1, 0), u, order)
 
 
-def _horner(c: list[Array], u: Float[Array, " places"], order: int) -> list[Array]:
-    broadcast = jnp.broadcast_to(u, (*c[0].shape[:-1], u.shape[0]))
-    top = c[-2] + c[-1] * broadcast
-    out: list[Array] = [top, *([jnp.broadcast_to(c[-1], broadcast.shape)] if order else [])]
-    for row in c[-3::-1]:
+@partial(jax.jit, static_argnums=2)
+def _horner(coefficients: Float[Array, "terms *more"], u: Float[Array, " places"], order: int) -> list[Array]:
+    u = jnp.broadcast_to(u, (*coefficients.shape[1:], u.shape[0]))
+    c = jnp.broadcast_to(coefficients[..., None], (coefficients.shape[0], *u.shape))
+    out = [c[-2] + c[-1] * u, *([c[-1]] if order else [])]
+    for k in range(c.shape[0] - 3, -1, -1):
         if len(out) <= order:
             out.append(out[-1])
             inner = range(len(out) - 2, 0, -1)
         else:
             inner = range(len(out) - 1, 0, -1)
-        for k in inner:
-            out[k] = out[k - 1] + out[k] * broadcast
-        out[0] = out[0] * broadcast + row
+        for i in inner:
+            out[i] = out[i - 1] + out[i] * u
+        out[0] = out[0] * u + c[k]
     return out
 
 

@@ -1,74 +1,96 @@
-"""Derivatives of the constraints in the variables and in the place u on the path."""
+"""Derivatives of the constraints with respect to the variables and to the place u on the path."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from qtraj.algebra.sparse import add
+from qtraj.algebra.sparse import add, is_zero
 from qtraj.design.tuning import corridor, monomials, road
 from qtraj.design.tuning.constraints import HORIZONTAL, MEMBER, Group, Places, Setting, limit_scale, switch_group
-from qtraj.design.tuning.curves import CurveDerivatives, along_u, angle_at, second_along
-from qtraj.design.tuning.world_axes import cross_axis, to_world, world_derivatives
+from qtraj.design.tuning.curves import CurveDerivatives, along_u, second_along
+from qtraj.design.tuning.world_axes import from_world, world_derivatives
+from qtraj.foundation.indexing import element
 from qtraj.foundation.types import Scalar
 from qtraj.path.components import Triple, add_vectors, cross, dot
 
 
 class Expansion(NamedTuple):
-    """The constraint g at many places: its value and its derivatives in the variables and in u."""
+    """The constraint g at many places: its value and its derivatives with respect to the variables and u."""
 
-    value: Places
-    slope: Float[Array, "n places"]
-    curvature: Float[Array, "n n places"]
-    mixed: Float[Array, "n places"]  # ∂²g/∂z∂u
-    rate: Places  # ∂g/∂u
-    second_rate: Places  # ∂²g/∂u²
+    value: Float[Array, "*batch places"]
+    slope: Float[Array, "*batch n places"]
+    curvature: Float[Array, "*batch n n places"]
+    mixed: Float[Array, "*batch n places"]  # ∂²g/∂z∂u
+    rate: Float[Array, "*batch places"]  # ∂g/∂u
+    second_rate: Float[Array, "*batch places"]  # ∂²g/∂u²
 
 
 def slopes(
-    setting: Setting, derivatives: CurveDerivatives, index: Int[Array, ""], limit: Scalar, u: Places
-) -> tuple[Places, Float[Array, "n places"]]:
-    """g at the places `u`, and its derivatives in the variables."""
-    curves = setting.curves
-    scale, per_log = limit_scale(setting, index, limit)
+    settings: Setting, derivatives: CurveDerivatives, index: Int[Array, ""], limits: Float[Array, " batch"], u: Places
+) -> tuple[Places, Float[Array, "batch n places"]]:
+    """g of a batch of paths at the places `u` of each, and its derivatives in the variables."""
+    scale, per_log = limit_scale(settings, index, limits)
+    places = settings.curves.place, derivatives.first.place, settings.reference
+    member = element(MEMBER, index)
+    G, in_slopes = switch_group(
+        index,
+        lambda group: _with_log(
+            settings, lambda: jax.vmap(partial(_first_order, group, index))(settings, derivatives, u)
+        ),
+        _others(
+            settings,
+            lambda: jax.vmap(corridor.slopes)(*places, u),
+            lambda: jax.vmap(partial(road.slopes, member))(settings, derivatives, u),
+        ),
+    )
 
-    def make_branch(group: Group) -> Callable[[], tuple[Places, Array]]:
-        def branch() -> tuple[Places, Array]:
-            r = along_u(curves.up_to(group.order), u, 0)[0]
-            directions = along_u(derivatives.first.up_to(group.order), u, 0)[0]
-            if group.upright:
-                angle, first = (angle_at(x.angle, u, 0)[0] for x in (curves, derivatives.first))
-                directions = to_world(setting.axes, angle, directions + first[:, None, None] * cross_axis(r)[None])
-                r = to_world(setting.axes, angle, r)
-            G, gradient, _ = _gradient(group, _vectors(r), index)
-            along = [dot(_broadcast(b), v) for b, v in zip(gradient, _vectors(directions), strict=True)]
-            return G, add(along)
+    def combined(
+        G: Array, in_slopes: Array, setting: Setting, derivatives: CurveDerivatives, scale: Scalar
+    ) -> tuple[Array, Array]:
+        in_duration = (per_log * derivatives.log_duration)[:, None] * G[None]
+        slope = _directions(setting, derivatives).T @ in_slopes + in_duration
+        return 0.5 * (scale * G - 1), 0.5 * scale * slope
 
-        return branch
+    return jax.vmap(combined)(G, in_slopes, settings, derivatives, scale)
 
-    places = curves.place, derivatives.first.place, setting.reference
-    member = jnp.asarray(MEMBER)[index]
-    others = _others(setting, lambda: corridor.slopes(*places, u), lambda: road.slopes(setting, derivatives, member, u))
-    G, in_slopes = switch_group(index, lambda group: _with_log(setting, make_branch(group)), others)
-    slope = _directions(setting, derivatives).T @ in_slopes + (per_log * derivatives.log_duration)[:, None] * G[None]
-    return 0.5 * (scale * G - 1), 0.5 * scale * slope
+
+def _first_order(
+    group: Group, index: Int[Array, ""], setting: Setting, derivatives: CurveDerivatives, u: Float[Array, " places"]
+) -> tuple[Array, Array]:
+    """G of one path and its derivatives in the slopes at the ends."""
+    at = _local(group, index, setting, derivatives, u)
+    return at.G, at.first_order[:-1]
 
 
 def expansions(
-    setting: Setting, derivatives: CurveDerivatives, index: Int[Array, ""], limit: Scalar, u: Places
+    settings: Setting, derivatives: CurveDerivatives, index: Int[Array, ""], limits: Float[Array, " batch"], u: Places
 ) -> Expansion:
-    """g at the places `u`, with first and second derivatives in the variables and in u."""
-    scale, per_log = limit_scale(setting, index, limit)
-    places = setting.curves.place, derivatives.first.place, setting.reference
-    member = jnp.asarray(MEMBER)[index]
-    others = _others(
-        setting,
-        lambda: corridor.second_order(*places, u),
-        lambda: road.second_order(setting, derivatives, member, u),
+    """g of a batch of paths at the places `u` of each, with first and second derivatives in the variables and in u."""
+    scale, per_log = limit_scale(settings, index, limits)
+    places = settings.curves.place, derivatives.first.place, settings.reference
+    member = element(MEMBER, index)
+    arrays = switch_group(
+        index,
+        lambda group: _with_log(
+            settings, lambda: jax.vmap(partial(_second_order, group, index))(settings, derivatives, u)
+        ),
+        _others(
+            settings,
+            lambda: jax.vmap(corridor.second_order)(*places, u),
+            lambda: jax.vmap(partial(road.second_order, member))(settings, derivatives, u),
+        ),
     )
-    make_branch = lambda group: _with_log(setting, lambda: _second_order(group, setting, derivatives, index, u))  # noqa: E731
-    G = Expansion(*switch_group(index, make_branch, others))
+    return jax.vmap(_in_variables, (0, 0, 0, 0, None))(Expansion(*arrays), settings, derivatives, scale, per_log)
+
+
+def _in_variables(
+    G: Expansion, setting: Setting, derivatives: CurveDerivatives, scale: Scalar, per_log: Scalar
+) -> Expansion:
+    """The expansion of g in the variables from the expansion of G in the slopes at the ends."""
     J, e = _directions(setting, derivatives), derivatives.log_duration[:, None]
     slope, mixed = J.T @ G.slope, J.T @ G.mixed
     curvature = jnp.einsum("in,ijp,jm->nmp", J, G.curvature, J)
@@ -109,104 +131,141 @@ def _with_log(setting: Setting, branch: Callable[[], Any]) -> Callable[[], Any]:
 
     def padded() -> Any:
         G, slope, *rest = branch()
-        slope = jnp.pad(slope, ((0, 1), (0, 0)))
+        slope = jnp.pad(slope, ((0, 0), (0, 1), (0, 0)))
         if not rest:
             return G, slope
         curvature, mixed, *in_u = rest
-        return G, slope, jnp.pad(curvature, ((0, 1), (0, 1), (0, 0))), jnp.pad(mixed, ((0, 1), (0, 0))), *in_u
+        curvature = jnp.pad(curvature, ((0, 0), (0, 1), (0, 1), (0, 0)))
+        return G, slope, curvature, jnp.pad(mixed, ((0, 0), (0, 1), (0, 0))), *in_u
 
     return branch if setting.road is None else padded
 
 
 def _second_order(
-    group: Group, setting: Setting, derivatives: CurveDerivatives, index: Int[Array, ""], u: Places
+    group: Group, index: Int[Array, ""], setting: Setting, derivatives: CurveDerivatives, u: Float[Array, " places"]
 ) -> tuple[Array, ...]:
-    """G, with first and second derivatives in the slopes at the ends, mixed ones, and those in u.
+    """G of one path, with first and second derivatives in the slopes at the ends, mixed ones, and those in u.
 
     In the directions w of the slopes and of u, with invariants s and blocks Y,
-    G_ww = Σ G_ss s_w s_w + Σ W Y_w Y_w + Σ Ȳ·Y_ww, where W are the weights of the blocks' products and Ȳ = G_Y.
+    G_ww = Σ G_ss s_w s_w + Σ W Y_w Y_w + Σ Ȳ·Y_ww, where W are the weights of the products of blocks and Ȳ = G_Y.
     """
-    curves = setting.curves
-    r, in_u, in_u_twice = along_u(curves.up_to(group.order), u, 2)
-    moved, moved_in_u = along_u(derivatives.first.up_to(group.order), u, 1)
-    w = jnp.concatenate([moved, in_u[None]])
-    map_back: Any = lambda gradient: (gradient, 0.0)  # noqa: E731
-    if group.upright:
-        r, w, map_back = world_derivatives(setting.axes, setting.curves.angle, derivatives.first.angle, r, w, u)
-    directions = _vectors(w)
-    vectors = _vectors(r)
-    G, gradient, (Y, block_gradient, in_invariants, hessian) = _gradient(group, vectors, index)
+    at = _local(group, index, setting, derivatives, u)
+    Y, in_invariants, directions = at.blocks, at.in_invariants, _vectors(at.w)
+    vectors = [Y[f"r{k + 1}"] for k in range(group.order)]
     in_w = {f"r{k + 1}": v for k, v in enumerate(directions)}
     for name, k in group.cross_products.items():
-        in_w[name] = add_vectors(
-            cross(directions[0], _broadcast(vectors[k])), cross(_broadcast(vectors[0]), directions[k])
-        )
+        in_w[name] = _cross_change(directions[0], vectors[0], directions[k], vectors[k])
     s_w, weighted = [], dict.fromkeys(in_w, (0, 0, 0))
     for i, (name, (a, b)) in enumerate(group.products.items()):
         if b == "up":
             s_w.append(in_w[a][2])
             continue
         axes = 2 if name in HORIZONTAL else 3
-        s_w.append(add([dot(in_w[a][:axes], _broadcast(Y[b])[:axes]), dot(in_w[b][:axes], _broadcast(Y[a])[:axes])]))
-        weight = in_invariants[i][None]
-        weighted[a] = add_vectors(weighted[a], _scaled(in_w[b], weight, axes))
-        weighted[b] = add_vectors(weighted[b], _scaled(in_w[a], weight, axes))
-    projected = jnp.einsum("ijp,jmp->imp", hessian, jnp.stack(s_w))
-    hessian_w = [_outer(projected[i], x) for i, x in enumerate(s_w)]
-    hessian_w += [_outer(x, y) for name in in_w for x, y in zip(in_w[name], weighted[name], strict=True)]
+        s_w.append(_change(in_w[a][:axes], Y[a][:axes], in_w[b][:axes], Y[b][:axes]))
+        weighted[a] = _add_scaled(weighted[a], in_w[b], in_invariants[i], axes)
+        weighted[b] = _add_scaled(weighted[b], in_w[a], in_invariants[i], axes)
+    projected = jnp.einsum("ijp,jmp->imp", at.hessian, jnp.stack(s_w))
+    hessian_w = [_outer_sum((projected[i],), (x,)) for i, x in enumerate(s_w)]
+    hessian_w += [_outer_sum(in_w[name], tuple(_as_array(x, s_w[0]) for x in weighted[name])) for name in in_w]
     for name, k in group.cross_products.items():
-        product = add(
-            [
-                _outer(x, y)
-                for x, y in zip(cross(_broadcast(block_gradient[name]), directions[0]), directions[k], strict=True)
-            ]
-        )
+        product = _outer_sum(_cross(_broadcast(at.in_blocks[name]), directions[0]), directions[k])
         hessian_w += [product, jnp.swapaxes(product, 0, 1)]
     hessian_w = add(hessian_w)
-    local, rotation_terms = map_back(jnp.stack([jnp.stack(b) for b in gradient]))
-    hessian_w = hessian_w + rotation_terms
+    local = jnp.stack([jnp.stack(b) for b in at.gradient])
+    if group.upright:
+        local, rotation_terms = from_world(
+            setting.axes, setting.curves.angle, derivatives.first.angle, at.r, at.moving_w, local, u
+        )
+        hessian_w = hessian_w + rotation_terms
     if derivatives.second is not None:
         hessian_w = hessian_w + jnp.pad(second_along(derivatives, local, group.order, u), ((0, 1), (0, 1), (0, 0)))
-    n = moved.shape[0]
-    first_order = add([dot(_broadcast(b), v) for b, v in zip(gradient, directions, strict=True)])
     local = _vectors(local)
-    mixed = add([dot(_broadcast(b), v) for b, v in zip(local, _vectors(moved_in_u), strict=True)])
-    second_rate = add([dot(b, v) for b, v in zip(local, _vectors(in_u_twice), strict=True)])
+    mixed = add([_along(b, v) for b, v in zip(local, _vectors(at.moved_in_u), strict=True)])
+    second_rate = add([_dot(b, v) for b, v in zip(local, _vectors(at.in_u_twice), strict=True)])
     return (
-        G,
-        first_order[:n],
-        hessian_w[:n, :n],
-        hessian_w[:n, n] + mixed,
-        first_order[n],
-        hessian_w[n, n] + 2 * second_rate,
+        at.G,
+        at.first_order[:-1],
+        hessian_w[:-1, :-1],
+        hessian_w[:-1, -1] + mixed,
+        at.first_order[-1],
+        hessian_w[-1, -1] + 2 * second_rate,
     )
 
 
-def _gradient(group: Group, r: list[Triple], index: Int[Array, ""]) -> tuple[Places, list[Triple], tuple[Any, ...]]:
+class _Local(NamedTuple):
+    """G of one path, its first derivatives, and what the second ones need.
+
+    `w` are the derivatives of r', r'', … in the directions of the slopes and of u, in the basis of the invariants;
+    `moving_w` and `r` are in the moving basis.
+    """
+
+    G: Float[Array, " places"]
+    first_order: Float[Array, "k places"]
+    r: Float[Array, "orders 3 places"]
+    w: Float[Array, "k orders 3 places"]
+    moving_w: Float[Array, "k orders 3 places"]
+    moved_in_u: Float[Array, "n orders 3 places"]
+    in_u_twice: Float[Array, "orders 3 places"]
+    blocks: dict[str, Triple]
+    gradient: list[Triple]  # in r', r'', …
+    in_blocks: dict[str, Triple]
+    in_invariants: Float[Array, "i places"]
+    hessian: Float[Array, "i i places"]  # in the invariants
+
+
+@partial(jax.jit, static_argnums=0)  # traced once for the peaks and the fixed times
+def _local(
+    group: Group, index: Int[Array, ""], setting: Setting, derivatives: CurveDerivatives, u: Float[Array, " places"]
+) -> _Local:
+    r, in_u, in_u_twice = along_u(setting.curves.up_to(group.order), u, 2)
+    moved, moved_in_u = along_u(derivatives.first.up_to(group.order), u, 1)
+    moving_w = jnp.concatenate([moved, in_u[None]])
+    used_r, w = r, moving_w
+    if group.upright:
+        used_r, w = world_derivatives(setting.axes, setting.curves.angle, derivatives.first.angle, r, moving_w, u)
+    G, gradient, (blocks, in_blocks, in_invariants, hessian) = _gradient(group, _vectors(used_r), index)
+    first_order = add([_along(b, v) for b, v in zip(gradient, _vectors(w), strict=True)])
+    return _Local(
+        G,
+        first_order,
+        r,
+        w,
+        moving_w,
+        moved_in_u,
+        in_u_twice,
+        blocks,
+        gradient,
+        in_blocks,
+        in_invariants,
+        hessian,
+    )
+
+
+def _gradient(group: Group, r: list[Triple], index: Int[Array, ""]) -> tuple[Array, list[Triple], tuple[Any, ...]]:
     """G and its gradients in r', r'', …; then the blocks, and the derivatives in them and in the invariants."""
     Y = {f"r{k + 1}": v for k, v in enumerate(r)}
-    Y |= {name: cross(r[0], r[k]) for name, k in group.cross_products.items()}
+    Y |= {name: _cross(r[0], r[k]) for name, k in group.cross_products.items()}
     s = []
     for name, (a, b) in group.products.items():
         axes = 2 if name in HORIZONTAL else 3
-        s.append(Y[a][2] if b == "up" else dot(Y[a][:axes], Y[b][:axes]))
-    member = jnp.asarray(MEMBER)[index]
-    coefficients, exponents = (jnp.asarray(x, s[0].dtype)[member] for x in group.table)
-    G, in_invariants, hessian = monomials.expand(coefficients, exponents, jnp.stack(s))
+        s.append(Y[a][2] if b == "up" else _dot(Y[a][:axes], Y[b][:axes]))
+    tables = group.table.coefficients, group.table.exponents, group.table.odd
+    coefficients, exponents, odd = element(tables, element(MEMBER, index))
+    G, in_invariants, hessian = monomials.expand(coefficients, exponents, odd, jnp.stack(s))
     gradient: dict[str, Any] = dict.fromkeys(Y, (0, 0, 0))
     for i, (name, (a, b)) in enumerate(group.products.items()):
         if b == "up":
             gradient[a] = add_vectors(gradient[a], (0, 0, in_invariants[i]))
             continue
         axes = 2 if name in HORIZONTAL else 3
-        gradient[a] = add_vectors(gradient[a], _scaled(Y[b], in_invariants[i], axes))
-        gradient[b] = add_vectors(gradient[b], _scaled(Y[a], in_invariants[i], axes))
+        gradient[a] = _add_scaled(gradient[a], Y[b], in_invariants[i], axes)
+        gradient[b] = _add_scaled(gradient[b], Y[a], in_invariants[i], axes)
     gradient = {name: tuple(_as_array(x, G) for x in v) for name, v in gradient.items()}
     local = [gradient[f"r{k + 1}"] for k in range(group.order)]
     for name, k in group.cross_products.items():
         local[0], local[k] = (
-            add_vectors(local[0], cross(r[k], gradient[name])),
-            add_vectors(local[k], cross(gradient[name], r[0])),
+            add_vectors(local[0], _cross(r[k], gradient[name])),
+            add_vectors(local[k], _cross(gradient[name], r[0])),
         )
     return G, local, (Y, gradient, in_invariants, hessian)
 
@@ -221,14 +280,50 @@ def _broadcast(v: Triple) -> Triple:
     return (v[0][None], v[1][None], v[2][None])
 
 
-def _scaled(v: Triple, weight: Array, axes: int) -> Triple:
-    """weight·v, without the vertical component if `axes` is 2."""
-    return (weight * v[0], weight * v[1], weight * v[2] if axes == 3 else 0)
+# Compiled as functions, these are traced once for all their uses.
+_dot, _cross = jax.jit(dot), jax.jit(cross)
 
 
-def _outer(a: Any, b: Any) -> Any:
-    """The products of all pairs of directions."""
-    return 0 if isinstance(a, int) or isinstance(b, int) else a[:, None] * b[None]
+@jax.jit
+def _along(v: Triple, w: Triple) -> Array:
+    """The scalar products of v with all directions w."""
+    return dot(_broadcast(v), w)
+
+
+@jax.jit
+def _change(a_w: Any, a: Any, b_w: Any, b: Any) -> Array:
+    """The derivatives of a·b."""
+    return add([a_w[k] * b[k][None] + b_w[k] * a[k][None] for k in range(len(a))])
+
+
+@jax.jit
+def _cross_change(a_w: Triple, a: Triple, b_w: Triple, b: Triple) -> Triple:
+    """The derivatives of a × b."""
+    return add_vectors(cross(a_w, _broadcast(b)), cross(_broadcast(a), b_w))
+
+
+@jax.jit
+def _outer_sum(a: tuple[Array, ...], b: tuple[Array, ...]) -> Array:
+    """The sum of the products of all pairs of directions."""
+    return add([x[:, None] * y[None] for x, y in zip(a, b, strict=True)])
+
+
+def _add_scaled(v: Triple, w: Triple, weight: Array, axes: int) -> Triple:
+    """v + weight·w, without the vertical component of w if `axes` is 2."""
+    if any(is_zero(x) for x in v):
+        return add_vectors(v, tuple(_scaled(w[:axes], weight)) + (0,) * (3 - axes))
+    return _plus_scaled(v[:axes], w[:axes], weight) + v[axes:]
+
+
+@jax.jit
+def _scaled(w: tuple[Array, ...], weight: Array) -> tuple[Array, ...]:
+    weight = jnp.expand_dims(weight, range(w[0].ndim - 1))
+    return tuple(weight * x for x in w)
+
+
+@jax.jit
+def _plus_scaled(v: tuple[Array, ...], w: tuple[Array, ...], weight: Array) -> tuple[Array, ...]:
+    return tuple(x + y for x, y in zip(v, _scaled(w, weight), strict=True))
 
 
 def _as_array(x: Any, like: Array) -> Array:

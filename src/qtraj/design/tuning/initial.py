@@ -1,4 +1,4 @@
-"""The path that tuning starts from."""
+"""The path from which a tuning starts."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -27,12 +27,12 @@ def initial_path(
     placement: Placement | None = None,
     turn: ArrayInput | None = None,
 ) -> SpiralHelix:
-    """The path between two states from which `tune` with these arguments starts.
+    """The path between two states from which `tune` starts with the same arguments.
 
-    "uniform" motion turns at the rate nearest to both V_φ/ρ, which need not agree. "hermite" meets all boundary
-    velocities. With a duration it also meets boundary accelerations, which `tune` does not accept.
+    "uniform" motion rotates at the rate that fits both V_φ/ρ best; they need not agree. "hermite" motion satisfies all
+    boundary velocities. With a duration it also satisfies boundary accelerations, which `tune` does not accept.
 
-    **Raises:** ValueError for input that does not define a path.
+    **Raises:** ValueError if the input does not define a path.
     """
     objective, motion = get_objective(objective), get_motion(motion)
     if start.acceleration is None and end.acceleration is None:
@@ -46,7 +46,9 @@ def initial_path(
         path = _path_at_zero(problem.without_objective())
         return path if placement is not None else eqx.tree_at(lambda path: path.placement, path, None)
     if motion.is_uniform or duration is None:
-        raise ValueError("boundary accelerations need motion='hermite' and a duration: give both, or leave them out")
+        raise ValueError(
+            "boundary accelerations need motion='hermite' and a duration: give both, or omit the accelerations"
+        )
     a, b = cylindrical(start, placement), cylindrical(end, placement)
     short = azimuth_difference(a, b)
     n_turns = round(float(directed_turn(a, b, turns) - short) / (2 * jnp.pi))

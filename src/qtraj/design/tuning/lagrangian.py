@@ -1,11 +1,12 @@
 """The augmented Lagrangian of a tuning problem (Powell–Hestenes–Rockafellar), over intervals of time.
 
-At the beginning of a round each limit divides the time into intervals, one about each of its peaks. Its largest value
-in each interval is a constraint with a multiplier of its own. That value is a continuous function of the variables,
-even while peaks move between intervals, appear or vanish. Its gradient is taken at the maximum (envelope theorem).
+At the beginning of an outer iteration (a round), each limit divides the time into intervals, one about each of its
+peaks. Its largest value in each interval is a constraint with its own multiplier. That value is a continuous function
+of the variables, even while peaks move between intervals, appear or vanish. Its gradient is evaluated at the maximum
+(envelope theorem).
 
 The substitution z = m + r sin((y − m)/r) satisfies the bounds of the variables for any y. A variable reaches its bound
-at a finite y, where the curvature in y is the multiplier of the bound, so a minimum there is regular as well.
+at a finite y. The curvature with respect to y is the multiplier of the bound there, so such a minimum is regular, too.
 """
 
 from typing import Any, NamedTuple
@@ -15,18 +16,19 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from qtraj.design.tuning.constraints import values
+from qtraj.design.tuning.constraints import of_one_path, values
 from qtraj.design.tuning.curves import curve_derivatives
 from qtraj.design.tuning.expansions import slopes
 from qtraj.design.tuning.model import make_setting, setting
 from qtraj.design.tuning.peaks import ABSENT, PEAKS, TOO_MUCH, Peaks, find_peaks, transfer_multipliers
 from qtraj.design.tuning.problem import Variables
-from qtraj.design.tuning.task import LimitSlots, Task
+from qtraj.design.tuning.task import LimitSlots, Task, over_slots
 from qtraj.foundation.argmin import min_and_argmin
+from qtraj.foundation.indexing import element, with_element
 from qtraj.foundation.types import Scalar
 
 MAX_FRACTION = 1 - 1e-4
-"""A start on a bound is moved inside, to this fraction of the half-width: on the bound the gradient in y vanishes."""
+"""A start on a bound is moved inside, to this fraction of the half-width, since ∂z/∂y vanishes on the bound."""
 
 PerInterval = Float[Array, "slots k"]
 
@@ -42,7 +44,7 @@ class Round(NamedTuple):
 
 
 class Expanded(NamedTuple):
-    """The augmented Lagrangian at one point: its value, its gradient in y, and the constraints there."""
+    """The augmented Lagrangian at one point: its value, its gradient with respect to y, and the constraints."""
 
     value: Scalar
     gradient: Variables
@@ -64,7 +66,7 @@ def from_box(task: Task, z: Variables) -> Variables:
 
 
 def make_round(round_: Round, times: PerInterval, peaks: Peaks) -> Round:
-    """A round with intervals about these peaks, and the multipliers that the previous intervals had at `times`."""
+    """A round with intervals about these peaks, and the multipliers of the previous intervals at `times`."""
     peak_times, other = peaks.time[:, :, None], peaks.time[:, None]
     valid = peaks.present[:, None]
     middle = (peak_times + other) / 2
@@ -76,20 +78,23 @@ def make_round(round_: Round, times: PerInterval, peaks: Peaks) -> Round:
 def interval_maxima(task: Task, slots: LimitSlots, round_: Round, y: Variables) -> tuple[PerInterval, Peaks]:
     """The time of the maximum of each limit in each interval, as a fraction of the duration, and the current peaks."""
     here = make_setting(task.problem, to_box(task, y))
-    peaks = find_peaks(here, slots, task.limits)
+    one = jax.tree.map(lambda x: x[None], (here, task.limits))
+    peaks = jax.tree.map(lambda x: x[0], find_peaks(one[0], slots, one[1]))
 
     def of_slot(slot: Int[Array, ""], carry: Array) -> Array:
-        low, high, peak_times = round_.low[slot], round_.high[slot], peaks.time[slot]
-        g = values(here, jnp.asarray(slots.index)[slot], task.limits[slot], jnp.concatenate([low, high]))
+        low, high, slot_peaks = element((round_.low, round_.high, peaks), slot)
+        peak_times = slot_peaks.time
+        places = jnp.concatenate([low, high])
+        g = of_one_path(values)(here, *element((slots.index, task.limits), slot), places)
         ends = jnp.where(jnp.isfinite(g), g, TOO_MUCH).reshape(2, PEAKS)
-        within = peaks.present[slot][:, None] & (peak_times[:, None] >= low[None]) & (peak_times[:, None] <= high[None])
-        heights = jnp.concatenate([jnp.where(within, peaks.value[slot][:, None], -jnp.inf), ends])
+        within = slot_peaks.present[:, None] & (peak_times[:, None] >= low[None]) & (peak_times[:, None] <= high[None])
+        heights = jnp.concatenate([jnp.where(within, slot_peaks.value[:, None], -jnp.inf), ends])
         times = jnp.concatenate([jnp.broadcast_to(peak_times[:, None], (PEAKS, PEAKS)), low[None], high[None]])
         highest = min_and_argmin(-heights)[1]
         chosen = jnp.arange(PEAKS + 2, dtype=jnp.int32)[:, None] == highest[None]
-        return carry.at[slot].set(jnp.sum(jnp.where(chosen, times, 0.0), axis=0))
+        return with_element(carry, slot, jnp.sum(jnp.where(chosen, times, 0.0), axis=0))
 
-    return jax.lax.fori_loop(0, jnp.asarray(slots.count), of_slot, jnp.zeros_like(round_.low)), peaks
+    return over_slots(slots, of_slot, jnp.zeros_like(round_.low)), peaks
 
 
 def expand(task: Task, slots: LimitSlots, round_: Round, times: PerInterval, y: Variables) -> Expanded:
@@ -99,26 +104,28 @@ def expand(task: Task, slots: LimitSlots, round_: Round, times: PerInterval, y: 
     ends, log_duration = task.problem.slopes(z)
     at, derivatives = curve_derivatives(task.problem, z, ends)
     here = setting(task.problem, at, log_duration)
-    m, penalty = round_.multipliers, round_.penalty
+    penalty = round_.penalty
 
     def of_slot(slot: Int[Array, ""], carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         total, gradient, constraints = carry
-        value, slope = slopes(here, derivatives, jnp.asarray(slots.index)[slot], task.limits[slot], times[slot])
+        own = element((slots.index, task.limits, times), slot)
+        value, slope = of_one_path(slopes)(here, derivatives, *own)
+        valid, m = element((round_.valid, round_.multipliers), slot)
         finite = jnp.isfinite(value) & jnp.all(jnp.isfinite(slope), axis=0)
-        g = jnp.where(round_.valid[slot], jnp.where(finite, value, TOO_MUCH), ABSENT)
-        multiplier = jnp.maximum(m[slot] + penalty * g, 0.0)
-        added = jnp.sum(multiplier**2 - m[slot] ** 2) / (2 * penalty)
+        g = jnp.where(valid, jnp.where(finite, value, TOO_MUCH), ABSENT)
+        multiplier = jnp.maximum(m + penalty * g, 0.0)
+        added = jnp.sum(multiplier**2 - m**2) / (2 * penalty)
         from_limit = jnp.where(finite[None], slope, 0.0) @ multiplier
-        return total + added, gradient + from_limit, constraints.at[slot].set(g)
+        return total + added, gradient + from_limit, with_element(constraints, slot, g)
 
     start = task.weight * cost, task.weight * cost_gradient, jnp.full_like(times, ABSENT)
-    value, gradient, g = jax.lax.fori_loop(0, jnp.asarray(slots.count), of_slot, start)
+    value, gradient, g = over_slots(slots, of_slot, start)
     return Expanded(value, gradient * scale, cost, g)
 
 
 @eqx.filter_custom_jvp
 def lagrangian(y: Variables, task: Task, slots: LimitSlots, round_: Round, times: PerInterval) -> Scalar:
-    """The value of `expand`. It can be differentiated in y only, in forward and reverse mode."""
+    """The value of `expand`. It can be differentiated only with respect to y, in forward and reverse mode."""
     return expand(task, slots, round_, times, y).value
 
 

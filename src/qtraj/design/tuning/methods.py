@@ -1,4 +1,4 @@
-"""Search methods by name: "sqp", "lbfgs", or an optimiser of optax."""
+"""Search methods by name: "sqp", "lbfgs", or an optax optimiser."""
 
 from functools import lru_cache
 from typing import Any
@@ -17,7 +17,7 @@ Method = Any
 
 
 def get_method(method: Method | None, smooth: bool, max_steps: int, inner_steps: int) -> AbstractSearch:
-    """The search for a method. None means "sqp", or "lbfgs" for an objective that may not be twice differentiable.
+    """The search for a method. None means "sqp", or "lbfgs" if the objective may not be twice differentiable.
 
     **Raises:** ValueError for an unknown method, and for step counts that are not positive integers.
     """
@@ -36,10 +36,10 @@ def _optimiser(method: Method) -> Any:
         return _lbfgs()
     if isinstance(method, str) or not all(callable(getattr(method, name, None)) for name in ("init", "update")):
         raise ValueError(
-            f"method must be {' or '.join(map(repr, METHODS))}, or an optimiser of optax such as optax.adam(1e-2), "
+            f"method must be {' or '.join(map(repr, METHODS))}, or an optax optimiser such as optax.adam(1e-2), "
             f"but {method!r} was given"
         )
-    import optax  # here, so that importing qtraj does not import optax
+    import optax  # imported here, so that `import qtraj` does not import it
 
     return optax.with_extra_args_support(method)
 

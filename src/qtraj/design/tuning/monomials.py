@@ -1,7 +1,7 @@
 """Squares of path quantities as sums of monomials in the invariants: tables of coefficients and exponents.
 
-The tables are computed from the formulas of the registry by evaluating them with symbols. The derivatives of a sum
-Σ c·Π sᵢ^eᵢ are again sums of monomials, since ∂/∂sᵢ multiplies by eᵢ/sᵢ. So one function serves every quantity.
+The tables are computed by evaluating the formulas of the registry with symbols. The derivatives of a sum Σ c·Π sᵢ^eᵢ
+are again sums of monomials, since ∂/∂sᵢ multiplies by eᵢ/sᵢ. So one function serves every quantity.
 """
 
 from collections.abc import Sequence
@@ -23,6 +23,11 @@ class Table(NamedTuple):
 
     coefficients: np.ndarray
     exponents: np.ndarray
+
+    @property
+    def odd(self) -> np.ndarray:
+        """One where an exponent is odd, else zero."""
+        return self.exponents % 2.0
 
 
 class _Polynomial:
@@ -56,7 +61,7 @@ class _Polynomial:
 def table(entry: PathQuantity, invariants: Sequence[str]) -> Table:
     """The square of one quantity as a table of monomials in these invariants.
 
-    **Raises:** ValueError for a denominator that is not a single product of invariants.
+    **Raises:** ValueError if the denominator is not a single product of invariants.
     """
     identity = np.eye(len(invariants), dtype=int)
     symbols = SimpleNamespace(
@@ -80,12 +85,12 @@ def stacked(tables: Sequence[Table]) -> Table:
 
 
 def expand(
-    coefficients: Float[Array, " t"], exponents: Float[Array, "t i"], s: Float[Array, "i p"]
+    coefficients: Float[Array, " t"], exponents: Float[Array, "t i"], odd: Float[Array, "t i"], s: Float[Array, "i p"]
 ) -> tuple[Float[Array, " p"], Float[Array, "i p"], Float[Array, "i i p"]]:
-    """The square at many places, with its gradient and Hessian in the invariants."""
+    """The square at many places, with its gradient and Hessian in the invariants; `odd` is that of the table."""
     safe = jnp.where(jnp.abs(s) < TINY, TINY, s)
-    negative = (exponents % 2) @ jnp.where(safe < 0, 1.0, 0.0)
-    sign = jnp.where(negative % 2 == 1, -coefficients[:, None], coefficients[:, None])
+    half_negative = 0.5 * odd @ jnp.where(safe < 0, 1.0, 0.0)
+    sign = jnp.where(half_negative == jnp.floor(half_negative), coefficients[:, None], -coefficients[:, None])
     terms = sign * jnp.exp(exponents @ jnp.log(jnp.abs(safe)))
     inv = 1 / safe
     first_order = exponents.T @ terms

@@ -1,4 +1,4 @@
-"""Multistart: searches from several starts, of which the best result is kept, or the one with the least violation."""
+"""Multistart: runs searches from several starts, and keeps the best result or the one with the smallest violation."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -30,10 +30,10 @@ PLANNED = (
     (1.0, 1.0, 0.0),
     (-1.0, -1.0, 0.0),
 )
-"""The first starts: changes of the radial velocities, in reference speeds, and of the logarithm of the duration.
+"""The first starts: changes of the radial velocities, in units of the reference speed, and of ln T.
 
-The local optima of a problem differ in where the path swings out. Of 1000 random problems, the first five starts reach
-the best known optimum in 998, eight random starts in 992, and the initial states alone in 964.
+The local optima of a problem differ in where the path swings out. The first five starts reach the best known optimum in
+998 of 1000 random problems, eight random starts in 992, and the initial states alone in 964.
 """
 
 NEAR, SPREAD = 0.05, 0.6
@@ -41,7 +41,8 @@ NEAR, SPREAD = 0.05, 0.6
 
 SEED = 20171993
 MAX_LOWERINGS, LOWERING = 6, 0.5
-"""When minimising a violation, the limits are lowered at most this often, to this fraction of the current peaks."""
+"""To minimise a violation, the limits are lowered at most this number of times, to this fraction of the current peaks.
+"""
 
 INFEASIBLE_COST = 1e100
 """The merit of a result that violates the limits; larger than any cost."""
@@ -74,8 +75,8 @@ def solve(
 ) -> SearchResult:
     """The best result of each problem of a batch, computed on all cores.
 
-    Where no search meets the limits, the violation is minimised (by "sqp", in `max_steps`) from the best result. If
-    that meets the limits, the objective is minimised from there.
+    If no search satisfies the limits, the violation is minimised (by "sqp", in `max_steps`) from the best result. If
+    the limits are then satisfied, the objective is minimised from there.
     """
     n_problems = tasks.low.shape[0]
     points = np.tile(starting_points(tasks.problem.names, starts), (n_problems, 1))
@@ -94,7 +95,7 @@ def solve(
 def minimise_violation(
     tasks: Task, slots: LimitSlots, result: SearchResult, max_steps: int, report: Report | None = None
 ) -> SearchResult:
-    """The minimum of the largest violation of each problem of a batch, from the results of other searches."""
+    """Minimise the largest violation of each problem of a batch, starting from the results of other searches."""
     method = SequentialQuadratic(max_steps)
     tasks, result = without_objective(tasks), jax.tree.map(np.asarray, result)
     for _ in range(MAX_LOWERINGS):
@@ -149,10 +150,10 @@ def without_objective(tasks: Task) -> Task:
 def _rescue(
     method: AbstractSearch, tasks: Task, slots: LimitSlots, result: SearchResult, max_steps: int, report: Report | None
 ) -> SearchResult:
-    """The results with minimum violation; where that is zero, those of a search from there with the objective."""
+    """The results with minimum violation; where it is zero, the results of a search from there with the objective."""
     rescued = minimise_violation(tasks, slots, result, max_steps, report)
     feasible = np.flatnonzero(rescued.violation <= FEASIBLE)
-    # A path that meets the limits but was not optimised for the objective is not a solution.
+    # A path that satisfies the limits, but was not optimised for the objective, is not a solution.
     rescued = rescued._replace(
         stationary=rescued.stationary & (rescued.violation > FEASIBLE), steps=result.steps + rescued.steps
     )

@@ -48,11 +48,11 @@ class Tuned(AbstractOutcome):
     """The outcome of `tune`, of one problem or a batch (batch dimensions in front of every array).
 
     `path` is the tuned path, `start` and `end` are its boundary states in world axes, and `objective` is the attained
-    value in its own units. `certificate` holds the findings on the limits. `code` is a `ResultCode`, `status` the same
-    in a word, and `result` a text that also says what to do. `iterations` counts the steps of the best search.
+    value in its own units. `certificate` contains the findings on the limits. `code` is a `ResultCode`, `status` the
+    same in a word, and `result` a text that also says what to do. `iterations` counts the steps of the best search.
 
-    `advice` says what would help where the limits cannot be met. For a batch, `advisor` computes it when the `result`
-    of an element is requested; `place` holds the number of the advisor and the index there. `outcome[k]` is one element
+    `advice` says what would help if the limits cannot be met. For a batch, `advisor` computes it when the `result` of
+    an element is requested; `place` contains the number of the advisor and the index there. `outcome[k]` is one element
     of a batch.
     """
 
@@ -88,7 +88,7 @@ class Tuned(AbstractOutcome):
 
     @property
     def status(self) -> Any:
-        """One of "converged", "infeasible", "not converged" and "ill-posed"; an array of texts for a batch."""
+        """One of "converged", "infeasible", "not converged" and "ill-posed"; an array of strings for a batch."""
         texts = names_of(concrete_codes(self), STATUSES, ILL_POSED_STATUS)
         return texts.item() if texts.ndim == 0 else texts
 
@@ -152,9 +152,9 @@ class Tuned(AbstractOutcome):
     def plot(self, frame: Any = None) -> "Figure":
         """The tuned path in space and its limited quantities over time, as a matplotlib figure (extra `viz`).
 
-        `frame` selects the trihedra, as for `qtraj.evaluate`; the default is the natural one.
+        `frame` selects the trihedra, as for `qtraj.evaluate`; the default is the natural frame.
 
-        **Raises:** ModuleNotFoundError, naming the extra, where matplotlib is missing; ValueError for the outcome of a
+        **Raises:** ModuleNotFoundError, naming the extra, if matplotlib is missing; ValueError for the outcome of a
         batch.
         """
         return draw("tuned_plot", self, frame)
@@ -166,8 +166,8 @@ class Tuned(AbstractOutcome):
         """
         if self.code.ndim > 0:
             raise ValueError(
-                f"one document holds one outcome, but these are {len(self)}: save one by outcome[k].save(...), or the "
-                "paths as a dataset"
+                f"one document contains one outcome, but this result has {len(self)}: save one by "
+                "outcome[k].save(...), or the paths as a dataset"
             )
         document.save(dataclasses.replace(self, advice=self._advice(()), advisor=None, place=None), file)
 

@@ -10,7 +10,8 @@ from jaxtyping import Array, Bool, Float, Int
 from qtraj.design.tuning.constraints import FIRST_HINT, HINT_OF, HINTS, Setting, values
 from qtraj.design.tuning.task import LimitSlots
 from qtraj.foundation.argmin import min_and_argmin
-from qtraj.foundation.types import Flag, Scalar
+from qtraj.foundation.indexing import element, with_element
+from qtraj.foundation.types import Flag
 
 NODES = 65
 """Number of grid times."""
@@ -27,13 +28,13 @@ REACH = 1 / (NODES - 1)
 """A peak is searched within this distance of its node."""
 
 OFFSETS = 9
-"""Number of places about a peak in one round of refinement: for all peaks together nearly as many as nodes."""
+"""Number of places about a peak in one round of refinement; for all peaks together there are nearly NODES places."""
 
 ROUNDS = (1.0, 1 / 16, 1 / 256)
 """Half-widths of the intervals of the rounds, in units of REACH; each round ends with a parabola at the maximum."""
 
 LIMIT_ROUNDS, HINT_ROUNDS = 2, 3
-"""Rounds for the peaks of a limit, and for hints: a peak of a quantity is as narrow as its divisor is small."""
+"""Rounds for the peaks of a limit, and for hints, which need more: a small divisor makes a narrow peak."""
 
 MIN_DISTANCE = 1e-5
 """Peaks closer than this fraction of the duration are the same peak."""
@@ -48,42 +49,48 @@ TOO_MUCH = 1e9
 class Peaks(NamedTuple):
     """The peaks and ends of all constraints: times as fractions of the duration, presence, and values."""
 
-    time: Float[Array, "slots k"]
-    present: Bool[Array, "slots k"]
-    moving: Bool[Array, "slots k"]  # an inner peak, whose time changes with the variables
-    value: Float[Array, "slots k"]
+    time: Float[Array, "*batch slots k"]
+    present: Bool[Array, "*batch slots k"]
+    moving: Bool[Array, "*batch slots k"]  # an inner peak, whose time changes with the variables
+    value: Float[Array, "*batch slots k"]
 
 
 def no_peaks(slots: int, dtype: Any) -> Peaks:
-    """Peaks of which none is present, in NumPy arrays."""
+    """Peaks that are all absent, as NumPy arrays."""
     no: Any = np.zeros((slots, PEAKS), bool)
     heights: Any = np.full(no.shape, ABSENT, dtype)
     start: Any = np.zeros(no.shape, dtype)
     return Peaks(start, no, no, heights)
 
 
-def find_peaks(setting: Setting, slots: LimitSlots, limits: Float[Array, " slots"]) -> Peaks:
-    """The peaks and ends of the constraints of all limits."""
-    quantity_index, hints = jnp.asarray(slots.index), jnp.asarray(HINT_OF)
-    here = jnp.arange(len(HINTS), dtype=jnp.int32)
-
-    def of_slot(slot: Int[Array, ""], carry: tuple[Peaks, Array]) -> tuple[Peaks, Array]:
-        peaks, hint_times = carry
-        # Slots below zero come first: the times at which the path is slowest and straightest.
-        place, hint = jnp.maximum(slot, 0), -1 - slot
-        index = jnp.where(slot < 0, FIRST_HINT + hint, quantity_index[place])
-        at = jnp.sum(jnp.where(here == hints[quantity_index[place]], hint_times, 0.0))
-        rounds = jnp.where(slot < 0, HINT_ROUNDS, LIMIT_ROUNDS)
-        slot_peaks = _peaks(setting, index, limits[place], at, rounds)
-        updated = jax.tree.map(lambda x, one: x.at[place].set(one), peaks, slot_peaks)
-        highest = min_and_argmin(jnp.where(slot_peaks.present, -slot_peaks.value, jnp.inf))[1]
-        return updated, jnp.where(here == hint, slot_peaks.time[highest], hint_times)
-
+def find_peaks(settings: Setting, slots: LimitSlots, limits: Float[Array, "batch slots"]) -> Peaks:
+    """The peaks and ends of the constraints of all limits, for a batch of paths."""
+    quantity_index = jnp.asarray(slots.index)
+    slot_hints = jnp.asarray(HINT_OF)[quantity_index]
+    here = jnp.arange(len(HINTS), dtype=slots.index.dtype)
+    batch = limits.shape[:1]
     # Few quantities need the straightest point.
-    positions = jnp.arange(quantity_index.shape[0], dtype=jnp.int32)
-    first = -1 - jnp.max(jnp.where(positions < slots.count, hints[quantity_index], 0))
-    start = jax.tree.map(jnp.asarray, no_peaks(limits.shape[0], limits.dtype)), jnp.full(len(HINTS), 0.5, limits.dtype)
-    peaks, _ = jax.lax.fori_loop(first, jnp.asarray(slots.count), of_slot, start)
+    positions = jnp.arange(quantity_index.shape[0], dtype=slots.index.dtype)
+    n_hints = 1 + jnp.max(jnp.where(positions < slots.count, slot_hints, 0))
+
+    def of_slot(step: Int[Array, ""], carry: tuple[Peaks, Array]) -> tuple[Peaks, Array]:
+        peaks, hint_times = carry
+        # The hints come first, the last of them first: the times at which the path is straightest and slowest.
+        is_hint = step < n_hints
+        place, hint = jnp.where(is_hint, 0, step - n_hints), n_hints - 1 - step
+        quantity, slot_hint = element((quantity_index, slot_hints), place)
+        index = jnp.where(is_hint, FIRST_HINT + hint, quantity)
+        at = jnp.sum(jnp.where((here == slot_hint)[None], hint_times, 0.0), axis=1)
+        slot_peaks = _peaks(settings, index, element(limits, place, 1), at, is_hint)
+        updated = with_element(peaks, place, slot_peaks, 1)
+        highest = min_and_argmin(jnp.where(slot_peaks.present, -slot_peaks.value, jnp.inf), 1)[1]
+        chosen = jnp.arange(PEAKS, dtype=jnp.int32)[None] == highest[:, None]
+        hint_time = jnp.sum(jnp.where(chosen, slot_peaks.time, 0.0), axis=1)
+        return updated, jnp.where((is_hint & (here == hint))[None], hint_time[:, None], hint_times)
+
+    start = jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, *x.shape)), no_peaks(limits.shape[-1], limits.dtype))
+    hint_times = jnp.full((*batch, len(HINTS)), 0.5, limits.dtype)
+    peaks, _ = jax.lax.fori_loop(jnp.zeros_like(n_hints), n_hints + slots.count, of_slot, (start, hint_times))
     return peaks
 
 
@@ -98,79 +105,89 @@ def transfer_multipliers(multipliers: Array, times: Array, peaks: Peaks) -> Floa
 class _Round(NamedTuple):
     """The state of the refinement: places to evaluate, initial and current times of the peaks, and their values."""
 
-    places: Float[Array, " nodes"]
-    start: Float[Array, " k"]
-    time: Float[Array, " k"]
-    present: Bool[Array, " k"]
-    value: Float[Array, " k"]
+    places: Float[Array, "batch nodes"]
+    start: Float[Array, "batch k"]
+    time: Float[Array, "batch k"]
+    present: Bool[Array, "batch k"]
+    value: Float[Array, "batch k"]
 
 
-def _peaks(setting: Setting, index: Int[Array, ""], limit: Scalar, hint: Scalar, rounds: Int[Array, ""]) -> Peaks:
-    dtype = limit.dtype
-    nodes = jnp.linspace(0.0, 1.0, NODES, dtype=dtype)
-    offsets = jnp.linspace(-1.0, 1.0, OFFSETS, dtype=dtype)[:, None]
-    is_hint = rounds > LIMIT_ROUNDS
-    ends = jnp.stack([hint, jnp.zeros((), dtype), jnp.ones((), dtype)])
+def _peaks(
+    settings: Setting,
+    index: Int[Array, ""],
+    limits: Float[Array, " batch"],
+    hints: Float[Array, " batch"],
+    is_hint: Flag,
+) -> Peaks:
+    """The peaks of one quantity, or of a hint, for a batch of paths."""
+    dtype, batch = limits.dtype, limits.shape[0]
+    nodes = jnp.broadcast_to(jnp.asarray(np.linspace(0.0, 1.0, NODES)[None], dtype), (batch, NODES))
+    offsets = jnp.asarray(np.linspace(-1.0, 1.0, OFFSETS)[:, None], dtype)
+    rounds = jnp.where(is_hint, np.uint32(HINT_ROUNDS), np.uint32(LIMIT_ROUNDS))
+    ends = jnp.stack([hints, jnp.zeros(batch, dtype), jnp.ones(batch, dtype)], axis=1)
     halves = REACH * jnp.asarray([*ROUNDS, 0.0], dtype)
 
     def look(k: Int[Array, ""], state: _Round) -> _Round:
-        g = values(setting, index, limit, state.places)
+        g = values(settings, index, limits, state.places)
 
         def choose() -> tuple[Array, Array]:
             picked, is_present = _highest_nodes(g)
-            return jnp.concatenate([picked, ends]), jnp.concatenate([is_present, jnp.ones(FIXED, bool)])
+            times = jnp.concatenate([picked, ends], axis=1)
+            return times, jnp.concatenate([is_present, jnp.ones((batch, FIXED), bool)], axis=1)
 
         def refine() -> tuple[Array, Array]:
-            at, values_at = (x[: OFFSETS * PEAKS].reshape(OFFSETS, PEAKS) for x in (state.places, g))
-            return jnp.where(k > rounds, state.time, _top_of_parabola(at, values_at, is_hint)), state.present
+            at, values_at = (x[:, : OFFSETS * PEAKS].reshape(-1, OFFSETS, PEAKS) for x in (state.places, g))
+            top = jax.vmap(_top_of_parabola, (0, 0, None))(at, values_at, is_hint)
+            return jnp.where(k > rounds, state.time, top), state.present
 
         time, present = jax.lax.cond(k == 0, choose, refine)
-        half = jnp.where(k < rounds, halves[k], 0.0)
+        half = jnp.where(k < rounds, element(halves, k), 0.0)
         # A narrow peak may lie at the time itself; the minimum of a divisor may lie close to an end.
         middle = jnp.where(is_hint, jnp.clip(time, half, 1 - half), time)
-        around = jnp.clip(middle[None] + half * offsets, 0.0, 1.0).reshape(-1)
+        around = jnp.clip(middle[:, None] + half * offsets[None], 0.0, 1.0).reshape(batch, -1)
         centre = OFFSETS // 2 * PEAKS
         return _Round(
-            jnp.concatenate([around, nodes[OFFSETS * PEAKS :]]),
+            jnp.concatenate([around, nodes[:, OFFSETS * PEAKS :]], axis=1),
             jnp.where(k == 0, time, state.start),
             time,
             present,
-            g[centre : centre + PEAKS],
+            g[:, centre : centre + PEAKS],
         )
 
-    zeros = jnp.zeros(PEAKS, dtype)
-    initial = _Round(nodes, zeros, zeros, jnp.zeros(PEAKS, bool), zeros)
-    end = jax.lax.fori_loop(0, rounds + 2, look, initial)
+    zeros = jnp.zeros((batch, PEAKS), dtype)
+    initial = _Round(nodes, zeros, zeros, jnp.zeros((batch, PEAKS), bool), zeros)
+    end = jax.lax.fori_loop(jnp.zeros_like(rounds), rounds + 2, look, initial)
     low, high = jnp.maximum(end.start - REACH, 0.0), jnp.minimum(end.start + REACH, 1.0)
     moving = (end.time > low) & (end.time < high)
-    present = end.present & ~_duplicates(end.time, end.present)
+    present = end.present & ~jax.vmap(_duplicates)(end.time, end.present)
     value = jnp.where(present, jnp.where(jnp.isfinite(end.value), end.value, TOO_MUCH), ABSENT)
     return Peaks(end.time, present, moving, value)
 
 
-def _highest_nodes(g: Float[Array, " nodes"]) -> tuple[Float[Array, " picked"], Bool[Array, " picked"]]:
+def _highest_nodes(g: Float[Array, "batch nodes"]) -> tuple[Float[Array, "batch picked"], Bool[Array, "batch picked"]]:
     """The times of the highest local maxima at inner nodes, and which of them are present."""
     finite = jnp.where(jnp.isnan(g), jnp.inf, g)
-    middle = finite[1:-1]
-    heights = jnp.where((middle >= finite[:-2]) & (middle > finite[2:]), middle, -jnp.inf)
-    indices = jnp.arange(heights.shape[0], dtype=jnp.int32)
+    middle = finite[:, 1:-1]
+    heights = jnp.where((middle >= finite[:, :-2]) & (middle > finite[:, 2:]), middle, -jnp.inf)
+    indices = jnp.arange(heights.shape[1], dtype=jnp.int32)
 
     def pick(heights: Array, _: None) -> tuple[Array, tuple[Array, Array]]:
-        below, place = min_and_argmin(-heights)
+        below, place = min_and_argmin(-heights, 1)
         time = REACH * (place + 1).astype(g.dtype)
-        return jnp.where(indices == place, -jnp.inf, heights), (time, below < jnp.inf)
+        return jnp.where(indices[None] == place[:, None], -jnp.inf, heights), (time, below < jnp.inf)
 
-    return jax.lax.scan(pick, heights, None, length=REFINED)[1]
+    times, present = jax.lax.scan(pick, heights, None, length=REFINED)[1]
+    return times.T, present.T
 
 
 def _top_of_parabola(
-    at: Float[Array, "offsets k"], values_at: Float[Array, "offsets k"], hint: Flag
+    at: Float[Array, "offsets k"], values_at: Float[Array, "offsets k"], is_hint: Flag
 ) -> Float[Array, " k"]:
     """The maximum of the parabola about the highest place, or that place itself if it is the first or the last.
 
     A hint is smooth, so its parabola is used there, too.
     """
-    finite = jnp.where(values_at < TOO_MUCH, values_at, TOO_MUCH)  # NaN too
+    finite = jnp.where(values_at < TOO_MUCH, values_at, TOO_MUCH)  # also replaces NaN
     best = jnp.argmax(finite, axis=0)
     inner = jnp.clip(best, 1, OFFSETS - 2)
     here = jnp.arange(OFFSETS)[:, None]
@@ -185,7 +202,7 @@ def _top_of_parabola(
         curvature > 0, 0.25 * (right - left) * (high - low) / jnp.where(curvature > 0, curvature, 1.0), 0.0
     )
     edge = jnp.where(best == 0, left, right)
-    return jnp.where((best == inner) | (hint & (curvature > 0)), jnp.clip(top, left, right), edge)
+    return jnp.where((best == inner) | (is_hint & (curvature > 0)), jnp.clip(top, left, right), edge)
 
 
 def _duplicates(times: Array, present: Array) -> Array:

@@ -4,7 +4,9 @@ import dataclasses
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.algebra import rotation
@@ -27,9 +29,8 @@ Variables = Float[Array, " n"]
 class Problem(eqx.Module):
     """Boundary velocities and the duration as dimensionless variables z, which are zero at the initial states.
 
-    z holds the changes of the velocities that the motion names, in units of `speed`, and then ln(T/T₀). The logarithm
-    keeps the duration positive and the sense of rotation unchanged. It is omitted where the objective fixes the
-    duration.
+    z contains the changes of the velocities named by the motion, in units of `speed`, and then ln(T/T₀). The logarithm
+    keeps the duration positive and the sense of rotation unchanged. It is omitted if the objective fixes the duration.
     """
 
     start: Cylindrical
@@ -59,7 +60,8 @@ class Problem(eqx.Module):
     def path(self, z: Variables) -> SpiralHelix:
         """The path for the variables `z`."""
         duration = self.time(z)
-        return SpiralHelix(*self._between(*self.velocities(z, duration), duration), duration, self.placement)
+        va, vb = self.velocities(z, duration)
+        return SpiralHelix(*self._between(va, vb, duration), duration, self.placement)
 
     @property
     def ends(self) -> tuple[Vec3, Vec3]:
@@ -70,24 +72,20 @@ class Problem(eqx.Module):
 
     def slopes(self, z: Variables) -> tuple[Float[Array, "2 3"], Scalar]:
         """The derivatives of ρ, φ and h at both ends in u = t/T, and ln T, with T in seconds."""
-        duration = self.time(z)
-        angular = jnp.asarray([[False, True, False]])
-        radii = jnp.stack([self.start.radius, self.end.radius])[:, None]
-        slopes = duration * jnp.stack(self.velocities(z, duration)) / jnp.where(angular, radii, 1.0)
-        logarithm = jnp.log(self.duration)
-        return slopes, logarithm if self.objective.fixes_duration else logarithm + z[-1]
+        return _slopes(self, z)
 
     def time(self, z: Variables) -> Scalar:
         """The duration [s] of the path for the variables `z`."""
         return self.duration if self.objective.fixes_duration else self.duration * jnp.exp(z[-1])
 
-    def velocities(self, z: Variables, duration: Scalar) -> tuple[Vec3, Vec3]:
+    def velocities(self, z: Variables, duration: Scalar) -> Float[Array, "2 3"]:
         """The cylindrical velocities [m/s] at both ends."""
-        changes = self.speed * (z if self.objective.fixes_duration else z[:-1])
-        va, vb = self.motion.boundary_velocities(self.start, self.end, changes, self.turn, duration)
-        return self._with_heading(va, self.start, self.heading_fixed[0]), self._with_heading(
-            vb, self.end, self.heading_fixed[1]
-        )
+        return _velocities(self, z, duration)
+
+    @property
+    def initial_velocities(self) -> Float[Array, "2 3"]:
+        """The cylindrical velocities [m/s] of the initial states."""
+        return jnp.stack([self.start.velocity, self.end.velocity])
 
     def without_objective(self) -> "Problem":
         """The same problem with a cheap and smooth objective."""
@@ -97,17 +95,31 @@ class Problem(eqx.Module):
         """The objective divided by its scale."""
         return self.objective.value(self, z) / self.scale
 
-    @staticmethod
-    def _with_heading(velocity: Vec3, initial: Cylindrical, heading_fixed: Scalar) -> Vec3:
-        """The velocity, with V_ρ replaced to keep the initial heading where that is fixed."""
-        outward, angular = initial.velocity[0], initial.velocity[1]
-        radial = outward / jnp.where(angular == 0, 1.0, angular) * velocity[1]
-        return jnp.where(jnp.asarray([True, False, False]) & (heading_fixed > 0), radial, velocity)
-
     def _between(self, va: Vec3, vb: Vec3, duration: Scalar) -> tuple[Array, Array, Array]:
         a = dataclasses.replace(self.start, velocity=va)
         b = dataclasses.replace(self.end, velocity=vb)
         return polynomials(a, b, self.turn, duration, uniform=self.motion.is_uniform)
+
+
+@jax.jit  # traced once for all its uses
+def _slopes(problem: Problem, z: Variables) -> tuple[Float[Array, "2 3"], Scalar]:
+    duration = problem.time(z)
+    radii = jnp.stack([problem.start.radius, problem.end.radius])[:, None]
+    slopes = duration * _velocities(problem, z, duration) / jnp.where(np.asarray([[False, True, False]]), radii, 1.0)
+    logarithm = jnp.log(problem.duration)
+    return slopes, logarithm if problem.objective.fixes_duration else logarithm + z[-1]
+
+
+@jax.jit
+def _velocities(problem: Problem, z: Variables, duration: Scalar) -> Float[Array, "2 3"]:
+    """The velocities at both ends, with V_ρ replaced to keep the initial heading where that is fixed."""
+    a, b = problem.start, problem.end
+    changes = problem.speed * (z if problem.objective.fixes_duration else z[:-1])
+    velocities = jnp.stack(problem.motion.boundary_velocities(a, b, changes, problem.turn, duration))
+    outward, angular = (problem.initial_velocities[:, k : k + 1] for k in (0, 1))
+    radial = outward / jnp.where(angular == 0, 1.0, angular) * velocities[:, 1:2]
+    replaced = (problem.heading_fixed > 0)[:, None] & np.asarray([[True, False, False]])
+    return jnp.where(replaced, radial, velocities)
 
 
 def variable_names(motion: AbstractMotion, objective: AbstractObjective) -> tuple[str, ...]:

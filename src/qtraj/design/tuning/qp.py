@@ -1,26 +1,28 @@
 """Small elastic quadratic programs (QPs), solved by the dual active-set method of Goldfarb and Idnani (1983).
 
 The method starts from the minimum with only the lower bound of the violation t active. In each step it makes the most
-violated constraint active, and drops active constraints whose multiplier would turn negative. It ends after a few steps
-at the solution, to rounding, for any penalty and any box, and reports whether it did. Violations are measured in the
-metric of the Hessian: then fewer constraints enter that are dropped again later.
+violated constraint active, and drops active constraints whose multiplier would become negative. After a few steps it
+reaches the solution to within rounding errors, for any penalty and any box, and it reports whether it did. Violations
+are measured in the metric of the Hessian, since then fewer constraints enter that are dropped again later.
 
-The constraints come in slots, of which only the first `n_slots` are used.
+The constraints come in slots, of which only the first ones are used, as many in all QPs of a batch.
 """
 
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.foundation.argmin import min_and_argmin
+from qtraj.foundation.indexing import choose, element, with_element
 from qtraj.foundation.types import Flag, Scalar
 
 MAX_STEPS = 60
 FEASIBILITY = 1e-12  # tolerance on constraints; a QP should be scaled to numbers near one
 MAX_KKT_RESIDUAL = 1e-7  # largest residual of the KKT conditions at a solution, relative to gradient and penalty
-MIN_RATE = 1e-13  # below this relative rate a constraint is linearly dependent on the active ones
+MIN_RATE = 1e-13  # a constraint with a smaller relative rate counts as linearly dependent on the active ones
 
 Index = Int[Array, ""]
 Vector = Float[Array, " n"]
@@ -39,7 +41,6 @@ class QP(NamedTuple):
     gradient: Vector  # c
     normals: Float[Array, "slots r n"]
     bounds: Float[Array, "slots r"]
-    n_slots: Index  # number of slots in use
     low: Vector
     high: Vector
     penalty: Scalar  # ν
@@ -53,18 +54,18 @@ class QP(NamedTuple):
 
     @property
     def box(self) -> Float[Array, " k"]:
-        """The bounds that follow those of the slots: upper, lower, and the smallest violation."""
+        """The bounds that follow the bounds of the slots: upper, lower, and the smallest violation."""
         return jnp.concatenate([self.high, -self.low, -self.min_violation[None]])
 
 
 class Active(NamedTuple):
-    """The active constraints, each in a place of its own.
+    """The active constraints, one in each place.
 
-    `constraint` counts slot after slot, then the upper and lower bounds, then t ≥ min_violation.
+    `constraint` is an index over the slots, then the upper and lower bounds, then t ≥ min_violation.
     """
 
     constraint: Int[Array, " q"]
-    normal: Float[Array, "q q"]  # gradients in (d, t)
+    normal: Float[Array, "q q"]  # gradients with respect to (d, t)
     bound: Float[Array, " q"]  # right-hand sides
     multiplier: Float[Array, " q"]
     used: Bool[Array, " q"]
@@ -111,39 +112,50 @@ class _Entering(NamedTuple):
     rate: Scalar  # of decrease of the constraint's value
 
 
-def minimise(qp: QP) -> Solution:
-    """Solve a QP."""
-    weights = _inverse_lengths(qp)
+def minimise(qps: QP, n_slots: Index) -> Solution:
+    """Solve a batch of QPs, of which the first `n_slots` slots of constraints are in use."""
+    weights = _inverse_lengths(qps, n_slots)
+
+    def is_running(state: _State, count: Index) -> Bool[Array, " batch"]:
+        return ~state.done & (count < MAX_STEPS)
 
     def step(state: tuple[_State, Index]) -> tuple[_State, Index]:
         at, count = state
-        after = _advance(qp, weights, at)
-        stops = after.done | after.stuck
-        chosen = jax.tree.map(lambda candidate, old: jnp.where(stops, old, candidate), after, at)
-        return chosen._replace(done=stops, stuck=after.stuck), count + 1
+        on = is_running(at, count)
+        violated = _most_violated(qps, n_slots, weights, at.x)
+        after = jax.vmap(_advance)(qps, weights[2], at, jnp.where(at.entering < 0, violated, at.entering))
+        stops = on & (after.done | after.stuck)
+        chosen = choose(on & ~stops, after, at)
+        return chosen._replace(done=at.done | stops, stuck=at.stuck | (on & after.stuck)), count + on.astype(
+            count.dtype
+        )
 
-    start = (_start(qp), jnp.asarray(0, jnp.int32))
-    end, steps = jax.lax.while_loop(lambda s: ~s[0].done & (s[1] < MAX_STEPS), step, start)
-    return Solution(end.x[:-1], end.x[-1], end.active, end.done & ~end.stuck & _is_optimal(qp, end), steps)
+    start = jax.vmap(_start)(qps), jnp.zeros(qps.penalty.shape, jnp.int32)
+    end, steps = jax.lax.while_loop(lambda s: jnp.any(is_running(*s)), step, start)
+    solved = end.done & ~end.stuck & jax.vmap(_is_optimal)(qps, end)
+    return Solution(end.x[:, :-1], end.x[:, -1], end.active, solved, steps)
 
 
-def inverse(matrix: Matrix) -> tuple[Matrix, Scalar]:
-    """The inverse of a positive definite matrix by the sweep operator, and the smallest pivot.
+def inverse(matrices: Float[Array, "*batch n n"]) -> tuple[Float[Array, "*batch n n"], Float[Array, "*batch"]]:
+    """The inverses of positive definite matrices by the sweep operator, and the smallest pivots.
 
     The pivots are those of Gaussian elimination: all are positive if and only if the matrix is positive definite.
     """
-    places = jnp.arange(matrix.shape[0], dtype=jnp.int32)
+    n, last = matrices.shape[-1], matrices.ndim - 1
+    places = jnp.arange(n, dtype=jnp.uint32)
 
-    def sweep(k: Index, now: tuple[Matrix, Scalar]) -> tuple[Matrix, Scalar]:
+    def sweep(k: Index, now: tuple[Array, Array]) -> tuple[Array, Array]:
         matrix, min_pivot = now
-        here = places == k
-        pivot = matrix[k, k]
-        over = 1 / jnp.where(pivot == 0, 1.0, pivot)
-        column, row = matrix[:, k], jnp.where(here, over, matrix[k] * over)
-        updated = jnp.where(here[None], -(column * over)[:, None], matrix - column[:, None] * row[None])
-        return jnp.where(here[:, None], row[None], updated), jnp.minimum(min_pivot, pivot)
+        here = jnp.expand_dims(places == k, range(last - 1))
+        row, column = element(matrix, k, last - 1), element(matrix, k, last)
+        pivot = element(row, k, last - 1)
+        over = (1 / jnp.where(pivot == 0, 1.0, pivot))[..., None]
+        row = jnp.where(here, over, row * over)[..., None, :]
+        updated = jnp.where(here[..., None, :], -(column * over)[..., None], matrix - column[..., None] * row)
+        return jnp.where(here[..., None], row, updated), jnp.minimum(min_pivot, pivot)
 
-    return jax.lax.fori_loop(0, matrix.shape[0], sweep, (matrix, jnp.full((), jnp.inf, matrix.dtype)))
+    start = matrices, jnp.full(matrices.shape[:-2], jnp.inf, matrices.dtype)
+    return jax.lax.fori_loop(np.uint32(0), np.uint32(n), sweep, start)
 
 
 def _start(qp: QP) -> _State:
@@ -165,53 +177,54 @@ def _start(qp: QP) -> _State:
     )
 
 
-def _inverse_lengths(qp: QP) -> tuple[Array, Array, Scalar]:
+def _inverse_lengths(qps: QP, n_slots: Index) -> tuple[Array, Array, Array]:
     """One over the lengths of the gradients of all constraints in the Hessian's metric; the largest inverse entry."""
-    diagonal = jnp.diagonal(qp.inverse)
+    diagonal = jnp.sum(qps.inverse * np.eye(qps.inverse.shape[1])[None], axis=2)
 
     def of_slot(slot: Index, lengths: Array) -> Array:
-        normals = qp.normals[slot]
-        return lengths.at[slot].set(_inverse_root(jnp.sum((normals @ qp.inverse) * normals, axis=1)))
+        normals = element(qps.normals, slot, 1)
+        own = _inverse_root(jnp.sum((normals @ qps.inverse) * normals, axis=2))
+        return with_element(lengths, slot, own, 1)
 
-    of_slots = jax.lax.fori_loop(0, qp.n_slots, of_slot, jnp.zeros_like(qp.bounds))
-    of_box = jnp.append(_inverse_root(jnp.tile(diagonal, 2)), 1.0)
-    return of_slots, of_box, jnp.maximum(jnp.max(diagonal), 1 / qp.stiffness)
+    of_slots = jax.lax.fori_loop(jnp.zeros_like(n_slots), n_slots, of_slot, jnp.zeros_like(qps.bounds))
+    of_box = _inverse_root(jnp.concatenate([diagonal, diagonal, jnp.ones_like(diagonal[:, :1])], axis=1))
+    return of_slots, of_box, jnp.maximum(jnp.max(diagonal, axis=1), 1 / qps.stiffness)
 
 
 def _inverse_root(x: Array) -> Array:
     return jax.lax.rsqrt(jnp.maximum(x, jnp.finfo(x.dtype).tiny))
 
 
-def _most_violated(qp: QP, weights: tuple[Array, Array, Scalar], x: Array) -> Index:
-    """The index of the most violated constraint, or −1 where none is violated."""
-    d, t = x[:-1], x[-1]
+def _most_violated(qps: QP, n_slots: Index, weights: tuple[Array, Array, Array], x: Array) -> Int[Array, " batch"]:
+    """The index of the most violated constraint of each QP, or −1 where none is violated."""
+    d, t = x[:, :-1], x[:, -1:]
 
-    def worse(best: tuple[Scalar, Index], slack: Array, bound: Array, weight: Array, first: Array | int) -> tuple:
+    def worse(best: tuple[Array, Array], slack: Array, bound: Array, weight: Array, first: Array | int) -> tuple:
         violated = slack < -FEASIBILITY * (1 + jnp.abs(bound))
-        score, place = min_and_argmin(jnp.where(violated, slack * weight, 0.0))
+        score, place = min_and_argmin(jnp.where(violated, slack * weight, 0.0), 1)
         better = score < best[0]
-        return jnp.where(better, score, best[0]), jnp.where(better, (first + place).astype(jnp.int32), best[1])
+        return jnp.where(better, score, best[0]), jnp.where(better, first + place, best[1])
 
-    def of_slot(slot: Index, best: tuple[Scalar, Index]) -> tuple[Scalar, Index]:
-        bound = qp.bounds[slot]
-        slack = bound + t - qp.normals[slot] @ d
-        return worse(best, slack, bound, weights[0][slot], slot * bound.shape[0])
+    def of_slot(slot: Index, best: tuple[Array, Array]) -> tuple[Array, Array]:
+        bound, normals, weight = element((qps.bounds, qps.normals, weights[0]), slot, 1)
+        slack = bound + t - jnp.einsum("brn,bn->br", normals, d)
+        return worse(best, slack, bound, weight, slot.astype(jnp.int32) * bound.shape[1])
 
-    none = jnp.zeros_like(t), jnp.asarray(-1, jnp.int32)
-    best = jax.lax.fori_loop(0, qp.n_slots, of_slot, none)
-    slack = qp.box - jnp.concatenate([d, -d, -t[None]])
-    return worse(best, slack, qp.box, weights[1], qp.n_constraints)[1]
+    none = jnp.zeros_like(x[:, 0]), jnp.full(x.shape[0], -1, jnp.int32)
+    best = jax.lax.fori_loop(jnp.zeros_like(n_slots), n_slots, of_slot, none)
+    box = jax.vmap(lambda qp: qp.box)(qps)
+    return worse(best, box - jnp.concatenate([d, -d, -t], axis=1), box, weights[1], qps.normals[0, :, :, 0].size)[1]
 
 
 def _constraint(qp: QP, index: Index) -> tuple[Float[Array, " q"], Scalar]:
     """The gradient of a constraint in (d, t), and its bound."""
-    n, count, each = qp.gradient.shape[0], qp.n_constraints, qp.bounds.shape[1]
+    n, count = qp.gradient.shape[0], qp.n_constraints
     inside = jnp.clip(index, 0, count - 1)
     of_box = jnp.arange(2 * n + 1, dtype=jnp.int32) == index - count
     signs = jnp.where(of_box, 1.0, 0.0).astype(qp.gradient.dtype)
-    of_d = jnp.where(index < count, qp.normals[inside // each, inside % each], signs[:n] - signs[n:-1])
+    of_d = jnp.where(index < count, qp.normals.reshape(-1, n)[inside], signs[:n] - signs[n:-1])
     of_t = jnp.where(index < count, -1.0, -signs[-1])
-    bound = jnp.where(index < count, qp.bounds[inside // each, inside % each], signs @ qp.box)
+    bound = jnp.where(index < count, qp.bounds.reshape(-1)[inside], signs @ qp.box)
     return jnp.append(of_d, of_t), bound
 
 
@@ -224,11 +237,10 @@ def _entering(qp: QP, max_inverse: Scalar, at: _State, index: Index) -> tuple[_E
     return _Entering(index, normal, bound, direction, at.pseudo_inverse @ normal, jnp.where(free, rate, 1.0)), free
 
 
-def _advance(qp: QP, weights: tuple[Array, Array, Scalar], at: _State) -> _State:
-    """Make one constraint active, or drop one that blocks it; `done` where none is violated."""
-    index = jnp.where(at.entering < 0, _most_violated(qp, weights, at.x), at.entering)
+def _advance(qp: QP, max_inverse: Scalar, at: _State, index: Index) -> _State:
+    """Make the constraint with this index active, or drop one that blocks it; `done` where the index is −1."""
     done = index < 0
-    candidate, free = _entering(qp, weights[2], at, index)
+    candidate, free = _entering(qp, max_inverse, at, index)
     # Until the constraint is satisfied, or until the multiplier of an active one vanishes.
     full_step = jnp.where(free, jnp.maximum(candidate.normal @ at.x - candidate.bound, 0.0) / candidate.rate, jnp.inf)
     decreases = at.active.used & (candidate.dual_direction > 0)
@@ -278,7 +290,7 @@ def _updated(qp: QP, at: _State, candidate: _Entering, is_full: Flag, here: Bool
 
 
 def _is_optimal(qp: QP, at: _State) -> Flag:
-    """Whether the active constraints are met and the multipliers balance the gradient: rounding may spoil either."""
+    """Whether active constraints are satisfied and multipliers balance the gradient, despite rounding errors."""
     reaction = jnp.where(at.active.used, at.active.multiplier, 0.0) @ at.active.normal
     gradient = jnp.append(qp.hessian @ at.x[:-1] + qp.gradient, qp.stiffness * at.x[-1] + qp.penalty)
     residual = jnp.where(at.active.used, at.active.bound - at.active.normal @ at.x, 0.0)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.tuning.curves import CurveDerivatives, along_u, angle_at, second_along
-from qtraj.design.tuning.world_axes import cross_axis, to_world, world_derivatives
+from qtraj.design.tuning.world_axes import cross_axis, from_world, to_world, world_derivatives
 from qtraj.path.frenet import Invariants
 from qtraj.path.road_quantities import ROAD_QUANTITIES
 
@@ -30,7 +30,7 @@ def value(setting: Any, r: Float[Array, "2 3 places"], member: Int[Array, ""]) -
 
 
 def slopes(
-    setting: Any, derivatives: CurveDerivatives, member: Int[Array, ""], u: Places
+    member: Int[Array, ""], setting: Any, derivatives: CurveDerivatives, u: Places
 ) -> tuple[Places, Float[Array, "n places"]]:
     """The square at the places `u`, and its derivatives in the slopes at the ends and in ln T."""
     curves = setting.curves
@@ -45,14 +45,15 @@ def slopes(
 
 
 def second_order(
-    setting: Any, derivatives: CurveDerivatives, member: Int[Array, ""], u: Places
+    member: Int[Array, ""], setting: Any, derivatives: CurveDerivatives, u: Places
 ) -> tuple[Places, Array, Array, Array, Places, Places]:
     """The square, with first and second derivatives in the slopes and ln T, mixed ones with u, and those in u."""
     curves = setting.curves
-    r, in_u, in_u_twice = along_u(curves.up_to(ORDER), u, 2)
+    moving_r, in_u, in_u_twice = along_u(curves.up_to(ORDER), u, 2)
     moved, moved_in_u = along_u(derivatives.first.up_to(ORDER), u, 1)
-    w = jnp.concatenate([moved, in_u[None]])
-    r, w, map_back = world_derivatives(setting.axes, curves.angle, derivatives.first.angle, r, w, u)
+    moving_w = jnp.concatenate([moved, in_u[None]])
+    rotation = setting.axes, curves.angle, derivatives.first.angle
+    r, w = world_derivatives(*rotation, moving_r, moving_w, u)
     gravity, n = _gravity(setting, r), moved.shape[0]
     p, directions = _numbers(r, gravity), _directions(w, gravity)  # slopes, u, ln T
     square = _square(setting, member)
@@ -61,7 +62,8 @@ def second_order(
     projected = jax.vmap(lambda v: hessian_vp(v)[0])(directions)  # the Hessian is symmetric, and separate at each place
     hessian = jnp.sum(directions[:, None] * projected[None], axis=2)
     first_order = jnp.sum(gradient[None] * directions, axis=1)
-    local, rotation_terms = map_back(gradient[:-1].reshape(ORDER, 3, -1))
+    in_world = gradient[:-1].reshape(ORDER, 3, -1)
+    local, rotation_terms = from_world(*rotation, moving_r, moving_w, in_world, u)
     in_path = rotation_terms + jnp.pad(second_along(derivatives, local, ORDER, u), ((0, 1), (0, 1), (0, 0)))
     hessian = hessian + jnp.pad(in_path, ((0, 1), (0, 1), (0, 0)))
     hessian = hessian.at[n + 1, n + 1].add(2 * first_order[n + 1])  # g·T² = g·exp(2 ln T)

@@ -32,7 +32,7 @@ class AbstractSearch(eqx.Module):
 
     The state of the searches is a pytree of arrays with the fields `steps`, `done` and `effort` (the cost of the last
     step). After each number of steps in `stages`, the unfinished searches of a large batch are gathered into fewer
-    blocks. A search stops after `step_limit` at the latest.
+    blocks. A search stops after `step_limit` steps at the latest.
     """
 
     stages: ClassVar[tuple[int, ...]]

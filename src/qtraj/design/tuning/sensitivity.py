@@ -1,11 +1,11 @@
-"""Sensitivity of a tuned path: derivatives of the solution in its data, by the implicit function theorem.
+"""Sensitivity of a tuned path: derivatives of the solution with respect to its data (implicit function theorem).
 
 At a solution z*, with multipliers λ of the active peaks and their times u,
 
     w ∇f + Σ λ ∇g = 0,   g(z, u) = 0,   ∂g/∂u = 0.
 
-These conditions are smooth in the boundary data and the limits θ as long as the same peaks stay active. Differentiating
-them gives a small linear system for dz*/dθ. The searches themselves are never differentiated.
+These conditions are smooth functions of the boundary data and the limits θ as long as the same peaks remain active.
+Differentiating them gives a small linear system for dz*/dθ. The searches themselves are never differentiated.
 """
 
 from typing import NamedTuple
@@ -43,7 +43,7 @@ class _Unknowns(NamedTuple):
 
 
 class _Active(NamedTuple):
-    """The active set at the solution: active constraints, those of them at inner peaks, and variables at a bound."""
+    """The active set at the solution: active constraints, which of them are inner peaks, and variables at a bound."""
 
     constraints: Bool[Array, "slots k"]
     inner: Bool[Array, "slots k"]
@@ -88,7 +88,7 @@ def _active(task: Task, result: SearchResult) -> _Active:
 
 
 def _conditions(task: Task, x: _Unknowns, at: _Unknowns, active: _Active, names: tuple[str, ...]) -> _Unknowns:
-    """The residual of the optimality conditions; an unknown without a condition keeps its value."""
+    """The residual of the optimality conditions; an unknown without a condition is kept constant."""
     n_unused = x.times.shape[0] - len(names)
 
     def constraints(z: Variables, times: Float[Array, "slots k"]) -> Float[Array, "slots k"]:

@@ -1,14 +1,14 @@
 """Sequential quadratic programming (SQP) on refined peaks: the search for small smooth tuning problems, in batches.
 
-It minimises the merit function weight·cost + ν·max(0, g₁, …) over a box. The penalty is exact. It takes the largest
-violation, not the sum, because the largest stays continuous while peaks appear and vanish.
+It minimises the merit function weight·cost + ν·max(0, g₁, …) over a box. The penalty is exact. It uses the largest
+violation, not the sum, because the largest is continuous when peaks appear or vanish.
 
 Each step solves a convex quadratic program (QP) in the step d and the allowed violation t, within a trust radius. Its
-Hessian is the exact Hessian of the Lagrangian, including the motion of the peaks. Where that is not positive definite,
-squares of the active constraints are added first; this does not change the solution while they stay active. Where the
+Hessian is the exact Hessian of the Lagrangian, including the motion of the peaks. If that is not positive definite,
+squares of the active constraints are added first; this does not change the solution while they remain active. If the
 limits cannot be met, all active constraints move with t, so squares of their differences are added instead. If that is
 not enough, multiples of the identity are added. A second QP, about the point that the first one reaches, corrects the
-step. A step that increases the merit function is rejected, and the trust radius shrinks.
+step. A step that increases the merit function is rejected, and the trust radius is reduced.
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -25,6 +25,7 @@ from qtraj.design.tuning.problem import Variables
 from qtraj.design.tuning.search import AbstractSearch, SearchResult, step_count
 from qtraj.design.tuning.subproblem import PENALISED, Step, compute_step
 from qtraj.design.tuning.task import LimitSlots, Task
+from qtraj.foundation.indexing import choose
 from qtraj.foundation.types import Flag, Scalar
 
 INITIAL_RADIUS, MAX_RADIUS, MIN_RADIUS = 0.5, 2.0, 1e-11
@@ -34,14 +35,14 @@ INITIAL_PENALTY, PENALTY_GROWTH, MAX_PENALTY = 2.0, 5.0, 1e5
 PENALTY_MARGIN = 3.0  # the penalty over the sum of the multipliers, once the limits are met
 
 FEASIBLE = 2e-9
-"""Tolerance on the constraint value ½((value/limit)² − 1): up to this, a limit counts as met."""
+"""Tolerance on the constraint value ½((value/limit)² − 1): a limit up to this value counts as met."""
 
 SMALL_STEP = 1e-8
-"""A step below this size ends the search (velocities in reference speeds, time as a logarithm)."""
+"""A step below this size ends the search (velocities in units of the reference speed, the duration as a logarithm)."""
 
 SMALL_GOOD_STEP, MAX_REMAINING = 1e-6, 1e-11
-"""A good step also ends the search if its size is below the first value and the estimated distance that remains is
-below the second."""
+"""A good step also ends the search if its size is below the first value and the estimated remaining distance is below
+the second."""
 
 STATIONARY = 1e-6
 """Tolerance on the gradient of the Lagrangian, relative to the penalty."""
@@ -87,7 +88,7 @@ class State(NamedTuple):
     radius: Scalar
     penalty: Scalar
     lowered: Flag  # the penalty has been lowered
-    raised_again: Flag  # and raised after that: it is not lowered any more
+    raised_again: Flag  # the penalty was raised after it had been lowered: it is not lowered again
     steps: Int[Array, ""]
     done: Flag
     stationary: Flag  # done at a stationary point
@@ -102,7 +103,7 @@ class State(NamedTuple):
 class _Verdict(NamedTuple):
     """The assessment of a step.
 
-    `good`: the decrease is close to the predicted one. `converged`: the predicted decrease is zero to rounding.
+    `good`: the decrease is close to the predicted one. `converged`: the predicted decrease is within rounding error.
     """
 
     accepted: Flag
@@ -143,35 +144,40 @@ def run(tasks: Task, slots: LimitSlots, states: State, max_steps: Int[Array | np
     def advance(s: State) -> State:
         on = is_running(s)
         # All searches of a block start together. The first pass only evaluates the start, so it needs no QP.
-        step, times = jax.lax.cond(jnp.all(s.steps < 0), lambda: _zero_step(s), lambda: jax.vmap(move)(tasks, s))
-        after = jax.vmap(arrive)(tasks, s, step, times)
-        return jax.tree.map(lambda new, old: jnp.where(jnp.expand_dims(on, range(1, new.ndim)), new, old), after, s)
+        step, times = jax.lax.cond(jnp.all(s.steps < 0), lambda: _zero_step(s), lambda: move(s))
+        z = s.z + step.d
+        peaks = find_peaks(jax.vmap(models.make_setting)(tasks.problem, z), slots, tasks.limits)
+        after = jax.vmap(_arrive)(tasks, s, step, times, z, peaks)
+        return choose(on, after, s)
 
-    def move(task: Task, s: State) -> tuple[Step, Array]:
-        model = models.build(task, slots, s.z, s.peaks)
-        step = compute_step(task, slots, s.z, model, s.multipliers, s.penalty, s.radius)
+    def move(s: State) -> tuple[Step, Array]:
+        model = models.build(tasks, slots, s.z, s.peaks)
+        step = compute_step(tasks, slots, s.z, model, s.multipliers, s.penalty, s.radius)
         return step, model.constraints.time
-
-    def arrive(task: Task, s: State, step: Step, times: Array) -> State:
-        there = _trial_state(task, slots, s, step, times)
-        after = _next_state(task, s, there, step, _judge(task, s, there, step), times)
-        begun = there._replace(multipliers=s.multipliers, steps=s.steps + 1)
-        return jax.tree.map(lambda a, b: jnp.where(s.steps < 0, a, b), begun, after)
 
     return jax.lax.while_loop(lambda s: jnp.any(is_running(s)), advance, states)
 
 
 def _zero_step(s: State) -> tuple[Step, Array]:
-    """Steps of length zero for a batch of searches, and the times of their constraints."""
+    """Zero steps for a batch of searches, and the times of their constraints."""
     none, nothing = jnp.zeros_like(s.cost), jnp.zeros((*s.multipliers.shape[:-1], models.PER_LIMIT), s.z.dtype)
     return Step(jnp.zeros_like(s.z), nothing, none, none, jnp.zeros_like(s.done), none, none, s.effort), nothing
+
+
+def _arrive(task: Task, s: State, step: Step, times: Array, z: Variables, peaks: Peaks) -> State:
+    """The state of one search after the step to `z`, or after the evaluation of its start."""
+    multipliers = transfer_multipliers(step.multipliers, times, peaks)
+    there = s._replace(z=z, cost=task.problem.cost(z), peaks=peaks, multipliers=multipliers)
+    after = _next_state(task, s, there, step, _judge(task, s, there, step), times)
+    begun = there._replace(multipliers=s.multipliers, steps=s.steps + 1)
+    return jax.tree.map(lambda a, b: jnp.where(s.steps < 0, a, b), begun, after)
 
 
 def _next_state(task: Task, s: State, there: State, step: Step, verdict: _Verdict, times: Array) -> State:
     """The state after a step was accepted or rejected."""
     accepted = verdict.accepted
     after: State = jax.tree.map(lambda a, b: jnp.where(accepted, a, b), there, s)
-    # At a converged point the step itself may be rejected. The QP's multipliers then belong to the current point.
+    # At a converged point the step may be rejected; the multipliers of the QP then belong to the current point.
     converged = verdict.converged & ~accepted
     transferred = transfer_multipliers(step.multipliers, times, s.peaks)
     after = after._replace(multipliers=jnp.where(converged, transferred, after.multipliers))
@@ -184,21 +190,13 @@ def _next_state(task: Task, s: State, there: State, step: Step, verdict: _Verdic
     return after._replace(radius=radius, steps=s.steps + 1, done=done, stationary=stationary, effort=step.effort)
 
 
-def _trial_state(task: Task, slots: LimitSlots, s: State, step: Step, times: Array) -> State:
-    """The state after the step, if it is accepted."""
-    z = s.z + step.d
-    peaks = find_peaks(models.make_setting(task.problem, z), slots, task.limits)
-    multipliers = transfer_multipliers(step.multipliers, times, peaks)
-    return s._replace(z=z, cost=task.problem.cost(z), peaks=peaks, multipliers=multipliers)
-
-
 def _judge(task: Task, s: State, there: State, step: Step) -> _Verdict:
     before = task.weight * s.cost + s.penalty * s.violation
     gained = before - task.weight * there.cost - s.penalty * there.violation
     rounding = 10 * jnp.finfo(before.dtype).eps * (jnp.abs(before) + s.penalty)
     converged = step.solved & (step.predicted_decrease <= rounding) & (step.residual < STATIONARY)
     enough, good = (gained >= part * step.predicted_decrease - rounding for part in (MIN_RATIO, GOOD_RATIO))
-    # The step of an inaccurate QP solution may still be a descent step, but it is no evidence of convergence.
+    # The step of an inaccurate QP solution may still be a descent step, but it does not indicate convergence.
     return _Verdict(enough & ((step.predicted_decrease > rounding) | converged), good, converged)
 
 
@@ -225,9 +223,9 @@ def _next_radius(s: State, step: Step, verdict: _Verdict) -> Scalar:
 def _update_penalty(task: Task, s: State, step: Step, accepted: Flag, ends: Flag) -> State:
     """The state with its next penalty.
 
-    The penalty grows where it is too small for the step to reach the limits. Where the limits are met, it falls to what
-    the multipliers need: a larger one would force short steps along a curved constraint. A penalty that had to grow
-    again after that is not lowered any more.
+    The penalty grows if it is too small for the step to reach the limits. If the limits are met, it is lowered to what
+    the multipliers need, because a larger one would force short steps along a curved constraint. If it had to grow
+    again after that, it is not lowered a second time.
     """
     multiplier_sum = jnp.sum(step.multipliers)
     inside = jnp.max(jnp.abs(step.d)) < 0.5 * s.radius  # otherwise the radius, not the penalty, limits the step
@@ -237,7 +235,7 @@ def _update_penalty(task: Task, s: State, step: Step, accepted: Flag, ends: Flag
     penalty = jnp.where(raised, jnp.minimum(PENALTY_GROWTH * s.penalty, MAX_PENALTY), s.penalty)
     lower = jnp.minimum(jnp.maximum(PENALTY_MARGIN * multiplier_sum, _initial_penalty(task)), penalty)
     penalty = jnp.where(accepted & met & ~s.raised_again, lower, penalty)
-    # Where limits cannot be met yet, the multipliers sum to the penalty and grow with it.
+    # While the limits cannot be met, the sum of the multipliers equals the penalty and grows with it.
     growth = jnp.where(~met & (multiplier_sum > PENALISED * s.penalty), penalty / s.penalty, 1.0)
     return s._replace(
         penalty=penalty,

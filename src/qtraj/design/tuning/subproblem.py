@@ -4,27 +4,29 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.tuning import qp
 from qtraj.design.tuning.model import PER_LIMIT, Constraints, Model, values_nearby
 from qtraj.design.tuning.peaks import PEAKS
 from qtraj.design.tuning.problem import Variables
-from qtraj.design.tuning.task import LimitSlots, Task
+from qtraj.design.tuning.task import LimitSlots, Task, over_slots
+from qtraj.foundation.indexing import element, with_element
 from qtraj.foundation.types import Flag, Scalar
 
 FAR = 1e3  # in units of the trust radius: the step cannot reach a constraint this far away
 
 ACTIVE = 1e-7  # a constraint with a larger multiplier is active
 AT_BOUND = 1e-7  # a variable closer to a bound is at the bound
-PENALISED = 0.9  # multipliers with a larger sum, relative to the penalty, mean that the limits cannot be met yet
+PENALISED = 0.9  # if the sum of the multipliers over the penalty is larger, the limits cannot be met yet
 MAX_STIFFNESS = 1e-4  # curvature in t, which keeps the QP strictly convex
 MIN_PIVOT = 1e-7  # smallest pivot of an accepted Hessian, relative to its largest entry
 REGULARIZATION = ((0.0, 0.0), (1.0, 0.0), (30.0, 0.0), (1e3, 0.0), (1e2, 0.01), (10.0, 0.1), (1.0, 1.0), (0.0, 10.0))
 """Regularizations of the Hessian, tried in turn: weights of the squares of active constraints and of the identity."""
 
-PerPeak = Float[Array, "slots peaks"]
-PerConstraint = Float[Array, "slots r"]
+PerPeak = Float[Array, "*batch slots peaks"]
+PerConstraint = Float[Array, "*batch slots r"]
 
 
 class Step(NamedTuple):
@@ -34,7 +36,7 @@ class Step(NamedTuple):
     multipliers: PerConstraint
     allowed_violation: Scalar
     predicted_decrease: Scalar
-    solved: Flag  # false where rounding spoilt a QP, and the step may not be optimal
+    solved: Flag  # false if rounding errors spoilt a QP: the step may not be optimal
     residual: Scalar  # of the gradient of the Lagrangian, over the penalty
     remaining: Scalar  # estimated distance to the solution after this step, from the size of the correction
     effort: Int[Array, ""]  # steps that the QP solver took
@@ -71,23 +73,27 @@ class _QPResult(NamedTuple):
 
 
 def compute_step(
-    task: Task, slots: LimitSlots, z: Variables, model: Model, multipliers: PerPeak, penalty: Scalar, radius: Scalar
+    tasks: Task, slots: LimitSlots, z: Array, model: Model, multipliers: PerPeak, penalty: Array, radius: Array
 ) -> Step:
-    """The step from `z`: the solution of a QP about `z`, corrected by a second QP about the point that it reaches.
+    """The steps of a batch of searches, each the solution of a QP about its `z`, corrected by a second QP.
 
-    The second QP uses the true constraint values at that point, at peaks that drift along, and slopes extrapolated by
-    the constraints' Hessians.
+    The second QP is about the point that the first one reaches. It uses the true constraint values at that point, at
+    peaks that drift along, and slopes extrapolated by the constraints' Hessians.
     """
 
     def correct(at: _Trial, last: Flag) -> tuple[_Trial, _QPResult]:
-        d, result = _solve(task, slots, z, model, at, penalty, radius)
-        there = jax.lax.cond(last, lambda: at.value, lambda: values_nearby(task, slots, z + d, d, model.constraints))
-        return _Trial(d, there, result.multipliers[:, :PEAKS]), result
+        d, result = _solve(tasks, slots, z, model, at, penalty, radius)
+        there = jax.lax.cond(last, lambda: at.value, lambda: values_nearby(tasks, slots, z + d, d, model.constraints))
+        return _Trial(d, there, result.multipliers[..., :PEAKS]), result
 
     start = _Trial(jnp.zeros_like(z), model.constraints.value, multipliers)
     end, both = jax.lax.scan(correct, start, jnp.asarray([False, True]))
+    return jax.vmap(_step, (0, 0, 0, 0, 0, 1))(tasks, z, model, penalty, end.d, both)
+
+
+def _step(task: Task, z: Variables, model: Model, penalty: Scalar, d: Variables, both: _QPResult) -> Step:
+    """The step `d` of one search, with what the two QPs say about it."""
     last: _QPResult = jax.tree.map(lambda x: x[-1], both)
-    d = end.d
     largest = jnp.maximum(jnp.max(model.constraints.value), 0.0)
     cost = task.weight * (model.slope @ d + 0.5 * d @ (model.curvature @ d))
     inside = (z > task.low + AT_BOUND) & (z < task.high - AT_BOUND)
@@ -99,129 +105,177 @@ def compute_step(
         predicted_decrease=penalty * (largest - last.violation) - cost,
         solved=jnp.all(both.solved),
         residual=jnp.max(jnp.abs(jnp.where(inside, last.imbalance, 0.0))) / jnp.maximum(penalty, 1.0),
-        # Assumes that further corrections shrink by the same factor as from the first QP to the second.
+        # This assumes that further corrections shrink by the same factor as from the first QP to the second.
         remaining=jnp.where(last.correction < size, last.correction**2 / jnp.where(size > 0, size, 1.0), size),
         effort=jnp.sum(both.steps, dtype=jnp.int32),
     )
 
 
 def _solve(
-    task: Task, slots: LimitSlots, z: Variables, model: Model, at: _Trial, penalty: Scalar, radius: Scalar
-) -> tuple[Variables, _QPResult]:
-    """Solve the QP about a trial point, whose constraint values are evaluated and whose slopes are extrapolated."""
-    is_free = jnp.where(task.high > task.low, 1.0, 0.0).astype(z.dtype)
-    largest = jnp.maximum(jnp.max(at.value), 0.0)
+    tasks: Task, slots: LimitSlots, z: Array, model: Model, at: _Trial, penalty: Array, radius: Array
+) -> tuple[Array, _QPResult]:
+    """Solve the QPs about trial points, whose constraint values are evaluated and whose slopes are extrapolated."""
+    is_free = jnp.where(tasks.high > tasks.low, 1.0, 0.0).astype(z.dtype)
+    largest = jnp.maximum(jnp.max(at.value, axis=(1, 2)), 0.0)
     sums, slopes = _sums(slots, model.constraints, at, is_free, largest)
-    slope_sum, squares = sums.products[:-2, -1], sums.products[:-2, :-2]
-    penalised = jnp.sum(at.multipliers) > PENALISED * penalty
-    # Where all active values move with t, they are measured from their mean.
-    inv_count = jnp.where(penalised, 1 / jnp.maximum(sums.products[-1, -1], 1.0), 0.0)
-    lagrangian = task.weight * model.curvature + sums.hessian
-    lagrangian = lagrangian * is_free[:, None] * is_free[None] + jnp.diag(1.0 - is_free)
-    hessian, inverse, square_weight = _convex(lagrangian, squares - inv_count * slope_sum[:, None] * slope_sum[None])
-
-    # Values relative to the current violation, in units of the radius and of a large penalty: numbers near one.
-    scale = jnp.maximum(penalty, 1.0)
-    low, high = jnp.maximum(task.low - z, -radius) - at.d, jnp.minimum(task.high - z, radius) - at.d
-    offset = sums.products[:-2, -2] - inv_count * sums.products[-1, -2] * slope_sum
-    cost_slope = task.weight * (model.slope + model.curvature @ at.d) * is_free
-    scaled = hessian * (radius / scale)
-    solution = qp.minimise(
-        qp.QP(
-            hessian=scaled,
-            inverse=inverse * (scale / radius),
-            gradient=(cost_slope + square_weight * offset) / scale,
-            normals=slopes,
-            bounds=jnp.minimum((largest - at.value) / radius, FAR),
-            n_slots=jnp.asarray(slots.count),
-            low=low / radius,
-            high=high / radius,
-            penalty=penalty / scale,
-            stiffness=jnp.minimum(jnp.trace(scaled) / z.shape[0], MAX_STIFFNESS),
-            min_violation=jnp.maximum(-largest / radius, -FAR),
-        )
-    )
-    correction = jnp.where(high > low, jnp.clip(solution.d * radius, low, high), 0.0)
-    mean = inv_count * (sums.products[-1, -2] + slope_sum @ correction)
+    lagrangian, squares, shift = jax.vmap(_hessian)(tasks.weight, model.curvature, at, penalty, is_free, sums)
+    convex = _convex(lagrangian, squares)
+    qps = jax.vmap(_quadratic_program)(tasks, z, model, at, penalty, radius, is_free, slopes, largest, convex, shift)
+    solution = qp.minimise(qps, jnp.asarray(slots.count))
+    low, high = qps.low * radius[:, None], qps.high * radius[:, None]
+    correction = jnp.where(high > low, jnp.clip(solution.d * radius[:, None], low, high), 0.0)
+    mean = shift.inv_count * (sums.products[:, -1, -2] + jnp.sum(shift.slope_sum * correction, axis=1))
     multipliers, reaction, violation = _multipliers(
-        slots, at, slopes, correction, solution.active, scale, square_weight, largest + mean
+        slots, at, slopes, correction, solution.active, jnp.maximum(penalty, 1.0), convex[2], largest + mean
     )
     # The multipliers never need to exceed the penalty; an inaccurate QP solution must not either.
-    part = jnp.minimum(1.0, penalty / jnp.maximum(jnp.sum(multipliers), penalty))
+    part = jnp.minimum(1.0, penalty / jnp.maximum(jnp.sum(multipliers, axis=(1, 2)), penalty))
     d = at.d + correction
+    cost_slope = model.slope + jnp.einsum("bij,bj->bi", model.curvature, d)
     return d, _QPResult(
-        multipliers=multipliers * part,
+        multipliers=multipliers * part[:, None, None],
         allowed_violation=largest + solution.t * radius,
         violation=jnp.maximum(violation, 0.0),
-        imbalance=task.weight * (model.slope + model.curvature @ d) + part * reaction,
-        correction=jnp.max(jnp.abs(correction)),
+        imbalance=tasks.weight[:, None] * cost_slope + part[:, None] * reaction,
+        correction=jnp.max(jnp.abs(correction), axis=1),
         solved=solution.solved,
         steps=solution.steps,
     )
 
 
+class _Shift(NamedTuple):
+    """How squares of the active constraints shift the gradient; `inv_count` is zero where the limits can be met."""
+
+    inv_count: Scalar
+    slope_sum: Variables
+    offset: Variables
+
+
+def _hessian(
+    weight: Scalar, curvature: Array, at: _Trial, penalty: Scalar, is_free: Variables, sums: _Sums
+) -> tuple[Array, Array, _Shift]:
+    """The Hessian of the Lagrangian of one problem, and the squares of the active constraints."""
+    slope_sum, squares = sums.products[:-2, -1], sums.products[:-2, :-2]
+    penalised = jnp.sum(at.multipliers) > PENALISED * penalty
+    # Where all active values move with t, they are measured from their mean.
+    inv_count = jnp.where(penalised, 1 / jnp.maximum(sums.products[-1, -1], 1.0), 0.0)
+    lagrangian = weight * curvature + sums.hessian
+    lagrangian = lagrangian * is_free[:, None] * is_free[None] + (1.0 - is_free)[None] * np.eye(is_free.shape[0])
+    offset = sums.products[:-2, -2] - inv_count * sums.products[-1, -2] * slope_sum
+    shift = _Shift(inv_count, slope_sum, offset)
+    return lagrangian, squares - inv_count * slope_sum[:, None] * slope_sum[None], shift
+
+
+def _quadratic_program(
+    task: Task,
+    z: Variables,
+    model: Model,
+    at: _Trial,
+    penalty: Scalar,
+    radius: Scalar,
+    is_free: Variables,
+    slopes: Float[Array, "slots r n"],
+    largest: Scalar,
+    convex: tuple[Array, Array, Scalar],
+    shift: _Shift,
+) -> qp.QP:
+    """The QP of one problem: values relative to the violation, in units of the radius and of a large penalty."""
+    hessian, inverse, square_weight = convex
+    scale = jnp.maximum(penalty, 1.0)
+    cost_slope = task.weight * (model.slope + model.curvature @ at.d) * is_free
+    scaled = hessian * (radius / scale)
+    return qp.QP(
+        hessian=scaled,
+        inverse=inverse * (scale / radius),
+        gradient=(cost_slope + square_weight * shift.offset) / scale,
+        normals=slopes,
+        bounds=jnp.minimum((largest - at.value) / radius, FAR),
+        low=(jnp.maximum(task.low - z, -radius) - at.d) / radius,
+        high=(jnp.minimum(task.high - z, radius) - at.d) / radius,
+        penalty=penalty / scale,
+        stiffness=jnp.minimum(jnp.sum(scaled * np.eye(z.shape[0])) / z.shape[0], MAX_STIFFNESS),
+        min_violation=jnp.maximum(-largest / radius, -FAR),
+    )
+
+
 def _sums(
-    slots: LimitSlots, constraints: Constraints, at: _Trial, is_free: Variables, largest: Scalar
-) -> tuple[_Sums, Float[Array, "slots r n"]]:
+    slots: LimitSlots, constraints: Constraints, at: _Trial, is_free: Array, largest: Array
+) -> tuple[_Sums, Float[Array, "batch slots r n"]]:
     """Sums over the active peaks, and the slopes of all constraints, extrapolated to the trial point."""
-    n = is_free.shape[0]
+    batch, n = is_free.shape
+
+    def of_peaks(
+        slope: Array, curvature: Array, multiplier: Array, value: Array, d: Array, is_free: Array, largest: Scalar
+    ) -> tuple[Array, Array, Array]:
+        slope = (slope + jnp.pad(curvature @ d, ((0, PER_LIMIT - PEAKS), (0, 0)))) * is_free[None]
+        below = value[:PEAKS] - largest
+        stacked = jnp.concatenate([slope[:PEAKS], below[:, None], jnp.ones_like(below)[:, None]], axis=1)
+        stacked = jnp.where((multiplier > ACTIVE)[:, None], stacked, 0.0)
+        return stacked.T @ stacked, jnp.sum(multiplier[:, None, None] * curvature, axis=0), slope
 
     def of_slot(slot: Int[Array, ""], carry: tuple[_Sums, Array]) -> tuple[_Sums, Array]:
         sums, slopes = carry
-        multiplier, curvature = at.multipliers[slot], constraints.curvature[slot]
-        slope = (constraints.slope[slot] + jnp.pad(curvature @ at.d, ((0, PER_LIMIT - PEAKS), (0, 0)))) * is_free[None]
-        below = at.value[slot][:PEAKS] - largest
-        stacked = jnp.concatenate([slope[:PEAKS], below[:, None], jnp.ones_like(below)[:, None]], axis=1)
-        stacked = jnp.where((multiplier > ACTIVE)[:, None], stacked, 0.0)
-        weighted = jnp.sum(multiplier[:, None, None] * curvature, axis=0)
-        return _Sums(sums.products + stacked.T @ stacked, sums.hessian + weighted), slopes.at[slot].set(slope)
+        parts = constraints.slope, constraints.curvature, at.multipliers, at.value
+        own = (*element(parts, slot, 1), at.d, is_free, largest)
+        products, weighted, slope = jax.vmap(lambda own: of_peaks(*own))(own)
+        return _Sums(sums.products + products, sums.hessian + weighted), with_element(slopes, slot, slope, 1)
 
-    empty = _Sums(jnp.zeros((n + 2, n + 2), is_free.dtype), jnp.zeros((n, n), is_free.dtype))
-    return jax.lax.fori_loop(0, jnp.asarray(slots.count), of_slot, (empty, jnp.zeros_like(constraints.slope)))
+    empty = _Sums(jnp.zeros((batch, n + 2, n + 2), is_free.dtype), jnp.zeros((batch, n, n), is_free.dtype))
+    return over_slots(slots, of_slot, (empty, jnp.zeros_like(constraints.slope)))
 
 
 def _multipliers(
     slots: LimitSlots,
     at: _Trial,
-    slopes: Float[Array, "slots r n"],
-    correction: Variables,
+    slopes: Float[Array, "batch slots r n"],
+    correction: Array,
     active: qp.Active,
-    scale: Scalar,
-    square_weight: Scalar,
-    mean: Scalar,
-) -> tuple[PerConstraint, Variables, Scalar]:
+    scale: Array,
+    square_weight: Array,
+    mean: Array,
+) -> tuple[PerConstraint, Array, Array]:
     """The multipliers of all constraints, the sum of multiplier·slope, and the largest linearised value after the QP.
 
-    The squares of active peaks that were added to the Hessian contribute a part of their multipliers.
+    The squares of the active peaks in the Hessian contribute to their multipliers.
     """
-    active_multipliers = jnp.where(active.used, active.multiplier, 0.0) * scale
+    active_multipliers = jnp.where(active.used, active.multiplier, 0.0) * scale[:, None]
+    places = jnp.arange(PER_LIMIT, dtype=jnp.int32)[None, :, None]
 
     def of_slot(slot: Int[Array, ""], carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         multipliers, reaction, max_linear = carry
-        indices = slot * PER_LIMIT + jnp.arange(PER_LIMIT, dtype=jnp.int32)
-        linearised = at.value[slot] + slopes[slot] @ correction
-        from_squares = jnp.where(at.multipliers[slot] > ACTIVE, square_weight * (linearised[:PEAKS] - mean), 0.0)
-        from_qp = jnp.where(active.constraint[None] == indices[:, None], 1.0, 0.0) @ active_multipliers
-        own = jnp.maximum(from_qp + jnp.pad(from_squares, (0, PER_LIMIT - PEAKS)), 0.0)
+        indices = slot.astype(jnp.int32) * PER_LIMIT + places
+        value, slope, old = element((at.value, slopes, at.multipliers), slot, 1)
+        linearised = value + jnp.einsum("brn,bn->br", slope, correction)
+        squares = square_weight[:, None] * (linearised[:, :PEAKS] - mean[:, None])
+        from_squares = jnp.where(old > ACTIVE, squares, 0.0)
+        is_active = jnp.where(active.constraint[:, None] == indices, 1.0, 0.0)
+        from_qp = jnp.einsum("brq,bq->br", is_active, active_multipliers)
+        own = jnp.maximum(from_qp + jnp.pad(from_squares, ((0, 0), (0, PER_LIMIT - PEAKS))), 0.0)
         return (
-            multipliers.at[slot].set(own),
-            reaction + own @ slopes[slot],
-            jnp.maximum(max_linear, jnp.max(linearised)),
+            with_element(multipliers, slot, own, 1),
+            reaction + jnp.einsum("br,brn->bn", own, slope),
+            jnp.maximum(max_linear, jnp.max(linearised, axis=1)),
         )
 
     empty = jnp.zeros_like(at.value), jnp.zeros_like(correction), jnp.full_like(scale, -jnp.inf)
-    return jax.lax.fori_loop(0, jnp.asarray(slots.count), of_slot, empty)
+    return over_slots(slots, of_slot, empty)
 
 
 def _convex(
-    lagrangian: Float[Array, "n n"], squares: Float[Array, "n n"]
-) -> tuple[Float[Array, "n n"], Float[Array, "n n"], Scalar]:
-    """The Hessian, made positive definite, its inverse, and the weight of the squares in it."""
+    lagrangian: Float[Array, "batch n n"], squares: Float[Array, "batch n n"]
+) -> tuple[Float[Array, "batch n n"], Float[Array, "batch n n"], Float[Array, " batch"]]:
+    """The Hessians, made positive definite, their inverses, and the weights of the squares in them."""
     square_weights, unit_weights = jnp.asarray(REGULARIZATION, lagrangian.dtype).T
-    identity = jnp.eye(lagrangian.shape[0], dtype=lagrangian.dtype)
-    size = jnp.maximum(jnp.max(jnp.abs(lagrangian)), 1.0)
-    added = square_weights[:, None, None] * squares[None] + unit_weights[:, None, None] * identity[None]
-    hessians = lagrangian[None] + size * added
-    inverses, pivots = jax.vmap(qp.inverse)(hessians)
-    chosen = jnp.argmax(pivots > MIN_PIVOT * size)
-    return hessians[chosen], inverses[chosen], size * square_weights[chosen]
+    identity = jnp.eye(lagrangian.shape[-1], dtype=lagrangian.dtype)[None]
+    size = jnp.maximum(jnp.max(jnp.abs(lagrangian), axis=(1, 2)), 1.0)
+    weighted = square_weights[None, :, None, None] * squares[:, None]
+    added = weighted + (unit_weights[:, None, None] * identity)[None]
+    hessians = lagrangian[:, None] + size[:, None, None, None] * added
+    inverses, pivots = qp.inverse(hessians)
+    chosen = jnp.argmax(pivots > MIN_PIVOT * size[:, None], axis=1)
+    here = chosen[:, None] == jnp.arange(len(REGULARIZATION))[None]
+
+    def own(x: Array) -> Array:
+        return jnp.sum(jnp.where(jnp.expand_dims(here, range(2, x.ndim)), x, 0.0), axis=1)
+
+    return own(hessians), own(inverses), size * own(square_weights[None])

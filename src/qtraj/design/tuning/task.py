@@ -1,12 +1,13 @@
 """The input of a search: a problem, its limits by slots, bounds on the variables, and the weight of the cost."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Int
 
 from qtraj.design.limits import Limits
 from qtraj.design.tuning.constraints import CORRIDOR_INDEX
@@ -19,30 +20,39 @@ ON_ROAD = len(ROAD_QUANTITIES)
 """The number of limits that need a vehicle."""
 
 TARGET_RATIO = 1 - 4e-9
-"""Tuning aims at this fraction of each limit, so that round-off at a peak does not violate the user's limit."""
+"""The search uses this fraction of each limit, so that round-off at a peak does not violate the user's limit."""
 
 MIN_LIMIT = 1e-100
 """A smaller limit is replaced by this one: its square would underflow, and the gradient would vanish."""
 
 
 class LimitSlots(eqx.Module):
-    """Which limits are set: the first `count` slots hold indices into the registry. A whole batch shares them."""
+    """Which limits are set: the first `count` slots hold indices into the registry. A whole batch shares them.
 
-    index: Any  # Int[" slots"] of NumPy or JAX
-    count: Any  # Int[""]
+    Both are unsigned: indexing by signed numbers compiles to more operations, as they may count from the end.
+    """
+
+    index: Any  # UInt32[" slots"] of NumPy or JAX
+    count: Any  # UInt32[""]
 
 
 class Task(eqx.Module):
-    """A problem, limits by slots, the box of its variables, and the weight of its cost: one, or a batch of them.
+    """One problem or a batch: limits by slots, the box of the variables, and the weight of the cost.
 
-    With weight 0 the search minimises the largest violation alone.
+    With weight 0 the search minimises only the largest violation. All arrays are NumPy or JAX arrays.
     """
 
     problem: Problem
-    limits: Any  # Float["*batch slots"], of NumPy or JAX like all of these
+    limits: Any  # Float["*batch slots"]
     low: Any  # Float["*batch n"]
     high: Any  # Float["*batch n"]
     weight: Any  # Float["*batch"]
+
+
+def over_slots(slots: LimitSlots, of_slot: Callable[[Int[Array, ""], Any], Any], start: Any) -> Any:
+    """`of_slot(slot, carry)` for each slot in use, one after the other, from `start`."""
+    count = jnp.asarray(slots.count)
+    return jax.lax.fori_loop(jnp.zeros_like(count), count, of_slot, start)
 
 
 def named_limits(limits: Limits, corridor: Any = None) -> dict[str, Any]:
@@ -68,15 +78,15 @@ def limit_slots(names: Sequence[str]) -> LimitSlots:
     """The slots of the limits with these names."""
     registry = [*QUANTITIES]
     places = [CORRIDOR_INDEX if name == CORRIDOR.name else registry.index(name) for name in names]
-    index = np.zeros(slot_count(names), np.int32)
+    index = np.zeros(slot_count(names), np.uint32)
     index[: len(places)] = places
-    return LimitSlots(index, np.asarray(len(places), np.int32))
+    return LimitSlots(index, np.asarray(len(places), np.uint32))
 
 
 def slot_limits(limits: Limits, corridor: Array | None, count: int) -> Array | np.ndarray:
-    """The values of the limits that the search aims at, for each of `count` problems: (count, slots).
+    """The values of the limits that the search uses, for each of `count` problems: (count, slots).
 
-    NumPy arrays where the limits are concrete. An unused slot holds one.
+    A NumPy array if the limits are concrete. The value of an unused slot is one.
     """
     user_limits = named_limits(limits, corridor)
     is_concrete = all(concrete(x) is not None for x in user_limits.values())

@@ -1,4 +1,4 @@
-"""Tunes boundary velocities to satisfy limits: for the path nearest to the initial states, the fastest or smoothest."""
+"""Tunes boundary velocities to satisfy limits, for the path nearest to the initial states, the fastest or smoothest."""
 
 from __future__ import annotations  # so that `help` shows short names
 
@@ -37,7 +37,7 @@ from qtraj.path.placement import Placement
 from qtraj.path.vehicle import RoadParameters
 
 MIN_BATCH = 8
-"""Batches are padded to a power of two, at least this one, so that most sizes share compiled code."""
+"""Batches are padded to a power of two, and to this size at least, so that most sizes share compiled code."""
 
 
 def tune(
@@ -70,36 +70,36 @@ def tune(
     components and, unless the objective is "smoothest", the duration. `duration` [s] is T₀ of "hermite", and the fixed
     duration of "smoothest"; the default is the turn over the rate of the initial states, whose V_φ/ρ need not agree.
     The turn has the sense of V_φ at the start and a magnitude in (0, 2π), plus `turns` whole turns. Alternatively,
-    `turn` [rad, signed] sets it. The axis is the z axis of `placement`, by default the world's. Give a placement where
-    the states are far from that axis, such as `axis_between(start, end)`.
+    `turn` [rad, signed] sets it. The axis is the z axis of `placement`, by default the world's. If the states are far
+    from that axis, give a placement such as `axis_between(start, end)`.
 
     The variables have names: "start.V_rho", "start.V_phi", "start.V_h", the same for "end" [m/s, about the axis], and
-    "duration" [s]. Uniform motion has no V_phi, which follows from the duration. `fixed` names the variables that keep
-    their initial value. It also takes "start.heading" and "end.heading", which fix the direction of the horizontal
-    velocity and leave its magnitude free: a vehicle may then drive the same street more slowly. `bounds` maps names to
-    (lower, upper), where None means no bound. `weights` multiplies the squared changes that "nearest" sums.
+    "duration" [s]. In uniform motion V_phi is not a variable: it follows from the duration. `fixed` names the variables
+    that keep their initial value. It also accepts "start.heading" and "end.heading", which fix the direction of the
+    horizontal velocity but not its magnitude: a vehicle may then drive the same street more slowly. `bounds` maps names
+    to (lower, upper), where None means no bound. `weights` multiplies the squared changes that "nearest" sums.
 
     `corridor` [m] bounds the deviation from the initial path: the distance at equal fractions of the two durations,
-    measured along the arc (which is no shorter). It is one more limit, proved like the others, and comes last in the
-    certificate.
+    measured along the arc (an upper bound of the straight distance). It is an additional limit, proved like the others,
+    and the last one in the certificate.
 
-    The search runs from `starts` starts, the initial states and points about them, and keeps the best result. If no
-    path meets the limits, the result is the path found that violates them least, with advice. `progress` is called with
-    a `Progress` a few times a second.
+    The search runs from `starts` starts, the initial states and perturbations of them, and keeps the best result. If no
+    path is found that satisfies the limits, the result is the path with the smallest violation, with advice. `progress`
+    is called with a `Progress` a few times a second.
 
     `method` "sqp" is sequential quadratic programming on refined peaks with exact second derivatives: the default, and
     by far the fastest. Any `optax.GradientTransformation`, such as `optax.adam(1e-2)` or a chain, or "lbfgs" for
-    `optax.lbfgs()`, selects an augmented Lagrangian method in rounds of at most `inner_steps` steps of that optimiser.
-    It needs first derivatives only, and is the default for a callable objective. `max_steps` counts the steps of "sqp",
-    or the rounds. Reuse the same optimiser object to avoid recompilation.
+    `optax.lbfgs()`, selects an augmented Lagrangian method, with at most `inner_steps` steps of that optimiser in each
+    outer iteration. It needs first derivatives only, and is the default for a callable objective. `max_steps` limits
+    the iterations of "sqp", or the outer iterations. Reuse the same optimiser object to avoid recompilation.
 
     **Batches**: states with a batch dimension (`jax.vmap(BoundaryState)(positions, velocities)`), and limits, duration,
     turn and placement with the same dimension or shared, give a batched outcome from one compiled search. An ill-posed
     element has the status "ill-posed", a path of NaN, and the reason in `result`.
 
     **Transformations**: under `jit`, `vmap` and `grad` the same search runs on whole arrays. The derivatives of the
-    path in the boundary data and the limits are those of the solution (implicit function theorem), for any method.
-    There is no advice on infeasible problems.
+    path with respect to the boundary data and the limits are the derivatives of the solution (implicit function
+    theorem), for any method. Infeasible problems get no advice.
 
     **Raises:** ValueError for an ill-posed problem, or in float32. A problem without a solution is not an error: its
     `status` is "infeasible", and its `result` says why and what would help. With `throw`, RuntimeError if the status of
@@ -196,8 +196,8 @@ def _as_batch(start: BoundaryState, end: BoundaryState) -> tuple[BoundaryState, 
     shapes = {state.position.shape[:-1] for state in (start, end)} - {()}
     if len(shapes) > 1 or any(len(shape) != 1 or shape[0] == 0 for shape in shapes):
         raise ValueError(
-            f"the states must have no batch dimension or the same one, not empty: shapes {start.position.shape} and "
-            f"{end.position.shape} were given"
+            "the states must have the same batch shape, with at least one element, or no batch dimension, but shapes "
+            f"{start.position.shape} and {end.position.shape} were given"
         )
     batch: tuple[int, ...] = shapes.pop() if shapes else ()
     count = batch[0] if batch else 1
@@ -210,14 +210,14 @@ def _as_floats(bounds: Bounds) -> Any:
 
 
 def _require_batch(shared: tuple[Any, ...], batch: tuple[int, ...]) -> None:
-    """Raise a ValueError for data whose batch shape differs from the states'."""
+    """Raise a ValueError if the batch shape of any data differs from the batch shape of the states."""
     for each in shared:
         core_ndim = int(isinstance(each, Placement))
         for x in jax.tree.leaves(each):
             if x.ndim != core_ndim and x.shape[: x.ndim - core_ndim] != batch:
                 raise ValueError(
-                    f"the states have the batch shape {batch}, but other data have the shape {x.shape}: stack the "
-                    "states likewise"
+                    f"the states have the batch shape {batch}, but other data have the shape {x.shape}: give all of "
+                    "them the same batch shape"
                 )
 
 

@@ -24,7 +24,7 @@ def verdict(
     radius: Float[np.ndarray, " n"],
     duration: float,
 ) -> str:
-    """The result of one tuning, and what to do; `radius` and `duration` are those of its path."""
+    """The result of one tuning, and what to do; `radius` and `duration` belong to its path."""
     if code >= ILL_POSED:
         return f"ill-posed: {code.text}"
     describe = {ResultCode.successful: converged, ResultCode.infeasible: infeasible}.get(code, not_converged)
@@ -36,10 +36,13 @@ def verdict(
 def converged(findings: Sequence[Finding], steps: int) -> str:
     """The message for a converged tuning."""
     all_proved = all(finding.status == "proved" for finding in findings)
-    proof = "proved on the whole path" if all_proved else "met, some of them only as far as refined sampling shows"
-    lines = [f"converged in {_counted(steps)}: every limit is {proof}."]
+    proved, sampled = (
+        "proved to be satisfied on the whole path",
+        "met, but some were checked only by sampling, not proved",
+    )
+    lines = [f"converged in {_counted(steps)}: every limit is {proved if all_proved else sampled}."]
     active = [f"{finding.name} is active: {finding.text}." for finding in findings if finding.active]
-    return " ".join([*lines, *(active or ["No limit is active: the path is the optimum without limits."])])
+    return " ".join([*lines, *(active or ["No limit is active: the path is also an optimum without limits."])])
 
 
 def not_converged(findings: Sequence[Finding], steps: int) -> str:
@@ -50,23 +53,23 @@ def not_converged(findings: Sequence[Finding], steps: int) -> str:
 
 
 def infeasible(findings: Sequence[Finding], steps: int) -> str:
-    """The message where no boundary velocities were found that meet the limits."""
+    """The message if no boundary velocities were found that satisfy the limits."""
     unmet = "; ".join(f"{finding.name} is {finding.text}" for finding in findings if not finding.met)
     return (
-        "infeasible: no boundary velocities were found that meet the limits. Of the paths found this one violates them "
-        f"least: {unmet}."
+        "infeasible: no boundary velocities were found that satisfy the limits. Of all paths found, this one violates "
+        f"them least: {unmet}."
     )
 
 
 def axis_warning(radius: Float[np.ndarray, " n"], duration: float) -> str:
-    """A warning if the path runs through its own axis, where the radius is negative; otherwise empty."""
+    """A warning if the path crosses its own axis, which makes the radius negative; otherwise empty."""
     times = np.linspace(0.0, duration, RADIUS_SAMPLES)
     radii = polynomial.polyval(times, radius)
     min_index = int(np.argmin(radii))
     if not radii[min_index] <= 0:
         return ""
     return (
-        f"Note: the path runs through its own axis (the radius is {radii[min_index]:.4g} m at t = "
+        f"Note: the path crosses its own axis (the radius is {radii[min_index]:.4g} m at t = "
         f"{times[min_index]:.4g} s). Move the axis farther away, or change the boundary velocities."
     )
 

@@ -1,7 +1,5 @@
 """Derivatives of a path in world axes, for limits on the upright frame."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -10,9 +8,14 @@ from qtraj.design.tuning.curves import angle_at
 
 
 def upright_derivatives(axes: Array, angle: Array, r: Array, u: Array) -> Array:
-    """r', r'', … in world axes where the path's axis is tilted; unchanged where it is vertical."""
-    tilted = jnp.any(axes[2, :2] != 0)
-    return jax.lax.cond(tilted, lambda: to_world(axes, angle_at(angle, u, 0)[0], r), lambda: r)
+    """r', r'', … of a batch of paths, in world axes where a path's axis is tilted; unchanged where it is vertical."""
+    tilted = jnp.any(axes[:, 2, :2] != 0, axis=1)
+
+    def rotated() -> Array:
+        in_world = jax.vmap(lambda axes, angle, r, u: to_world(axes, angle_at(angle, u, 0)[0], r))(axes, angle, r, u)
+        return jnp.where(tilted[:, None, None, None], in_world, r)
+
+    return jax.lax.cond(jnp.any(tilted), rotated, lambda: r)
 
 
 def to_world(axes: Array, angle: Array, v: Array) -> Array:
@@ -44,11 +47,17 @@ def cross_axis(v: Array) -> Array:
 
 def world_derivatives(
     axes: Array, coefficients: Array, angle_derivatives: Array, r: Array, w: Array, u: Array
-) -> tuple[Array, Array, Any]:
-    """r', r'', … and their derivatives in all directions, in world axes; and a function that maps gradients back.
+) -> tuple[Array, Array]:
+    """r', r'', … and their derivatives in all directions, in world axes."""
+    angle, in_u = angle_at(coefficients, u, 1)
+    first = jnp.concatenate([angle_at(angle_derivatives, u, 0)[0], in_u[None]])
+    return to_world(axes, angle, r), to_world(axes, angle, w + first[:, None, None] * cross_axis(r)[None])
 
-    It returns the gradient in the moving basis, and the terms that the rotation of the basis adds to the Hessian.
-    """
+
+def from_world(
+    axes: Array, coefficients: Array, angle_derivatives: Array, r: Array, w: Array, gradient: Array, u: Array
+) -> tuple[Array, Array]:
+    """The gradient in the moving basis, and the terms that the rotation of the basis adds to the Hessian."""
     angle, in_u, in_u_twice = angle_at(coefficients, u, 2)
     moved_angle, moved_in_u = angle_at(angle_derivatives, u, 1)
     second = jnp.zeros((*moved_angle.shape[:1] * 2, *moved_angle.shape[1:]), u.dtype)  # φ is linear in the slopes
@@ -56,12 +65,8 @@ def world_derivatives(
     rotated, twice_rotated = cross_axis(r), cross_axis(cross_axis(r))
     second_angle = jnp.concatenate([second, moved_in_u[:, None]], axis=1)
     second_angle = jnp.concatenate([second_angle, jnp.concatenate([moved_in_u, 2 * in_u_twice[None]])[None]])
-
-    def map_back(gradient: Array) -> tuple[Array, Array]:
-        local = _from_world(axes, angle, gradient)
-        half = first[:, None] * jnp.einsum("okp,mokp->mp", local, cross_axis(w))[None]
-        square = first[:, None] * first[None] * jnp.einsum("okp,okp->p", local, twice_rotated)[None, None]
-        added = second_angle * jnp.einsum("okp,okp->p", local, rotated)[None, None]
-        return local, half + jnp.swapaxes(half, 0, 1) + square + added
-
-    return to_world(axes, angle, r), to_world(axes, angle, w + first[:, None, None] * rotated[None]), map_back
+    local = _from_world(axes, angle, gradient)
+    half = first[:, None] * jnp.einsum("okp,mokp->mp", local, cross_axis(w))[None]
+    square = first[:, None] * first[None] * jnp.einsum("okp,okp->p", local, twice_rotated)[None, None]
+    added = second_angle * jnp.einsum("okp,okp->p", local, rotated)[None, None]
+    return local, half + jnp.swapaxes(half, 0, 1) + square + added

@@ -1,4 +1,4 @@
-"""Attitude control of paper C: errors, laws, gains, closed-form responses, and choices in the initial state."""
+"""Attitude control of paper C: errors, laws, gains, closed-form responses, and the initial sign and norm of λ."""
 
 import warnings
 from typing import Any
@@ -45,7 +45,7 @@ __all__ = [
 ]
 
 _RENAMED = {"gibbs_gauge": "gibbs_normalization", "growth": "spectral_abscissa"}
-"""Former public names, which warn until 1.0, and the present ones."""
+"""Deprecated public names and their replacements; the old names warn until 1.0."""
 
 
 def __dir__() -> list[str]:

@@ -1,8 +1,9 @@
-"""Three established attitude feedbacks, as baselines for comparison: their closed loops are not linear.
+"""Three established attitude feedbacks with nonlinear closed loops, as baselines for comparison.
 
-All demand Ω̇ = −K1Ω − K2 e of the rate error Ω = ω_v − w, w = μ⁻¹ω⁰μ. They differ in the attitude error e, which for
-small angles Φ is Φ times the axis. The program is fed forward, so the error does not depend on whether it moves. Gains
-are a scalar, (3,) for a diagonal, or (3, 3). The virtual part of the command is 0, and |λ| has no effect.
+All impose Ω̇ = −K1Ω − K2 e on the rate error Ω = ω_v − w, w = μ⁻¹ω⁰μ. They differ in the attitude error e, which for
+small angles Φ is Φ times the axis. The program is fed forward, so the error does not depend on the motion of the
+program. Gains are a scalar, (3,) for a diagonal, or (3, 3). The virtual part of the command is 0, and |λ| has no
+effect.
 """
 
 import jax.numpy as jnp
@@ -19,7 +20,7 @@ from qtraj.motion.control.laws import AbstractLaw, Gain, apply, gain
 
 @storable
 class QuaternionFeedback(AbstractLaw):
-    """e = 2 sgn(μ0) μ_v/|μ|, of length 2 sin Φ/2 (Wie & Barba 1985; Yuan 1988, reference [4] of paper C).
+    """e = 2 sgn(μ0) μ_v/|μ|, of magnitude 2 sin Φ/2 (Wie & Barba 1985; Yuan 1988, reference [4] of paper C).
 
     `k1` [1/s], `k2` [1/s²]. The sign selects the shorter rotation; at μ0 = 0 it is +.
     """
@@ -45,10 +46,10 @@ class QuaternionFeedback(AbstractLaw):
 
 @storable
 class GeometricFeedback(AbstractLaw):
-    """e = ½(R_dᵀR − RᵀR_d)^∨, of length sin Φ: half the sum of the cross products of the axes.
+    """e = ½(R_dᵀR − RᵀR_d)^∨, of magnitude sin Φ: half the sum of the cross products of the axes.
 
-    `k1` [1/s], `k2` [1/s²]. Lee's feedback on SO(3), in robotics known from Luh and from Fu & Gonzalez (reference [3]
-    of paper C). It decreases towards Φ = π, where it vanishes.
+    `k1` [1/s], `k2` [1/s²]. Lee's feedback on SO(3); in robotics it is due to Luh and to Fu & Gonzalez (reference [3]
+    of paper C). Beyond Φ = π/2 the error decreases, and it vanishes at Φ = π.
     """
 
     k1: Gain
@@ -72,7 +73,7 @@ class GeometricFeedback(AbstractLaw):
 
 @storable
 class LogarithmicFeedback(AbstractLaw):
-    """e = the rotation vector of the error, of length Φ ≤ π. `k1` [1/s], `k2` [1/s²]. It jumps at Φ = π."""
+    """e = the rotation vector of the error, of magnitude Φ ≤ π. `k1` [1/s], `k2` [1/s²]. The error jumps at Φ = π."""
 
     k1: Gain
     k2: Gain
@@ -94,7 +95,7 @@ class LogarithmicFeedback(AbstractLaw):
 
 
 def signed_quaternion_feedback(law: QuaternionFeedback, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
-    """The command of `law` with e = 2μ_v/|μ|, for the sign of λ that is given."""
+    """The command of `law` with e = 2μ_v/|μ|, without changing the sign of λ."""
     mu = unit(error_quaternion(reference, quaternion))
     return _feedback(law, reference, mu, rate, 2 * mu[1:])
 

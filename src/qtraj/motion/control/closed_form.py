@@ -1,4 +1,4 @@
-"""The undisturbed motion of a closed loop in closed form: the program plus the decaying error."""
+"""The undisturbed motion of a closed loop in closed form: the program composed with the decaying error."""
 
 import os
 
@@ -22,8 +22,8 @@ from qtraj.motion.control.response import error_state
 class ClosedMotion(AbstractResult):
     """A closed loop in closed form, at the instants `times` (n,) [s].
 
-    `error` (n, 4): the law's error quaternion. `quaternion` (n, 4): λ. `angle` (n,) [rad]: between body and program,
-    0 … π. Under `vmap` all fields have the batch dimensions in front.
+    `error` (n, 4): the law's error quaternion. `quaternion` (n, 4): λ. `angle` (n,) [rad]: the angle between body and
+    program, from 0 to π. Under `vmap` all fields have the batch dimensions in front.
     """
 
     times: Float[Array, "*batch n"]
@@ -36,12 +36,12 @@ class ClosedMotion(AbstractResult):
         self.quaternion, self.angle = as_float(quaternion), as_float(angle)
 
     def record(self) -> Record:
-        """The motion over `time`, or over `sample` where the elements of a batch have different times."""
+        """The motion over `time`, or over `sample` if the elements of a batch have different times."""
         along = "time" if self.times.ndim == 1 else "sample"
         axes = (along, "component")
         variables = {
             "error": Quantity(self.error, "1", "error quaternion of the law", axes),
-            "quaternion": Quantity(self.quaternion, "1", "attitude, body to inertial, of any length", axes),
+            "quaternion": Quantity(self.quaternion, "1", "attitude, body to inertial, not normalised", axes),
             "angle": Quantity(self.angle, "rad", "angle between body and program", (along,)),
         }
         batch = batch_prefix(self.angle.shape[:-1])
@@ -49,7 +49,7 @@ class ClosedMotion(AbstractResult):
         return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": "body"})
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the motion to a TOML or JSON file, exactly; `qtraj.load` reads it.
+        """Write the motion exactly to a TOML or JSON file; `qtraj.load` reads it.
 
         **Raises:** ValueError for another suffix.
         """
@@ -63,7 +63,7 @@ def closed_motion(
     """The undisturbed motion about a program, at `times` (n,) [s].
 
     `references`: the program at these times, with fields (n, …). `quaternion` (4,) and `rate` (4,) [rad/s], body axes:
-    the state at the first time. A rate law does not use the rate.
+    the state at the first time. A rate law does not use `rate`.
     """
     kind = law.error if isinstance(law, AccelerationLaw) else "body"
     first = jax.tree.map(lambda x: x[0], references)

@@ -1,9 +1,8 @@
 """A command as the program's acceleration plus a correction, in body or inertial axes (paper C, (2.1) and (2.2)).
 
 In body axes, ε_x = ε_z⁰ + δε adds components in different bases, so δε is *not* the difference of the two vectors. In
-inertial axes, ε_ξ = ε_ξ⁰ + Δε, the correction is that difference. A law returns ε_x; these functions split it for
-analysis or telemetry.
-Accelerations are (4,) [rad/s²], virtual scalar part first.
+inertial axes, ε_ξ = ε_ξ⁰ + Δε, the correction is the difference of the two vectors. A law returns ε_x; these functions
+split it for analysis or telemetry. Accelerations are (4,) [rad/s²], with the virtual scalar part first.
 """
 
 from qtraj.foundation.types import Quat

@@ -6,7 +6,8 @@
 | `"inertial"` | μ* = λ∘λ̄⁰        | 1           | 2μ̇* = ω_ξ∘μ* − μ*∘ω_ξ⁰         |
 | `"additive"` | Δ = λ − λ⁰       | 0           | 2Δ̇ = λ∘ω_x − λ⁰∘ω_z⁰           |
 
-λ⁰ is the unit quaternion of the program; λ may have any length. Rates are (4,) in body axes, ω0 = d/dt ln|λ|² first.
+λ⁰ is the unit quaternion of the program; λ need not be normalised. Rates are (4,) in body axes: ω0 = d/dt ln|λ|², then
+the physical rate.
 """
 
 import jax.numpy as jnp
@@ -60,7 +61,7 @@ def error_rate(reference: Attitude, quaternion: Quat, rate: Quat, kind: str = "b
 
 
 def error_angle(reference: Attitude, quaternion: Quat) -> Scalar:
-    """The angle of the rotation from program to body, 0 … π [rad]; it is the same for λ and −λ."""
+    """The angle of the rotation from program to body [rad], from 0 to π; it is the same for λ and −λ."""
     mu = error_quaternion(reference, quaternion)
     return 2 * jnp.arctan2(norm(mu[1:]), jnp.abs(mu[0]))
 
@@ -99,6 +100,6 @@ def to_body(quaternion: Quat, x: Quat) -> Quat:
 
 
 def require_kind(kind: str) -> None:
-    """Raise a ValueError unless `kind` is one of the three errors."""
+    """Raise a ValueError unless `kind` is in `KINDS`."""
     if kind not in KINDS:
         raise ValueError(f"error must be one of {', '.join(map(repr, KINDS))}, but {kind!r} was given")

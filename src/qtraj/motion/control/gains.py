@@ -1,8 +1,8 @@
-"""Gains from the requirements on the response: settling time, damping, or weights.
+"""Gains from a settling time, a damping ratio, or quadratic weights.
 
 The functions return K1 [1/s] and K2 [1/s²] of ẍ + K1ẋ + K2x = 0, as in
 `AccelerationLaw(*gains.from_settling_time(10.0))`; `rate_from_settling_time` returns K [1/s] of ẋ + Kx = 0. All are
-differentiable in their arguments.
+differentiable with respect to their arguments.
 """
 
 import jax
@@ -12,7 +12,7 @@ from qtraj.foundation.arrays import as_float, concrete, require_finite, require_
 from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.motion.checks import common_dtype
 
-_NEWTON_STEPS = 8  # reach round-off for every residual that float64 can represent
+_NEWTON_STEPS = 8  # enough to reach round-off for every residual in float64
 
 
 def from_settling_time(time: ArrayInput, residual: ArrayInput = 0.02) -> tuple[Scalar, Scalar]:
@@ -52,7 +52,7 @@ def from_weights(error: ArrayInput, rate: ArrayInput, command: ArrayInput) -> tu
 
     `error` q1 [1/s⁴ per r], `rate` q2 [1/s² per r], `command` r: the linear-quadratic regulator of ẍ = u.
 
-    **Raises:** ValueError where q1 or r is not positive, or q2 is negative.
+    **Raises:** ValueError if q1 or r is not positive, or q2 is negative.
     """
     q1, q2, r = _common_dtype(error, rate, command)
     require_positive(q1, "the weight of the error", "1/s⁴")
@@ -66,12 +66,15 @@ def from_weights(error: ArrayInput, rate: ArrayInput, command: ArrayInput) -> tu
 
 
 def _settling(time: ArrayInput, residual: ArrayInput) -> list[Scalar]:
-    """Time and residual as scalars of one dtype, with their ranges checked."""
+    """Time and residual as scalars of one dtype; their ranges are checked."""
     time, residual = _common_dtype(time, residual)
     require_positive(time, "the settling time", "s")
     value = concrete(residual)
     if value is not None and not 0 < value < 1:
-        raise ValueError(f"the residual must lie between 0 and 1, but {value.tolist()} was given")
+        raise ValueError(
+            "the residual, the fraction of the initial error that remains at the settling time, must lie between 0 and "
+            f"1, but {value.tolist()} was given"
+        )
     return [time, residual]
 
 

@@ -1,9 +1,9 @@
-"""A feedback that remembers the sign of its error quaternion and changes it with hysteresis.
+"""A feedback that stores the sign of its error quaternion and changes it with hysteresis.
 
 λ and −λ are the same attitude. A law that uses the nearer of the two at every instant is discontinuous at half turns,
-where noise can trap the body. A law that never changes the sign takes the long way round (unwinding) if the body is
-beyond a half turn. Mayhew, Sanfelice and Teel (IEEE Trans. Automatic Control 56, 2011, 2555–2566) store a sign h = ±1
-and replace it by −h only if hμ0 < −δ|μ|. Then noise that changes μ0/|μ| by less than 2δ cannot cause repeated
+where noise can cause chattering. A law that never changes the sign rotates the body the long way round (unwinding) if
+the error exceeds a half turn. Mayhew, Sanfelice and Teel (IEEE Trans. Automatic Control 56, 2011, 2555–2566) store a
+sign h = ±1 and change it only if hμ0 < −δ|μ|. Then noise that changes μ0/|μ| by less than 2δ cannot cause repeated
 switching, and no rotation is longer than 2 arccos(−δ).
 """
 
@@ -22,21 +22,21 @@ from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw
 from qtraj.motion.simulation.actuator import Sampling, sampling_instants
 
 HALF_WIDTH = 0.25
-"""Default δ: the sign changes at 2 arccos(−0.25) = 209° from the program; changes of μ0/|μ| below 0.5 are ignored."""
+"""Default δ: the sign changes at an error of 2 arccos(−0.25) = 209°; changes of μ0/|μ| below 0.5 are ignored."""
 
 
 @storable
 class HystereticLaw(AbstractLaw):
-    """`law` with a remembered sign h of λ: it acts on hλ, and h changes where hμ0 < −`half_width`·|μ|.
+    """`law` with a stored sign h of λ: it acts on hλ, and h changes sign if hμ0 < −`half_width`·|μ|.
 
     `law`: an `AccelerationLaw`, whose error is linear between changes of the sign, or a `QuaternionFeedback`, which
-    gives the law of Mayhew, Sanfelice and Teel. `half_width` δ, 0 ≤ δ < 1: with 0 the law always uses the nearer sign,
-    which chatters under noise. `sampling` [s]: the period or the instants at which the sign is updated. Omit it if
-    sensor or actuator sample: the sign is then updated with each new command. Between updates the command is
+    gives the law of Mayhew, Sanfelice and Teel. `half_width` δ, 0 ≤ δ < 1: with 0 the law always uses the nearer sign
+    and chatters under noise. `sampling` [s]: the period or the instants at which the sign is updated. Omit it if the
+    sensor or the actuator is sampled: the sign is then updated with each new command. Between updates the command is
     continuous.
 
-    In `qtraj.simulate`, h starts at 1 for the initial λ, and the `quaternion` of the solution is hλ. Calling the law
-    itself uses λ with its given sign, without memory.
+    In `qtraj.simulate`, h starts at 1 for the initial λ, and the `quaternion` of the solution is hλ. If you call the
+    law directly, it uses λ without changing its sign.
 
     **Raises:** ValueError for another kind of law, or a half-width outside [0, 1).
     """
@@ -55,21 +55,19 @@ class HystereticLaw(AbstractLaw):
         sampling: ArrayInput | None = None,
     ):
         if not isinstance(law, AccelerationLaw | QuaternionFeedback):
-            raise ValueError(
-                f"a hysteretic law needs an AccelerationLaw or a QuaternionFeedback, but {law!r} was given"
-            )
+            raise ValueError(f"a HystereticLaw needs an AccelerationLaw or a QuaternionFeedback, but {law!r} was given")
         self.law = law
         self.half_width = real_scalar(half_width, "the half-width")
         value = concrete(self.half_width)
         if value is not None and not 0 <= value < 1:
             raise ValueError(
                 f"the half-width of the hysteresis must be in [0, 1), but {float(value)} was given. "
-                "It is compared with μ0/|μ|; 0.25 suits most noise."
+                "It is compared with μ0/|μ|; the default 0.25 tolerates most sensor noise."
             )
         self.sampling = sampling_instants(sampling)
 
     def __call__(self, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
-        """The command (4,) [rad/s²] in body axes, for `quaternion` with its given sign."""
+        """The command (4,) [rad/s²] in body axes; the sign of `quaternion` is not changed."""
         if isinstance(self.law, QuaternionFeedback):
             return signed_quaternion_feedback(self.law, reference, quaternion, rate)
         return self.law(reference, quaternion, rate)
@@ -79,7 +77,7 @@ class HystereticLaw(AbstractLaw):
         return self.law.deviation(reference, quaternion)
 
     def updated_sign(self, sign: Scalar, reference: Attitude, quaternion: Quat) -> Scalar:
-        """The updated sign h at this attitude: `sign`, or −`sign` where sign·μ0 < −δ|μ|."""
+        """The updated sign h at this attitude: −`sign` if sign·μ0 < −δ|μ|, otherwise `sign`."""
         return jnp.where(self.switches(sign, reference, quaternion), -sign, sign)
 
     def switches(self, sign: Scalar, reference: Attitude, quaternion: Quat) -> Flag:
@@ -95,17 +93,17 @@ def without_hysteresis(law: AbstractLaw) -> AbstractLaw:
 
 
 def initial_sign(law: AbstractLaw, quaternion: Quat) -> Scalar | None:
-    """The sign h before its first update, 1; None for laws without memory."""
+    """The initial sign h, which is 1; None for laws without hysteresis."""
     return jnp.ones_like(quaternion, shape=()) if isinstance(law, HystereticLaw) else None
 
 
 def updated_sign(law: AbstractLaw, sign: Scalar | None, reference: Attitude, quaternion: Quat) -> Scalar | None:
-    """The updated sign at this attitude; None for laws without memory."""
+    """The updated sign at this attitude; None for laws without hysteresis."""
     if sign is None or not isinstance(law, HystereticLaw):
         return sign
     return law.updated_sign(sign, reference, quaternion)
 
 
 def with_sign(sign: Scalar | None, quaternion: Quat) -> Quat:
-    """hλ; λ without a sign."""
+    """hλ, or λ if there is no sign."""
     return quaternion if sign is None else sign * quaternion

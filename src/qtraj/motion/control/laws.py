@@ -1,8 +1,8 @@
 """Feedback laws of paper C: their error equations are linear, time-invariant and independent of the program.
 
-The acceleration law makes x = μ − 1 (or μ* − 1, or Δ) obey ẍ + K1ẋ + K2x = 0, the rate law ẋ + Kx = 0. Gains are
-constant: a scalar, (4,) for a diagonal, or (4, 4). The vector part of a command is physical. The scalar part is
-virtual: the on-board computer uses it to control |λ|, which has no effect on the body.
+Under the acceleration law, x = μ − 1 (or μ* − 1, or Δ) obeys ẍ + K1ẋ + K2x = 0; under the rate law it obeys ẋ + Kx = 0.
+Gains are constant: a scalar, (4,) for a diagonal, or (4, 4). The vector part of a command is physical. The scalar part
+is virtual: the on-board computer uses it to control |λ|, which has no effect on the body.
 """
 
 import abc
@@ -44,7 +44,7 @@ class AbstractLaw(eqx.Module):
         """The error quaternion (4,) that the law acts on."""
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the law to a TOML or JSON file, exactly; `qtraj.load` reads it.
+        """Write the law exactly to a TOML or JSON file; `qtraj.load` reads it.
 
         **Raises:** ValueError for another suffix.
         """
@@ -56,8 +56,8 @@ class AccelerationLaw(AbstractLaw):
     """Angular acceleration [rad/s²] under which ẍ + K1ẋ + K2x = 0 for the chosen error x.
 
     `k1` [1/s] and `k2` [1/s²]: scalar, (4,) diagonal or (4, 4). `error`: "body" (x = μ − 1; commands in body axes, for
-    strapdown sensors), "inertial" (x = μ* − 1) or "additive" (x = Δ). With scalar gains the physical part is
-    μ⁻¹ε⁰μ + w×Ω − (K1 + ω0)Ω − 2K2 μ_v/|μ|² with w = μ⁻¹ω⁰μ, Ω = ω_v − w. It grows as 1/|μ|, with a pole at μ = 0.
+    strapdown sensors), "inertial" (x = μ* − 1) or "additive" (x = Δ). With scalar gains the physical part is μ⁻¹ε⁰μ +
+    w×Ω − (K1 + ω0)Ω − 2K2 μ_v/|μ|² with w = μ⁻¹ω⁰μ, Ω = ω_v − w. It grows as 1/|μ| and has a pole at μ = 0.
 
     **Raises:** ValueError for gains of another shape or not finite, or for another `error`.
     """

@@ -1,8 +1,8 @@
-"""Free choices in the initial state: the sign of λ, its length |λ| and the virtual rate ω0.
+"""Free choices in the initial state: the sign of λ, its norm |λ| and the virtual rate ω0.
 
 λ and −λ are the same attitude but have opposite errors μ and −μ, and a law drives its error to μ = 1. With scalar gains
-that are critical or overdamped, |μ(0)| = 1, ω0(0) = 0 and μ0(0) ≥ 0, μ(t) never vanishes. With the other sign of λ it
-may pass near zero, where the command has a pole. The error is known in closed form, so min |μ| is known in advance.
+that are critical or overdamped, |μ(0)| = 1, ω0(0) = 0 and μ0(0) ≥ 0, μ(t) never vanishes. With the other sign of λ, μ
+may pass near zero, where the command has a pole. The error has a closed form, so min |μ| can be computed in advance.
 """
 
 import equinox as eqx
@@ -20,7 +20,7 @@ from qtraj.motion.control.response import error_state
 
 SIGNS, NORMALIZATIONS = ("auto", "near", "far"), ("unit", "gibbs")
 HALF_TURN = 1e-6
-"""Scalar part of the unit error quaternion below which the Gibbs normalization is refused."""
+"""Scalar part of the unit error quaternion below which the Gibbs normalization raises an error."""
 
 _SAMPLES = 128
 _REFINEMENTS = 40
@@ -30,13 +30,14 @@ _REFINEMENTS = 40
 def least_norm(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None = None) -> Scalar:
     """min |μ(t)| over t ≥ 0 of the closed-form response to `mu0` and `mu_rate0` [1/s].
 
-    The command grows as 1/|μ|, so a small minimum announces a large peak of the command.
+    The command grows as 1/|μ|, so a small minimum means a large peak command.
 
-    **Raises:** ValueError for the additive error, whose |λ| depends on the program.
+    **Raises:** ValueError for the additive error, for which |μ| depends on the program.
     """
     if isinstance(law, AccelerationLaw) and law.error == "additive":
         raise ValueError(
-            "min |μ| of a law with the additive error depends on the program. Use error='body' or error='inertial'."
+            "the minimum of |μ| has no closed form for error='additive', because it depends on the program. Use "
+            "error='body' or error='inertial'."
         )
 
     def size(t: Scalar) -> Scalar:
@@ -55,15 +56,15 @@ def least_norm(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None 
         return jnp.where(left, low, a), jnp.where(left, b, high)
 
     low, high = jax.lax.stop_gradient(jax.lax.fori_loop(0, _REFINEMENTS, narrow, (low, high)))
-    # At an interior minimum the time has no first-order effect: the value's derivative is exact.
+    # At an interior minimum the time has no first-order effect, so the derivative of the value is exact.
     return jnp.minimum(size(0.5 * (low + high)), norm(mu0))
 
 
 def choose_sign(law: AccelerationLaw | RateLaw, reference: Attitude, quaternion: Quat, rate: Quat) -> Quat:
-    """λ or −λ, whichever has the larger min |μ| in the closed-form response.
+    """λ or −λ, whichever has the larger minimum of |μ| in the closed-form response.
 
-    Where both have the same minimum, and for a body at rest, the sign with μ0 ≥ 0 is returned; likewise for the
-    additive error. `rate` (4,) [rad/s], body axes.
+    If both minima are equal, as when body and program have the same rate, the sign with μ0 ≥ 0 is returned; for the
+    additive error it always is. `rate` (4,) [rad/s], body axes.
     """
     mu = error_quaternion(reference, quaternion)
     scalar = mu[0]
@@ -80,12 +81,12 @@ def choose_sign(law: AccelerationLaw | RateLaw, reference: Attitude, quaternion:
 def gibbs_normalization(reference: Attitude, quaternion: Quat, rate: Quat) -> tuple[Quat, Quat]:
     """λ and ω of the same attitude and physical rate, with |λ| and ω0 chosen so that μ0 = 1 and μ̇0 = 0.
 
-    Then μ0 ≡ 1 under scalar gains, and the Gibbs vector of the error, g = μ_v/μ0, obeys g̈ + K1ġ + K2g = 0. For the
-    body and inertial errors. A half turn has no Gibbs vector: |λ| grows without bound near it.
+    Then μ0 ≡ 1 under scalar gains, and the Gibbs vector of the error, g = μ_v/μ0, obeys g̈ + K1ġ + K2g = 0. This
+    applies to the body and inertial errors. A half turn has no Gibbs vector: |λ| grows without bound near it.
     """
     mu = error_quaternion(reference, quaternion)
     scaled = mu / mu[0]
-    rate_error = rate[1:] - reference.rate  # only its component along μ_v enters, which is the same in both axes
+    rate_error = rate[1:] - reference.rate  # only its component along μ_v matters, which is equal in both axes
     omega0 = scaled[1:] @ rate_error
     return quaternion / mu[0], pure(rate[1:]).at[0].set(omega0)
 
@@ -105,7 +106,7 @@ def place(
     (μ0 ≤ 0), or "auto": `choose_sign` for laws with a linear error, "near" for others. `normalization`: "unit"
     (|λ| = 1, ω0 = 0) or "gibbs" (`gibbs_normalization`, which has μ0 = 1 for either sign).
 
-    **Raises:** ValueError for another sign or normalization, and for the Gibbs normalization with the far sign or at a
+    **Raises:** ValueError for another sign or normalization, and for the Gibbs normalization with sign="far" or at a
     half turn.
     """
     if sign not in SIGNS:
@@ -137,7 +138,7 @@ def _place(
 
 def _require_gibbs(mu: Quat, sign: str) -> None:
     if sign == "far":
-        raise ValueError("normalization='gibbs' has μ0 = 1, which contradicts sign='far'. Leave out one of them.")
+        raise ValueError("normalization='gibbs' has μ0 = 1, which contradicts sign='far'. Omit one of them.")
     scalar = concrete(mu[0])
     if scalar is not None and abs(float(scalar)) < HALF_TURN:
         raise ValueError(
@@ -146,7 +147,7 @@ def _require_gibbs(mu: Quat, sign: str) -> None:
 
 
 def _time_scale(law: AccelerationLaw | RateLaw) -> Scalar:
-    """Estimate of the slowest time constant [s]. An error only changes the spacing of the samples."""
+    """Estimate of the slowest time constant [s]. Its error only affects the spacing of the samples."""
     if isinstance(law, RateLaw):
         return 1 / _min_gain(law.k)
     return jnp.maximum(_max_gain(law.k1) / _min_gain(law.k2), 2 / _min_gain(law.k1))

@@ -1,8 +1,8 @@
-"""The error of a closed loop in closed form: a matrix exponential that does not depend on the program.
+"""The error of a closed loop in closed form, a matrix exponential that does not depend on the program.
 
 (x, ẋ)(t) = exp([[0, 1], [−K2, −K1]] t) (x, ẋ)(0) for an `AccelerationLaw` and x(t) = exp(−Kt) x(0) for a `RateLaw`,
-where x is the error minus its target. With scalar and diagonal gains the components decouple; their elementary
-solutions are exact to round-off and smooth across critical damping.
+where x is the error minus its target. For scalar and diagonal gains the components decouple, and each has an elementary
+solution that is exact to round-off and smooth across critical damping.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -24,7 +24,7 @@ from qtraj.motion.control.laws import AbstractLaw, AccelerationLaw, RateLaw, app
 
 _COSINE = [1 / math.factorial(2 * k) for k in range(10)]
 _SINE = [1 / math.factorial(2 * k + 1) for k in range(10)]
-_NEAR_CRITICAL = 0.5  # below this |k1²/4 − k2|t² the series are exact to round-off, with two derivatives
+_NEAR_CRITICAL = 0.5  # for |k1²/4 − k2|t² below this, the series and two derivatives are exact to round-off
 
 
 def error_response(
@@ -32,8 +32,8 @@ def error_response(
 ) -> Float[Array, "... 4"]:
     """The error quaternion at the time `t` [s]: (4,), or (n, 4) for n instants.
 
-    `mu0` (4,) and `mu_rate0` (4,) [1/s] are the error and its derivative at t = 0. The error is the one that the law
-    acts on: μ, μ* or Δ. A rate law does not use `mu_rate0`, which may then be None.
+    `mu0` (4,) and `mu_rate0` (4,) [1/s] are the error of the law (μ, μ* or Δ) and its derivative at t = 0. For a rate
+    law `mu_rate0` is not used and may be None.
 
     **Raises:** ValueError for other shapes, or an acceleration law without `mu_rate0`.
     """
@@ -59,7 +59,7 @@ def _response(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None, 
 def error_state(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None, t: ScalarLike) -> tuple[Quat, Quat]:
     """The error quaternion and its derivative [1/s] at one instant `t` [s]; see `error_response`.
 
-    `mu_rate0` is zero for None.
+    `mu_rate0` is None for zero.
     """
     t = as_float(t).astype(mu0.dtype)
     if isinstance(law, RateLaw):
@@ -76,10 +76,10 @@ def error_state(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None
 
 
 def spectral_abscissa(law: AbstractLaw) -> float:
-    """The largest real part of the closed loop's eigenvalues [1/s]; the error decays where it is negative.
+    """The largest real part of the closed loop's eigenvalues [1/s]; the error decays if it is negative.
 
-    For the baselines it is that of the loop linearised about zero error. Call it outside of jax.jit, grad and vmap: the
-    gains must be known.
+    For the baselines, the loop is linearised about zero error. The gains must be concrete: call this function outside
+    of jax.jit, grad and vmap.
 
     **Raises:** ValueError for a law without gains `k1` and `k2`, or `k`.
     """
@@ -111,7 +111,7 @@ def _decoupled(k1: Array, k2: Array, x: Quat, v: Quat, t: Array) -> tuple[Quat, 
 
 
 def _waves(half: Quat, d: Quat, t: Array) -> tuple[Quat, Quat]:
-    """e^(−st) cosh(√d t) and e^(−st) sinh(√d t)/√d for any sign of d, s = `half`, without overflow."""
+    """e^(−st) cosh(√d t) and e^(−st) sinh(√d t)/√d with s = `half`, for any sign of d, without overflow."""
     z = d * (t * t)
     small = jnp.abs(z) < _NEAR_CRITICAL
     real, imaginary = (z > 0) & ~small, (z < 0) & ~small

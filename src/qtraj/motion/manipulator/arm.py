@@ -1,8 +1,8 @@
-"""A serial arm as a list of joints: the pose of its gripper, and its geometric Jacobian with the time derivative.
+"""A serial arm as a list of joints: the pose of its gripper, and its geometric Jacobian with its time derivative.
 
-Each joint is given by its axis in the axes of the base when all joints are at zero (product of exponentials): the pose
-of the gripper is the product of the motions of the joints, from the first to the last, and the pose at zero. Rates and
-accelerations are in the axes of the base, which are inertial: (ω, v) = J(q) q̇ and (ε, a) = J q̈ + J̇ q̇.
+Each joint is described by its axis, in the axes of the base, when all joints are at zero (product of exponentials). The
+pose of the gripper is the product of the joint motions, from the first to the last joint, and the pose at zero. Rates
+and accelerations are in the axes of the base, which are inertial: (ω, v) = J(q) q̇ and (ε, a) = J q̈ + J̇ q̇.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ Jacobian = Float[Array, "6 n"]
 class Joint(eqx.Module):
     """A joint of an arm, described in the axes of the base when all joints are at zero.
 
-    `axis` (3,): its direction, of any length. `point` (3,) [m]: a point on the axis; a prismatic joint does not use it.
-    `kind`: "revolute", which rotates by an angle [rad], or "prismatic", which moves by a length [m].
+    `axis` (3,): its direction, which need not be normalised. `point` (3,) [m]: a point on the axis, not used for a
+    prismatic joint. `kind`: "revolute", which rotates by an angle [rad], or "prismatic", which moves by a length [m].
 
     **Raises:** ValueError for an axis that is zero, an array of another shape, or another kind.
     """
@@ -61,10 +61,10 @@ class Joint(eqx.Module):
 class Arm(eqx.Module):
     """A serial arm: its `joints` from the base to the gripper, and the pose of the gripper when all joints are at zero.
 
-    `home_position` (3,) [m] and `home_quaternion` (4,), gripper to base, are that pose. `Arm.from_dh` makes an arm from
-    Denavit–Hartenberg parameters.
+    `home_position` (3,) [m] and `home_quaternion` (4,), gripper to base, describe this pose. `Arm.from_dh` creates an
+    arm from Denavit–Hartenberg parameters.
 
-    **Raises:** ValueError for anything but a non-empty sequence of `Joint`, or a pose of another shape.
+    **Raises:** ValueError if `joints` is not a non-empty sequence of `Joint`, or for a pose of another shape.
     """
 
     joints: tuple[Joint, ...]
@@ -93,11 +93,11 @@ class Arm(eqx.Module):
         """The arm with these classic Denavit–Hartenberg parameters.
 
         `rows` (n, 4): a [m], α [rad], d [m] and θ [rad] of each joint at zero. A joint rotates about, or moves along,
-        the z axis of the previous frame; its value is added to θ or d. `kinds` (n,): "revolute" or "prismatic"; None
-        for revolute joints only.
+        the z axis of the previous frame; its value is added to θ or d. `kinds` (n,): "revolute" or "prismatic"; with
+        None, all joints are revolute.
 
-        **Raises:** ValueError for rows of another shape, that are not finite, or traced; and for another number of
-        kinds than of rows.
+        **Raises:** ValueError for rows that are traced, not finite or of another shape; and if `kinds` and `rows`
+        differ in length.
         """
         with jax.ensure_compile_time_eval():  # constants stay concrete inside a trace
             table = concrete(as_float(rows))
@@ -137,7 +137,7 @@ class Arm(eqx.Module):
         return jax.jvp(lambda q: jnp.matmul(self.jacobian(q), q_dot, precision="highest"), (q,), (q_dot,))[1]
 
     def kinematics(self, q: Joints) -> tuple[Vec3, Quat, Jacobian]:
-        """Position and quaternion of the gripper, as from `pose`, and the Jacobian, in one pass from the base on."""
+        """Position and quaternion of the gripper, as from `pose`, and the Jacobian, in one pass along the arm."""
         rotated = jnp.zeros((4,), q.dtype).at[0].set(1.0)
         shift, axes, points = jnp.zeros((3,), q.dtype), [], []
         for k, joint in enumerate(self.joints):
@@ -161,10 +161,10 @@ class Arm(eqx.Module):
 
 
 def stanford_arm() -> Arm:
-    """The Stanford arm: six joints, the third of them prismatic.
+    """The Stanford arm: six joints, the third is prismatic.
 
-    The Denavit–Hartenberg parameters are those of Fu, Gonzalez and Lee (1987): d1 = 0.412 m, d2 = 0.154 m and
-    d6 = 0.263 m. The wrist is singular where the fifth joint is at zero, the arm where the third joint is.
+    The Denavit–Hartenberg parameters are taken from Fu, Gonzalez and Lee (1987): d1 = 0.412 m, d2 = 0.154 m and d6 =
+    0.263 m. The wrist is singular if the fifth joint is at zero, and the arm is singular if the third joint is at zero.
     """
     quarter = np.pi / 2
     rows = [

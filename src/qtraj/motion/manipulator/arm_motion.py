@@ -20,12 +20,12 @@ class ArmMotion(AbstractOutcome):
     """An arm under a law at the instants `times` (n,) [s].
 
     `joints`, `joint_rates`, `joint_accelerations` (n, m): angles [rad] or lengths [m], and their derivatives.
-    `position` (n, 3) [m], `quaternion` (n, 4), of any length, and `rate` (n, 4) [rad/s] of the gripper; the rate is in
-    inertial axes, ω0 first. `error` (n, 4): the error quaternion of the law. `angle` (n,) [rad]: between gripper and
-    program. `distance` (n,) [m]: between gripper and path, None without a path. `smallest` (n,): the smallest singular
-    value of the Jacobian. `missed` (n,): the length of the difference between actual and commanded acceleration
-    [rad/s², m/s²]; zero up to round-off where damping is not active. Instants that were not reached are NaN. `code` is
-    a `ResultCode`, and `result` its text.
+    `position` (n, 3) [m], `quaternion` (n, 4), not normalised, and `rate` (n, 4) [rad/s] of the gripper; the rate is in
+    inertial axes, ω0 = d/dt ln|λ|² first. `error` (n, 4): the error quaternion of the law. `angle` (n,) [rad]: the
+    angle between gripper and program. `distance` (n,) [m]: the distance between gripper and path, None without a path.
+    `smallest` (n,): the smallest singular value of the Jacobian. `missed` (n,): the norm of the difference between
+    actual and commanded acceleration [rad/s², m/s²]; zero up to round-off if damping is not active. Values at instants
+    that were not reached are NaN. `code` is a `ResultCode`, and `result` its text.
     """
 
     times: Float[Array, "*batch n"]
@@ -66,7 +66,7 @@ class ArmMotion(AbstractOutcome):
         self.distance = None if distance is None else as_float(distance)
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the motion to a TOML file, exactly (JSON where every instant was reached); `qtraj.load` reads it.
+        """Write the motion exactly to a TOML file, or to JSON if every instant was reached; `qtraj.load` reads it.
 
         **Raises:** ValueError for another suffix.
         """
@@ -83,7 +83,7 @@ class ArmMotion(AbstractOutcome):
         return f"{text} The gripper's acceleration deviated from the command by up to {deviation}."
 
     def record(self) -> Record:
-        """The motion over `time`, or over `sample` where each batch element has its own times."""
+        """The motion over `time`, or over `sample` if each batch element has its own times."""
         along = "time" if self.times.ndim == 1 else "sample"
         per_joint, component = (along, "joint"), (along, "component")
         columns = {
@@ -93,15 +93,23 @@ class ArmMotion(AbstractOutcome):
                 self.joint_accelerations, "", "accelerations of the joints [rad/s², m/s²]", per_joint
             ),
             "position": Quantity(self.position, "m", "position of the gripper", (along, "world")),
-            "quaternion": Quantity(self.quaternion, "1", "attitude of the gripper, of any length", component),
+            "quaternion": Quantity(self.quaternion, "1", "quaternion of the gripper, not normalised", component),
             "rate": Quantity(
-                self.rate, "rad s-1", "angular rate of the gripper, inertial axes; first d/dt ln|λ|²", component
+                self.rate,
+                "rad s-1",
+                "angular rate of the gripper, inertial axes; virtual rate d/dt ln|λ|² [s-1] first",
+                component,
             ),
             "error": Quantity(self.error, "1", "error quaternion of the law", component),
             "angle": Quantity(self.angle, "rad", "angle between gripper and program", (along,)),
             "distance": Quantity(self.distance, "m", "distance of the gripper from its path", (along,)),
-            "smallest": Quantity(self.smallest, "", "smallest singular value of the Jacobian [rad, m]", (along,)),
-            "missed": Quantity(self.missed, "", "deviation of the acceleration [rad/s², m/s²]", (along,)),
+            "smallest": Quantity(
+                self.smallest,
+                "",
+                "smallest singular value of the Jacobian in rad and m",
+                (along,),
+            ),
+            "missed": Quantity(self.missed, "", "norm of actual minus commanded acceleration [rad/s², m/s²]", (along,)),
             "result": Quantity(np.asarray(self.result), "", "the result in words"),
             "code": Quantity(self.code, "1", "result code"),
         }

@@ -1,8 +1,8 @@
 """Joint accelerations for an acceleration of the gripper: least squares, damped near singularities.
 
-q̈ = Jᵀ(JJᵀ + ρ²I)⁻¹ b is, for ρ = 0, the smallest q̈ with Jq̈ = b. If the smallest singular value σ of J is below a
-threshold σ₀, then ρ² = (1 − (σ/σ₀)²) ρ₀² keeps q̈ bounded (Chiaverini, Siciliano and Egeland, 1994). The acceleration of
-the gripper is then smaller than commanded in the directions in which the joints hardly move it.
+For ρ = 0, q̈ = Jᵀ(JJᵀ + ρ²I)⁻¹ b is the smallest q̈ with Jq̈ = b. If the smallest singular value σ of J is below a
+threshold σ₀, ρ² = (1 − (σ/σ₀)²) ρ₀² keeps q̈ bounded (Chiaverini, Siciliano and Egeland, 1994). The acceleration of the
+gripper then deviates from the command in the nearly singular directions.
 """
 
 import equinox as eqx
@@ -20,7 +20,7 @@ from qtraj.foundation.types import ArrayInput, Scalar
 class Damping(eqx.Module):
     """Damping of the joint accelerations near singularities.
 
-    `threshold` σ₀: there is no damping while the smallest singular value of the Jacobian (in rad and m) is larger.
+    `threshold` σ₀: damping is active if the smallest singular value of the Jacobian (in rad and m) is below it.
     `largest` ρ₀: the damping at a singularity. `idle` [1/s]: for arms with redundant joints, the decay rate of joint
     motion that does not move the gripper.
 
@@ -43,7 +43,7 @@ class Damping(eqx.Module):
 
 
 def smallest_singular_value(jacobian: Float[Array, "m n"]) -> Scalar:
-    """The smallest singular value σ of J: 0 where the joints cannot move the gripper in some direction."""
+    """The smallest singular value σ of J: 0 if the joints cannot move the gripper in some direction."""
     square = jnp.linalg.eigvalsh(stop_gradient(_gram(jacobian)))[0]
     return jnp.sqrt(jnp.maximum(square, 0.0))
 
@@ -51,7 +51,7 @@ def smallest_singular_value(jacobian: Float[Array, "m n"]) -> Scalar:
 def joint_accelerations(
     jacobian: Float[Array, "m n"], target: Float[Array, " m"], joint_rates: Float[Array, " n"], damping: Damping
 ) -> Float[Array, " n"]:
-    """q̈ with Jq̈ = `target`, except for the damping; joint motion that does not move the gripper decays."""
+    """q̈ with Jq̈ = `target`, apart from the damping; joint motion that does not move the gripper decays."""
     sigma, threshold = smallest_singular_value(jacobian), damping.threshold.astype(target.dtype)
     damping_sq = jnp.maximum(1 - (sigma / threshold) ** 2, 0.0) * damping.largest.astype(target.dtype) ** 2
     gram = _gram(jacobian) + damping_sq * jnp.eye(jacobian.shape[0], dtype=jacobian.dtype)

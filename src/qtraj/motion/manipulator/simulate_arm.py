@@ -2,7 +2,7 @@
 
 Paper C (remark 1, (2.2)) recommends commands in inertial axes for manipulators with sensors in their joints. The joints
 determine the attitude and rate of the gripper, the law gives ε_ξ, and the geometric Jacobian converts it to q̈. |λ| and
-ω0 are variables of the control computer. Away from singularities the gripper has the commanded acceleration, so its
+ω0 are variables of the control computer. Away from singularities, the gripper has the commanded acceleration, so its
 error satisfies the same linear equation as the error of a free body.
 """
 
@@ -31,7 +31,7 @@ from qtraj.path.hodograph import AbstractHodograph
 
 
 class _Task(eqx.Module):
-    """The parts of a simulation; `gains` (2,) are k1 and k2 of the position."""
+    """The parts of a simulation; `gains` (2,) are k1 and k2 of the position feedback."""
 
     arm: Arm
     program: AbstractProgram
@@ -60,7 +60,7 @@ class _Task(eqx.Module):
         return jax.tree.map(lambda x: x.astype(state.dtype), self.program(t))
 
     def command(self, t: Scalar, state: State, gripper: _Gripper) -> tuple[Scalar, Array]:
-        """ε0, and the commanded acceleration of the gripper: ε_ξ (3,), or with a path (ε_ξ, a) (6,)."""
+        """ε0, and the commanded acceleration of the gripper: ε_ξ (3,), or (ε_ξ, a) (6,) with a path."""
         reference, quaternion = self.reference(t, state), gripper.quaternion
         command = to_inertial(quaternion, self.law(reference, quaternion, gripper.rate))
         if self.path is None:
@@ -70,7 +70,7 @@ class _Task(eqx.Module):
         return command[0], jnp.concatenate([command[1:], r[2] - feedback])
 
     def accelerations(self, t: Scalar, state: State, gripper: _Gripper) -> tuple[Scalar, Array, Array, Array]:
-        """ε0, q̈, the actual minus the commanded acceleration of the gripper, and the used rows of the Jacobian."""
+        """ε0, q̈, the actual minus the commanded acceleration of the gripper, and the Jacobian's rows that are used."""
         _, q_dot, _, _ = self.split(state)
         virtual, command = self.command(t, state, gripper)
         rows, bias = gripper.jacobian[: command.shape[0]], gripper.bias[: command.shape[0]]
@@ -109,14 +109,14 @@ def simulate_arm(
 ) -> ArmMotion:
     """The motion of an arm whose gripper follows `program` under `law`, from `joints` (m,) and `joint_rates` (m,).
 
-    The joints are angles [rad] or lengths [m]. `times` (n,) [s] are instants of the program's own time, the first for
-    the initial state. `path`: a hodograph for the position of the gripper, with the `gains` k1 [1/s] and
-    k2 [1/s²] of the error equation r̈ + k1ṙ + k2r = 0. Without a path only the attitude is controlled, with the smallest
-    joint accelerations. `damping`: a `Damping` for singularities. λ starts with the sign that is nearer to the program.
-    `rtol`, `atol`, `solver`, `adjoint`, `max_steps` and `throw` are those of `integrate`.
+    The joints are angles [rad] or lengths [m]. `times` (n,) [s] are measured from the start of the program; the initial
+    state is at the first of them. `path`: the position curve of the gripper, with the `gains` k1 [1/s] and k2 [1/s²] of
+    the error equation r̈ + k1ṙ + k2r = 0. Without a path, only the attitude is controlled, with the smallest joint
+    accelerations. `damping`: a `Damping` for singularities. The initial sign of λ is the one nearer to the program.
+    `rtol`, `atol`, `solver`, `adjoint`, `max_steps` and `throw` are as in `integrate`.
 
-    **Raises:** ValueError for arguments of another type or shape, a law that commands rates or has memory, too few
-    joints, or times that do not increase. RuntimeError with `throw` if an instant was not reached.
+    **Raises:** ValueError for arguments of another type or shape, a law that commands rates or has a discrete state,
+    too few joints, or times that do not increase. RuntimeError if `throw` is true and an instant was not reached.
     """
     count = len(arm.joints) if isinstance(arm, Arm) else 0
     rows = 3 if path is None else 6
@@ -183,15 +183,15 @@ def _require_parts(arm: Any, program: Any, law: Any, path: Any, rows: int) -> No
         raise ValueError(f"the program must be a program such as FrameProgram(path), but {program!r} was given")
     if not isinstance(law, AbstractLaw) or isinstance(law, RateLaw) or hasattr(law, "half_width"):
         raise ValueError(
-            "the law must command accelerations and have no memory, like AccelerationLaw(2.0, 1.0), but "
+            "the law must command accelerations and have no discrete state, like AccelerationLaw(2.0, 1.0), but "
             f"{law!r} was given"
         )
     if path is not None and not isinstance(path, AbstractHodograph):
-        raise ValueError(f"the path must be a hodograph such as Curve(position, duration), but {path!r} was given")
+        raise ValueError(f"the path must be a position curve such as Curve(position, duration), but {path!r} was given")
     if len(arm.joints) < rows:
-        controlled = "its attitude" if rows == 3 else "its attitude and position"
+        controlled = "attitude" if rows == 3 else "attitude and position"
         raise ValueError(
-            f"a gripper needs at least {rows} joints to control {controlled}, but the arm has {len(arm.joints)}"
+            f"control of the gripper's {controlled} needs at least {rows} joints, but the arm has {len(arm.joints)}"
         )
 
 

@@ -1,9 +1,9 @@
 """A law for position and attitude: paper C's law for the attitude, and linear feedback for the position.
 
-The attitude error satisfies μ̈ + K1μ̇ + K2(μ − 1) = 0. The position error e = r − r⁰, inertial axes, satisfies
-ë + k1ė + k2e = 0 with the commanded acceleration a = r̈⁰ − k1ė − k2e. Both equations are exact and independent of the
-program and of each other. So the error of the pose, the dual quaternion M = Λ̄⁰∘Λ = μ + s ½ ρ∘μ with ρ = λ̄⁰∘e∘λ⁰, has a
-closed form.
+The attitude error satisfies μ̈ + K1μ̇ + K2(μ − 1) = 0. The position error e = r − r⁰, inertial axes, satisfies ë + k1ė
++ k2e = 0 with the commanded acceleration a = r̈⁰ − k1ė − k2e. Both equations are exact and independent of the program
+and of each other. The pose error, the dual quaternion M = Λ̄⁰∘Λ = μ + s ½ ρ∘μ with ρ = λ̄⁰∘e∘λ⁰, therefore has a closed
+form.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ class PoseProgram(eqx.Module):
 
     def __init__(self, path: AbstractHodograph, attitude: AbstractProgram):
         if not isinstance(path, AbstractHodograph):
-            raise ValueError(f"the path must be a hodograph such as SpiralHelix or Curve, but {path!r} was given")
+            raise ValueError(f"the path must be a position curve such as SpiralHelix or Curve, but {path!r} was given")
         if not isinstance(attitude, AbstractProgram):
             raise ValueError(f"the attitude must be a program such as FrameProgram(path), but {attitude!r} was given")
         self.path, self.attitude = path, attitude
 
     @property
     def duration(self) -> Scalar:
-        """The shorter of the durations of path and attitude program [s]."""
+        """The duration of the path or of the attitude program, whichever is shorter [s]."""
         return jnp.minimum(self.path.duration, self.attitude.duration)
 
     def __call__(self, t: ScalarLike) -> tuple[Position, Attitude]:
@@ -64,12 +64,12 @@ class PoseProgram(eqx.Module):
 
 @storable
 class PoseLaw(eqx.Module):
-    """A law for a pose: `attitude` gives the angular acceleration, and linear feedback the acceleration.
+    """A law for a pose: `attitude` commands the angular acceleration, and linear feedback the linear acceleration.
 
-    `attitude`: a law that commands accelerations and has no memory. `k1` [1/s], `k2` [1/s²]: the gains of the position,
-    scalars, (3,) along inertial axes, or (3, 3).
+    `attitude`: a law that commands accelerations and has no discrete state. `k1` [1/s], `k2` [1/s²]: the gains of the
+    position feedback, scalars, (3,) along inertial axes, or (3, 3).
 
-    **Raises:** ValueError for another kind of law, and for gains of another shape or that are not finite.
+    **Raises:** ValueError for another kind of law, and for gains that are not finite or of another shape.
     """
 
     attitude: AbstractLaw
@@ -82,17 +82,17 @@ class PoseLaw(eqx.Module):
     def __init__(self, attitude: AbstractLaw, k1: ArrayInput, k2: ArrayInput):
         if not isinstance(attitude, AbstractLaw) or isinstance(attitude, RateLaw) or hasattr(attitude, "half_width"):
             raise ValueError(
-                "the attitude law must command accelerations and have no memory, like AccelerationLaw(2.0, 1.0), but "
-                f"{attitude!r} was given"
+                "the attitude law must command accelerations and have no discrete state, like "
+                f"AccelerationLaw(2.0, 1.0), but {attitude!r} was given"
             )
         self.attitude, self.k1, self.k2 = attitude, gain(k1, "k1", 3), gain(k2, "k2", 3)
 
     def __call__(
         self, target: Position, reference: Attitude, position: Vec3, velocity: Vec3, quaternion: Quat, rate: Quat
     ) -> tuple[Quat, Vec3]:
-        """The commands ε (4,) [rad/s²], body axes, virtual part first, and a (3,) [m/s²], inertial axes.
+        """The commands ε (4,) [rad/s²], body axes, with the virtual part first, and a (3,) [m/s²], inertial axes.
 
-        `target` and `reference` are the program's position and attitude, the other arguments the body's state.
+        `target` and `reference` are the program's position and attitude; the other arguments are the body's state.
         """
         feedback = apply(self.k1, velocity - target[1]) + apply(self.k2, position - target[0])
         return self.attitude(reference, quaternion, rate), target[2] - feedback

@@ -20,10 +20,10 @@ class PoseMotion(AbstractOutcome):
     """The pose of a body under a law at the instants `times` (n,) [s].
 
     `position`, `velocity` (n, 3) [m, m/s] and the commanded `acceleration` (n, 3) [m/s²], inertial axes; `quaternion`
-    (n, 4), of any length, and `rate` (n, 4) [rad/s], body axes, ω0 first; the angular `command` (n, 4) [rad/s²], body
-    axes, virtual part first. `error` (n, 8): the dual error quaternion M, μ first. `distance` (n,) [m] from the
-    path, and `angle` (n,) [rad] between body and program. Instants that were not reached are NaN. `code` is a
-    `ResultCode`, and `result` its text.
+    (n, 4), not normalised, and `rate` (n, 4) [rad/s], body axes, ω0 = d/dt ln|λ|² first; the angular `command` (n, 4)
+    [rad/s²], body axes, virtual part first. `error` (n, 8): the dual error quaternion M, μ first. `distance` (n,) [m]
+    from the path, and `angle` (n,) [rad] between body and program. Values at instants that were not reached are NaN.
+    `code` is a `ResultCode`, and `result` its text.
     """
 
     times: Float[Array, "*batch n"]
@@ -64,22 +64,24 @@ class PoseMotion(AbstractOutcome):
         return "finished: every instant was reached." if code == ResultCode.successful else code.text
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the motion to a TOML file, exactly (JSON where every instant was reached); `qtraj.load` reads it.
+        """Write the motion exactly to a TOML file, or to JSON if every instant was reached; `qtraj.load` reads it.
 
         **Raises:** ValueError for another suffix.
         """
         document.save(self, file)
 
     def record(self) -> Record:
-        """The motion over `time`, or over `sample` where each batch element has its own times."""
+        """The motion over `time`, or over `sample` if each batch element has its own times."""
         along = "time" if self.times.ndim == 1 else "sample"
         world, component = (along, "world"), (along, "component")
         variables = {
             "position": Quantity(self.position, "m", "position, inertial axes", world),
             "velocity": Quantity(self.velocity, "m s-1", "velocity, inertial axes", world),
             "acceleration": Quantity(self.acceleration, "m s-2", "commanded acceleration, inertial axes", world),
-            "quaternion": Quantity(self.quaternion, "1", "attitude, body to inertial, of any length", component),
-            "rate": Quantity(self.rate, "rad s-1", "angular rate, body axes; first the virtual rate", component),
+            "quaternion": Quantity(self.quaternion, "1", "attitude, body to inertial, not normalised", component),
+            "rate": Quantity(
+                self.rate, "rad s-1", "angular rate, body axes; virtual rate d/dt ln|λ|² [s-1] first", component
+            ),
             "command": Quantity(self.command, "rad s-2", "commanded angular acceleration, body axes", component),
             "error": Quantity(self.error[..., :4], "1", "real part of the dual error quaternion", component),
             "dual_error": Quantity(self.error[..., 4:], "m", "dual part of the dual error quaternion", component),

@@ -63,16 +63,16 @@ def simulate_pose(
     max_steps: int = MAX_STEPS,
     throw: bool = False,
 ) -> PoseMotion:
-    """The motion of a body that `law` makes follow `program` in position and attitude.
+    """The motion of a body that follows `program` in position and attitude under `law`.
 
-    The initial state at the first of `times` (n,) [s], instants of the program's own time: `position` and `velocity`
-    (3,) [m, m/s], inertial axes, `quaternion` (4,), and `rate` (4,) [rad/s], body axes. Disturbances, constant (3,) or
-    functions of time: `push`, an acceleration [m/s²] in inertial axes, and `twist`, an angular acceleration [rad/s²] in
-    body axes. `sign` is as in `simulate`; `solver`, `rtol`, `atol`, `adjoint`, `max_steps` and `throw` are as in
-    `integrate`.
+    The initial state, at the first of `times` (n,) [s], measured from the start of the program, is `position` and
+    `velocity` (3,) [m, m/s], inertial axes, `quaternion` (4,), and `rate` (4,) [rad/s], body axes. The disturbances are
+    constant (3,) or functions of time: `push`, an acceleration [m/s²] in inertial axes, and `twist`, an angular
+    acceleration [rad/s²] in body axes. `sign` is as in `simulate`; `solver`, `rtol`, `atol`, `adjoint`, `max_steps` and
+    `throw` are as in `integrate`.
 
     **Raises:** ValueError for arguments of another type or shape, another sign, or times that do not increase.
-    RuntimeError with `throw` if an instant was not reached.
+    RuntimeError if `throw` is true and an instant was not reached.
     """
     require_sign(sign)
     if not isinstance(program, PoseProgram):

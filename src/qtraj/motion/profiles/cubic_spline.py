@@ -3,7 +3,7 @@
 Paper C proposes cubic splines Φ(t) for a given time T and both limits. Among all slews from rest to rest with |Φ̇| ≤ V
 and |Φ̈| ≤ A, the one with the smallest ∫Φ̈² dt is a cubic spline. In its first half, Φ̈ is A for a time s, decreases
 linearly to 0 in a time d, and is 0 for a time c; the second half is antisymmetric. (By the minimum principle, Φ̈ is
-linear where no limit is active, and does not jump where Φ̇ reaches V.) With the angle Φ and T = 2(s + d + c):
+linear where no limit is active, and continuous where Φ̇ reaches V.) With the angle Φ and T = 2(s + d + c):
 
 | active limit | d                          | s          | first acceleration |
 |--------------|----------------------------|------------|--------------------|
@@ -12,7 +12,7 @@ linear where no limit is active, and does not jump where Φ̇ reaches V.) With t
 | acceleration | √(3(T²/4 − Φ/A))           | T/2 − d    | A                  |
 | both         | √(12(VT − V²/A − Φ)/A)     | V/A − d/2  | A                  |
 
-For the minimum time d = 0, and the slew is time-optimal.
+At the minimum time, d is 0 and the slew is time-optimal.
 """
 
 from typing import ClassVar
@@ -26,7 +26,7 @@ from qtraj.foundation.types import ArrayInput, Scalar
 from qtraj.motion.profiles.profile import AbstractProfile, Profile, fixed_duration, limit, nonzero_size, require_limits
 
 TIME_MARGIN = 1e-6
-"""With only a rate limit the acceleration is unbounded as T → Φ/V, so the minimum time is Φ/V plus this fraction."""
+"""With only a rate limit, the acceleration is unbounded as T → Φ/V. This fraction is added to the minimum time Φ/V."""
 
 
 class _Half(eqx.Module):
@@ -41,9 +41,10 @@ class _Half(eqx.Module):
 class CubicSpline(AbstractProfile):
     """The slew in `duration` [s] with the smallest ∫Φ̈² dt within `max_rate` [rad/s] and `max_acceleration` [rad/s²].
 
-    A cubic spline with knots where a limit becomes active or inactive; a single cubic if no limit is active. The angle,
-    rate and acceleration are continuous, except that the acceleration jumps at both ends, as for a `Cubic`. The slew
-    starts and ends at rest. The minimum duration is that of a `TimeOptimal` slew within the same limits.
+    It is a cubic spline with knots where a limit becomes active or inactive, and a single cubic if no limit is active.
+    The angle, rate and acceleration are continuous, except that the acceleration jumps at both ends, as for a `Cubic`.
+    The slew starts and ends at rest. The minimum duration is the same as for a `TimeOptimal` slew within the same
+    limits.
 
     **Raises:** ValueError for values that are not positive, or without a duration; in `profile` for a duration that is
     too short.
@@ -92,7 +93,7 @@ class CubicSpline(AbstractProfile):
 
 
 def _min_duration(angle: Scalar, rate: Scalar | None, acceleration: Scalar | None) -> Scalar:
-    """The minimum duration [s], that of the time-optimal slew."""
+    """The minimum duration [s], which is the duration of the time-optimal slew."""
     if acceleration is None:
         return jnp.zeros_like(angle) if rate is None else angle / rate * (1 + TIME_MARGIN)
     without_rate_limit = 2 * jnp.sqrt(angle / acceleration)
@@ -102,7 +103,7 @@ def _min_duration(angle: Scalar, rate: Scalar | None, acceleration: Scalar | Non
 
 
 def _optimal_half(angle: Scalar, duration: Scalar, rate: Scalar | None, acceleration: Scalar | None) -> _Half:
-    """The optimal first half: a limit is active if the optimum without it violates it."""
+    """The optimal first half. A limit is active if the optimum without this limit violates it."""
     half = _Half(jnp.zeros_like(angle), duration / 2, 6 * angle / duration**2)
     if acceleration is not None:
         decreasing = _root(3 * (duration**2 / 4 - angle / acceleration))

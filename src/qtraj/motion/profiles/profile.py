@@ -1,8 +1,8 @@
 """Motion profiles: the angle Φ(t) of a slew about a fixed axis, from limits or from a duration.
 
-An `AbstractProfile`, such as `TimeOptimal`, makes the `Profile` of any angle. A `Profile` is a sequence of polynomial
-pieces, each in its own u = (t − start)/width ∈ [0, 1], so that no power of a time overflows or underflows. At a switch
-the later piece counts. The angle is constant before the start and after the duration.
+An `AbstractProfile`, such as `TimeOptimal`, computes the `Profile` of any angle. A `Profile` is a sequence of
+polynomial pieces, each in its own u = (t − start)/width ∈ [0, 1], so powers of time cannot overflow or underflow. At a
+switch, the values of the later piece are returned. The angle is constant before the start and after the duration.
 """
 
 import abc
@@ -21,9 +21,9 @@ from qtraj.foundation.document import storable
 from qtraj.foundation.types import ArrayInput, Flag, Scalar, ScalarLike
 
 TOLERANCE = 16
-"""Relative round-off, in machine epsilons, by which a fixed duration may be below the minimum."""
+"""Relative tolerance, in machine epsilons, by which a fixed duration may be below the minimum."""
 PEAK_TOLERANCE = 1e-9
-"""Relative difference below which two peaks count as equal; the first of them is reported."""
+"""Relative difference below which two peaks count as equal; the first one is reported."""
 
 
 @storable
@@ -31,9 +31,10 @@ class Profile(eqx.Module):
     """The angle of a slew and its derivatives on [0, duration].
 
     `total` [rad] is reached at `duration` [s]. Piece k starts at `starts[k]`, lasts `widths[k]` seconds and has the
-    ascending coefficients `pieces[k]` in its own u: of angle/total where the profile is `proportional` (at rest at both
-    ends), of the angle otherwise. `end_rate` [rad/s] is the rate at `duration` itself. `feasible` is false only inside
-    a trace, where no error can be raised: the fixed duration is not possible, and the minimum replaces it.
+    ascending coefficients `pieces[k]` in its own u; they describe angle/total if the profile is `proportional` (at rest
+    at both ends), and the angle otherwise. `end_rate` [rad/s] is the rate at `duration`. `feasible` is false only
+    inside a trace, where errors cannot be raised, if the fixed duration is not possible; the minimum duration is then
+    used.
     """
 
     total: Scalar = eqx.field(converter=as_float)
@@ -47,7 +48,7 @@ class Profile(eqx.Module):
 
     @property
     def switches(self) -> Float[Array, " n"]:
-        """The instants at which a piece ends [s], the last at the duration; pass them as `jumps` to an integration."""
+        """The end times of the pieces [s], the last at the duration; pass them as `jumps` to an integration."""
         return jnp.concatenate([self.starts[1:], self.duration[None]])
 
     def angle(self, t: ScalarLike) -> Scalar:
@@ -55,7 +56,7 @@ class Profile(eqx.Module):
         return self.derivatives(t, 0)[0]
 
     def rate(self, t: ScalarLike) -> Scalar:
-        """Φ̇(t) [rad/s]: `end_rate` at the duration itself, zero after it."""
+        """Φ̇(t) [rad/s]: `end_rate` at the duration, zero after it."""
         return self.derivatives(t, 1)[1]
 
     def acceleration(self, t: ScalarLike) -> Scalar:
@@ -71,24 +72,24 @@ class Profile(eqx.Module):
         return (self.total if self.proportional else 1.0) * self.shape(t, order)
 
     def shape(self, t: ScalarLike, order: int) -> Float[Array, " {order}+1"]:
-        """`derivatives` divided by `total` where `proportional`, otherwise `derivatives`.
+        """`derivatives` divided by `total` if `proportional`, otherwise `derivatives`.
 
-        No division is made, so the shape is regular at total = 0: a vector of length `total` times the shape is smooth
-        in that vector.
+        It is computed without a division, so it is regular at total = 0: a rotation vector of magnitude `total` times
+        the shape is a smooth function of this vector.
         """
         return _shape(self, one_instant(t).astype(self.duration.dtype), order)
 
     def peak(self, order: int) -> tuple[float, float]:
         """The first instant [s] of the maximum of |d^order Φ/dt^order|, and that maximum.
 
-        Exact, from the roots of the pieces' derivatives. Each piece includes its own ends, so both sides of a switch
-        count. (0, 0) for a slew without duration.
+        The maximum is exact: it is computed from the roots of the pieces' derivatives. Each piece includes its ends, so
+        both sides of a switch are considered. The result is (0, 0) for a slew of zero duration.
 
-        **Raises:** ValueError inside a trace, where the profile is not known.
+        **Raises:** ValueError if the profile is traced.
         """
         fields = (self.starts, self.widths, self.pieces)
         if any(concrete(x) is None for x in (*fields, self.total)):
-            raise ValueError("Profile.peak needs known values. Call it outside of jax.jit, grad and vmap.")
+            raise ValueError("Profile.peak needs concrete values. Call it outside of jax.jit, grad and vmap.")
         total = float(self.total) if self.proportional else 1.0
         time, peak = 0.0, 0.0
         for start, width, coefficients in zip(*map(np.asarray, fields), strict=True):
@@ -108,7 +109,7 @@ def _shape(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"
     after = t >= profile.duration
     outside = after | (t < 0)
     time = jnp.where(outside, 0.0, t)
-    # A piece of zero width ends where it starts, also where round-off moves the next start.
+    # A piece of zero width ends where it starts, even if round-off shifts the next start.
     ends = jnp.where(profile.widths[:-1] > 0, profile.starts[1:], profile.starts[:-1])
     piece = jnp.sum(time >= ends)
     start, width, coefficients = profile.starts[piece], profile.widths[piece], profile.pieces[piece]
@@ -128,16 +129,16 @@ def _final(profile: Profile, t: Scalar, order: int) -> Float[Array, " {order}+1"
 
 
 def stationary_points(curve: Polynomial) -> list[float]:
-    """0, 1 and the stationary points of a polynomial in between, ascending."""
+    """0, 1 and the stationary points of a polynomial between them, ascending."""
     slope = curve.deriv()
     # Leading coefficients below round-off would make the other roots inexact.
     slope = slope.trim(float(np.finfo(float).eps * np.abs(slope.coef).max()))
-    # Round-off may split a double root into a complex pair: the real part of complex roots counts too.
+    # Round-off may split a double root into a complex pair, so the real parts of complex roots are included.
     return [0.0, *(float(u) for u in np.sort(slope.roots().real) if 0 < u < 1), 1.0]
 
 
 class AbstractProfile(eqx.Module):
-    """A motion profile: it makes the `Profile` of any angle, the shortest one or one of a fixed `duration` [s].
+    """A motion profile: it computes the `Profile` of any angle, of minimum duration or of a fixed `duration` [s].
 
     `name` is used in messages.
     """
@@ -166,12 +167,12 @@ def _timed(motion_profile: AbstractProfile, total: Scalar) -> tuple[Profile, Sca
 
 
 def nonzero_size(total: Scalar) -> Scalar:
-    """|total|, bounded from below so that limits divided by it do not overflow; its gradient is 0 at the bound."""
+    """|total|, bounded from below so that limits divided by it do not overflow; below the bound its gradient is 0."""
     return jnp.where(is_nonzero(total), jnp.abs(total), _min_angle(total))
 
 
 def is_nonzero(total: Scalar) -> Flag:
-    """Whether the angle is large enough that the slew takes time."""
+    """Whether the angle is large enough for a slew of nonzero duration."""
     return jnp.abs(total) > _min_angle(total)
 
 
@@ -183,13 +184,15 @@ def _scalar_angle(angle: ArrayInput) -> Scalar:
     """The angle of a slew as a finite scalar [rad] (ValueError otherwise)."""
     total = as_float(angle)
     if total.shape != ():
-        raise ValueError(f"one angle [rad] was expected, but shape {total.shape} was given. Use jax.vmap for many.")
+        raise ValueError(
+            f"the angle of a slew must be a scalar [rad], but has shape {total.shape}. Use jax.vmap for a batch."
+        )
     require_finite(total, "the angle of a slew")
     return total
 
 
 def limit(value: ArrayInput | None) -> Scalar | None:
-    """A limit or duration as a floating scalar; None and infinity mean no limit."""
+    """A limit or duration as a floating-point scalar, or None for None and infinity, which mean no limit."""
     if value is None:
         return None
     number = real_scalar(value, "a limit or duration")
@@ -213,13 +216,13 @@ def require_limits(motion_profile: AbstractProfile) -> None:
 
 
 def fixed_duration(duration: Scalar, minimum: Scalar) -> tuple[Scalar, Flag]:
-    """The duration or, where it is shorter, the minimum; and whether the duration is feasible, up to round-off."""
+    """The larger of the duration and the minimum, and whether the duration is feasible up to round-off."""
     feasible = duration >= minimum * (1 - TOLERANCE * float(jnp.finfo(minimum.dtype).eps))
     return jnp.where(feasible, duration, minimum), feasible
 
 
 def _require_feasible(motion_profile: AbstractProfile, profile: Profile, minimum: Scalar) -> None:
-    """Raise a ValueError that names the minimum duration where a fixed duration is known to be infeasible."""
+    """Raise a ValueError that states the minimum duration if a fixed duration is concrete and infeasible."""
     feasible = concrete(profile.feasible)
     if feasible is None or feasible or motion_profile.duration is None:
         return
@@ -233,7 +236,7 @@ def _require_feasible(motion_profile: AbstractProfile, profile: Profile, minimum
             f"duration {fixed:.9g} s violates a limit ({bounds}). Allow more time, or raise the limits."
         )
     raise ValueError(
-        f"no slew by {angle} between these end rates takes exactly {fixed:.9g} s within the limits, although the "
-        f"minimum is {minimum_text}: with end rates, not every longer duration is possible. Change the duration or the "
-        "end rates."
+        f"a slew by {angle} between these end rates cannot take exactly {fixed:.9g} s within the limits. The minimum "
+        f"is {minimum_text}, but with end rates not every longer duration is possible. Change the duration or the end "
+        "rates."
     )

@@ -29,7 +29,7 @@ class SCurve(AbstractProfile):
     """S-curve profile: seven pieces of constant jerk, with a trapezoidal or triangular acceleration.
 
     `max_rate` [rad/s] or None; `max_acceleration` [rad/s²]; `max_jerk` [rad/s³]. A fixed `duration` [s] lowers the
-    coasting rate; the jerk, and the acceleration where it is reached, remain at their limits.
+    coasting rate; the jerk, and the acceleration if it reaches its limit, are not changed.
 
     **Raises:** ValueError for values that are not positive, and in `profile` for a duration that is too short.
     """
@@ -82,14 +82,14 @@ def _timed(motion_profile: SCurve, total: Scalar) -> tuple[Profile, Scalar]:
 
 
 def _peak_rate(angle: Scalar, a: Scalar, j: Scalar) -> Scalar:
-    """The peak rate v without a coast, where v·Ta(v) = Φ."""
+    """The peak rate v without a coast, which satisfies v·Ta(v) = Φ."""
     long = angle >= 2 * a * (a / j) ** 2
     flat = 2 * angle / (a / j + jnp.sqrt((a / j) ** 2 + 4 * angle / a))
     return jnp.where(long, flat, (angle * (angle * (j / 4))) ** (1 / 3))
 
 
 def _ramp(rate: Scalar, a: Scalar, j: Scalar) -> tuple[Scalar, Scalar]:
-    """Tj, the time of increasing acceleration, and Ta, the whole time to reach `rate` from rest."""
+    """Tj, the time of increasing acceleration, and Ta, the total time to reach `rate` from rest."""
     pointed = rate < a * (a / j)
     corner = jnp.sqrt(jnp.where(pointed, rate / j, 1.0))
     return jnp.where(pointed, corner, a / j), jnp.where(pointed, 2 * corner, a / j + rate / a)
@@ -98,8 +98,8 @@ def _ramp(rate: Scalar, a: Scalar, j: Scalar) -> tuple[Scalar, Scalar]:
 def _rate_in_time(angle: Scalar, duration: Scalar, a: Scalar, j: Scalar) -> Scalar:
     """The coasting rate v with Φ/v + Ta(v) = T, the smaller of the two solutions.
 
-    Where the acceleration limit is reached, v solves a quadratic. Otherwise 2x³/√J − Tx² + Φ = 0 in x = √v, with the
-    root (T√J/6)(1 − cos δ + √3 sin δ) with sin(3δ/2) = √(27Φ/(JT³)) (Viète).
+    If the acceleration limit is reached, v solves a quadratic equation. Otherwise x = √v solves 2x³/√J − Tx² + Φ = 0,
+    with the root (T√J/6)(1 − cos δ + √3 sin δ), sin(3δ/2) = √(27Φ/(JT³)) (Viète).
     """
     pointed = (angle <= 2 * a * (a / j) ** 2) | (duration >= angle * (j / a) / a + 2 * a / j)
     left = jnp.where(pointed, duration, duration - a / j)

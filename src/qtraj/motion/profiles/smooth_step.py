@@ -23,7 +23,7 @@ from qtraj.motion.profiles.profile import (
 class AbstractSmoothStep(AbstractProfile):
     """Φ(t) = Φ s(u), u = t/T, with one polynomial s that rises from 0 to 1 on [0, 1] and rests at both ends.
 
-    `coefficients`: of s, ascending. `peaks`: the maxima of |ds/du|, |d²s/du²| and |d³s/du³|.
+    `coefficients`: the coefficients of s, ascending. `peaks`: the maxima of |ds/du|, |d²s/du²| and |d³s/du³|.
     """
 
     max_rate: eqx.AbstractVar[Scalar | None]
@@ -76,8 +76,9 @@ class AbstractSmoothStep(AbstractProfile):
 class Cubic(AbstractSmoothStep):
     """Φ(t) = Φ(3u² − 2u³), u = t/T: at rest at both ends, where the acceleration jumps.
 
-    `duration` [s] fixes T. Without it, T is the shortest that satisfies `max_rate` [rad/s], `max_acceleration` [rad/s²]
-    and `max_jerk` [rad/s³]. With both, the limits are checked. The jerk limit applies between the two jumps.
+    `duration` [s] fixes T. Without it, T is the minimum that satisfies `max_rate` [rad/s], `max_acceleration` [rad/s²]
+    and `max_jerk` [rad/s³]. With a duration and limits, the limits are checked. The jerk limit applies between the two
+    jumps of the acceleration.
 
     **Raises:** ValueError for values that are not positive, or without a duration and limits; in `profile` for a
     duration that violates a limit.
@@ -96,7 +97,7 @@ class Cubic(AbstractSmoothStep):
 class Quintic(AbstractSmoothStep):
     """Φ(t) = Φ(10u³ − 15u⁴ + 6u⁵), u = t/T: at rest and without acceleration at both ends.
 
-    Arguments and errors as for `Cubic`; the jerk is bounded everywhere.
+    The arguments and errors are the same as for `Cubic`. The jerk is bounded.
     """
 
     duration: Scalar | None = eqx.field(converter=limit, default=None)
@@ -112,7 +113,7 @@ class Quintic(AbstractSmoothStep):
 class Septic(AbstractSmoothStep):
     """Φ(t) = Φ(35u⁴ − 84u⁵ + 70u⁶ − 20u⁷), u = t/T: at rest, without acceleration and without jerk at both ends.
 
-    Arguments and errors as for `Cubic`; the jerk is continuous.
+    The arguments and errors are the same as for `Cubic`. The jerk is continuous.
     """
 
     duration: Scalar | None = eqx.field(converter=limit, default=None)

@@ -23,16 +23,16 @@ from qtraj.motion.profiles.profile import (
 
 @storable
 class TimeOptimal(AbstractProfile):
-    """Time-optimal profile: full acceleration, a coast at `max_rate` where it is reached, full deceleration.
+    """Time-optimal profile: full acceleration, a coast at `max_rate` if it is reached, full deceleration.
 
     `max_rate` [rad/s] or None; `max_acceleration` [rad/s²]. `start_rate` and `end_rate` [rad/s], along the slew's axis,
-    are zero for None. A fixed `duration` [s] lowers the coasting rate; the acceleration remains at its limit. The
-    profile is optimal among slews about a fixed axis, and among all slews of a spherical body with a limit on |ε|. With
-    a limit on each body axis, slews about a moving axis can be faster (Bilimoria and Wie 1993: 180° about a body axis,
-    unit inertia and torques, in 3.24308 s instead of 3.54491 s).
+    are zero for None. A fixed `duration` [s] lowers the coasting rate; the acceleration stays at its limit. The profile
+    is optimal among slews about a fixed axis, and among all slews of a spherical body with a limit on |ε|. With a limit
+    on each body axis, slews about a moving axis can be faster (Bilimoria and Wie 1993: 180° about a body axis, unit
+    inertia and torques, in 3.24308 s instead of 3.54491 s).
 
     **Raises:** ValueError for limits or a duration that are not positive, or end rates beyond `max_rate`; in `profile`
-    for a duration that is too short, or in which the end rates are not possible.
+    for a duration that is too short, or not possible with the end rates.
     """
 
     max_rate: Scalar | None
@@ -111,7 +111,7 @@ class _Coast(eqx.Module):
 
 
 def _fastest(task: _Task) -> _Coast:
-    """The minimum time: peak rate v_p = s√(sAΦ + (v0² + v1²)/2), or a coast at sV where |v_p| would exceed V."""
+    """The fastest slew: peak rate v_p = s√(sAΦ + (v0² + v1²)/2), or a coast at sV if |v_p| would exceed V."""
     angle, v0, v1, acceleration = task.angle, task.start, task.end, task.acceleration
     sense = jnp.where(angle < (v0 + v1) * jnp.abs(v1 - v0) / (2 * acceleration), -1.0, 1.0).astype(angle.dtype)
     peak = sense * _root(sense * acceleration * angle + (v0**2 + v1**2) / 2)
@@ -127,9 +127,9 @@ def _fastest(task: _Task) -> _Coast:
 
 
 def _in_time(task: _Task, duration: Scalar) -> tuple[_Coast, Flag]:
-    """The coast of a slew of the duration T, and whether it exists within the limits.
+    """The coast of a slew of duration T, and whether it exists within the limits.
 
-    Let m be the mean and Δ the difference of the end rates, and v = m + y. For |y| ≤ |Δ|/2 the angle is linear in y,
+    Let m be the mean and Δ the difference of the end rates, and v = m + y. For |y| ≤ |Δ|/2, the angle is linear in y;
     otherwise y² − AT|y| + Δ²/4 + A|Φ − mT| = 0. From rest to rest this is v = ½(AT − √(A²T² − 4AΦ)), evaluated without
     cancellation.
     """
@@ -146,16 +146,15 @@ def _in_time(task: _Task, duration: Scalar) -> tuple[_Coast, Flag]:
     slack = 4 * TOLERANCE * float(jnp.finfo(duration.dtype).eps)
     exists = (square >= -slack * (a * duration) ** 2) & (spare_time >= -slack * duration)
     if task.rate is not None:
-        exists &= jnp.abs(rate) <= task.rate * (
-            1 + slack**0.5
-        )  # at the minimum T, v is a double root with half the digits
-        # At the minimum T, v is the limit itself; round-off must not exceed it.
+        # At the minimum T, v is a double root with half the digits.
+        exists &= jnp.abs(rate) <= task.rate * (1 + slack**0.5)
+        # At the minimum T, v equals the limit, and round-off must not exceed it.
         rate = jnp.clip(rate, -task.rate, task.rate)
     return _Coast(rate, width, duration), exists
 
 
 def _chain(task: _Task, coast: _Coast, total: Scalar, feasible: Flag, resting: bool) -> Profile:
-    """The three pieces v0 → v, v, v → v1, divided by the angle where the slew rests at both ends."""
+    """The three pieces v0 → v, v, v → v1, divided by the angle if the slew is at rest at both ends."""
     v0, v, v1 = task.start, coast.rate, task.end
     first, last = jnp.abs(v - v0) / task.acceleration, jnp.abs(v1 - v) / task.acceleration
     widths = jnp.stack([first, coast.width, last])
@@ -176,7 +175,7 @@ def _chain(task: _Task, coast: _Coast, total: Scalar, feasible: Flag, resting: b
 
 
 def _root(x: Scalar) -> Scalar:
-    """√x, and 0 with zero gradient for x ≤ 0."""
+    """√x; 0 with zero gradient for x ≤ 0."""
     positive = x > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
 

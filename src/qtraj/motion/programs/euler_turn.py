@@ -17,23 +17,23 @@ from qtraj.motion.checks import common_dtype, require_axes
 from qtraj.motion.profiles.profile import AbstractProfile, Profile
 
 ROUND_OFF = 8
-"""Angle in machine epsilons [rad] below which two quaternions, normalised and multiplied, are the same attitude."""
+"""Two attitudes that differ by less than this angle, in machine epsilons [rad], are equal up to round-off."""
 
 
 @storable
 class EulerTurn(AbstractProgram):
     """Eigenaxis slew: the shorter rotation from `start_q` to `end_q` (4,), λ⁰ = λ_0∘(cos Φ(t)/2 + e sin Φ(t)/2).
 
-    `law` is the motion profile that determines Φ(t), such as `TimeOptimal` or `Quintic`. Both quaternions may have any
-    non-zero length. The program starts at λ_0 = start_q/|start_q|. With λ_* = end_q/|end_q| and a = λ̄_0∘λ_*, it ends at
-    λ_* where a0 ≥ 0 and otherwise at −λ_*, which is the same attitude; `end` is that quaternion. Rate and acceleration
+    `law` is the motion profile that determines Φ(t), such as `TimeOptimal` or `Quintic`. The quaternions need not be
+    normalised. The program starts at λ_0 = start_q/|start_q|. With λ_* = end_q/|end_q| and a = λ̄_0∘λ_*, it ends at λ_*
+    if a0 ≥ 0 and otherwise at −λ_*, which is the same attitude; `end` is the final quaternion. Rate and acceleration
     are Φ̇e and Φ̈e; `axis` returns e. Before its start and after its duration the program is at rest.
 
-    Value and gradient are finite for equal attitudes, which give a constant program. They are also finite for half
-    turns, where both senses of rotation are equally short and e is along a_v.
+    Value and gradient are finite for equal attitudes, for which the program is constant. They are also finite for half
+    turns, for which both senses of rotation are equally short and e is along a_v.
 
     **Raises:** ValueError for quaternions that are zero, not finite or of another shape, for a `law` that is not a
-    motion profile, and where the profile of the angle is not possible.
+    motion profile, and if the slew is not possible with this profile.
     """
 
     start_q: Quat
@@ -69,7 +69,7 @@ class EulerTurn(AbstractProgram):
 
     @property
     def switches(self) -> Float[Array, " _"]:
-        """The ends of the pieces of the profile [s], the last at the duration; `jumps` for an integration."""
+        """The end times of the pieces of the profile [s], the last at the duration; the `jumps` of an integration."""
         return self.profile.switches
 
     @property
@@ -88,7 +88,7 @@ class EulerTurn(AbstractProgram):
         return quaternion.product(quaternion.unit(self.start_q), rotation.from_rotation_vector(self.rotation_vector))
 
     def axis(self, axes: str = "body") -> Vec3:
-        """The unit vector e of the slew, in body or inertial `axes`; body x for equal attitudes.
+        """The unit vector e of the slew, in body or inertial `axes`; the body x axis for equal attitudes.
 
         **Raises:** ValueError for other axes.
         """
@@ -100,14 +100,14 @@ class EulerTurn(AbstractProgram):
 @formerly("TurnChain")
 @storable
 class SlewSequence(AbstractProgram):
-    """Eigenaxis slews through several attitudes (n, 4), n ≥ 2, with a rest at each.
+    """Eigenaxis slews through several attitudes (n, 4), n ≥ 2, at rest at each attitude.
 
     Each slew takes the shorter rotation and follows the motion profile `law`. The program starts at the first
-    quaternion, normalised. `attitudes` stores each of the others with the sign that is nearer to its predecessor. At
-    an attitude the slew that starts there counts.
+    quaternion, normalised. `attitudes` stores the other quaternions with signs that make the sequence continuous. At an
+    attitude, the values of the slew that starts there are returned.
 
-    **Raises:** ValueError for fewer than two attitudes, for quaternions that are zero or not finite, for a profile that
-    does not rest at both ends, or for a fixed duration that is too short for the largest angle.
+    **Raises:** ValueError for fewer than two attitudes, for quaternions that are zero or not finite, for a profile with
+    end rates, or for a fixed duration that is too short for the largest angle.
     """
 
     attitudes: Float[Array, "n 4"]
@@ -119,7 +119,7 @@ class SlewSequence(AbstractProgram):
         _require_profile(law)
         if not law.profile(jnp.max(self.angles)).proportional:
             raise ValueError(
-                "a slew sequence rests at each attitude. Leave out start_rate and end_rate of the profile."
+                "a slew sequence is at rest at each attitude. Omit start_rate and end_rate of the profile."
             )
 
     def __repr__(self) -> str:
@@ -140,14 +140,14 @@ class SlewSequence(AbstractProgram):
 
     @property
     def times(self) -> Float[Array, " n"]:
-        """The instants at which the program reaches its attitudes [s], 0 first."""
+        """The instants at which the program reaches its attitudes [s], starting with 0."""
         return _arrivals(self.law, self.angles)
 
     @property
     def switches(self) -> Float[Array, " _"]:
-        """The ends of the pieces of all profiles [s], ascending; `jumps` for an integration.
+        """The end times of the pieces of all profiles [s], ascending; the `jumps` of an integration.
 
-        Instants are repeated where a piece, or a whole slew, has no duration.
+        Instants are repeated if a piece, or a whole slew, has zero duration.
         """
         return _switches(self.law, self.angles)
 
@@ -183,10 +183,10 @@ def _require_attitudes(quaternions: Float[Array, "n 4"], name: str) -> None:
 
 @jax.jit
 def _shorter_rotation(start: Quat, end: Quat) -> Vec3:
-    """The rotation vector in body axes: smooth for equal attitudes, and along a_v where a0 = 0."""
+    """The rotation vector in body axes, smooth for equal attitudes, and along a_v for a0 = 0."""
     a = quaternion.product(quaternion.conjugate(quaternion.unit(start)), quaternion.unit(end))
     vector = 2 * quaternion.log(jnp.where(a[0] < 0, -a, a))
-    # Round-off between equal attitudes must not become a slew, which would take time. The derivative is kept.
+    # Round-off between equal attitudes must not become a slew of finite duration. The derivative is not changed.
     round_off = norm(vector) <= ROUND_OFF * float(jnp.finfo(vector.dtype).eps)
     return vector - stop_gradient(jnp.where(round_off, vector, 0.0))
 
@@ -198,14 +198,14 @@ def _length(start: Quat, end: Quat) -> Scalar:
 
 @eqx.filter_jit
 def _arrivals(law: AbstractProfile, angles: Float[Array, " m"]) -> Float[Array, " m+1"]:
-    """The end times of slews by these angles, one after the other [s]; 0 first."""
+    """The end times [s] of consecutive slews by these angles, starting with 0."""
     durations = jax.vmap(lambda angle: law.profile(angle).duration)(angles)
     return jnp.concatenate([jnp.zeros_like(durations, shape=1), jnp.cumsum(durations)])
 
 
 @eqx.filter_jit
 def _switches(law: AbstractProfile, angles: Float[Array, " m"]) -> Float[Array, " _"]:
-    """The end times of all pieces of slews by these angles, one after the other [s]."""
+    """The end times [s] of all pieces of consecutive slews by these angles."""
     within = jax.vmap(lambda angle: law.profile(angle).switches)(angles)
     return (_arrivals(law, angles)[:-1, None] + within).ravel()
 
@@ -216,7 +216,7 @@ def _direction(vector: Vec3) -> Vec3:
 
 @eqx.filter_jit
 def _slewed(start: Quat, vector: Vec3, profile: Profile, t: ScalarLike) -> Attitude:
-    # A proportional shape is a fraction of the whole rotation: the attitude is smooth where the vector vanishes.
+    # A proportional shape multiplies the whole rotation vector, so the attitude is smooth at a zero vector.
     along = vector if profile.proportional else _direction(vector)
     angle, rate, acceleration = profile.shape(t, 2)
     return Attitude(

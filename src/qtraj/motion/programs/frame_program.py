@@ -1,4 +1,4 @@
-"""Attitude programs of a path's frame: natural, upright, thrust-aligned or rotation-minimizing (paper S's λ⁰)."""
+"""The frame of a path as an attitude program (λ⁰ of paper S): natural, upright, thrust-aligned, rotation-minimizing."""
 
 import equinox as eqx
 import jax
@@ -19,29 +19,29 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, trihedral
 
 NODES = 513
-"""Number of equally spaced anchors, which fix the sign of the quaternion or the rotation-minimizing frame."""
+"""Number of equally spaced anchors, which determine the sign of the quaternion or the rotation-minimizing frame."""
 
 ROUNDING = 16
-"""Anchors that only fix a sign are rounded to multiples of 1/16, which keeps stored programs small."""
+"""Anchors that only determine a sign are rounded to multiples of 1/16 to keep stored programs small."""
 
 
 @storable
 class FrameProgram(AbstractProgram):
-    """The frame of a path as a program: λ⁰ world-from-frame, ω⁰ and ε⁰ in closed form, in the frame's own axes.
+    """The frame of a path as a program: λ⁰ from frame to world, ω⁰ and ε⁰ in closed form in the axes of the frame.
 
     The default frame is `Driving` for a route that stops, `Upright` for other routes, and `Natural` for other paths.
 
-    The quaternion has scalar part ≥ 0 at t = 0 and is continuous in t, also when evaluated at a single instant. The
-    `anchors` (n, 4), quaternions at n equally spaced times on [0, duration], fix its sign; they are computed once, when
-    the program is made, and stored with it. A frame may rotate by less than π between two anchors, or 512π in total.
-    Along a route there are four anchors in each segment instead.
+    The quaternion has scalar part ≥ 0 at t = 0 and is continuous in t, even if it is evaluated at a single instant. The
+    `anchors` (n, 4), quaternions at n equally spaced times on [0, duration], determine its sign; they are computed
+    once, when the program is created, and stored with it. The frame must rotate by less than π between two anchors, so
+    by less than 512π in total. A route has four anchors in each segment instead.
 
     The program has no attitude where the frame is not defined: the natural frame on a straight path, the upright frame
-    along its up direction, the thrust-aligned frame in free fall, and most frames where the path stops. The natural
-    frame flips by π at an inflection.
+    where the path is parallel to its up direction, the thrust-aligned frame in free fall, and most frames where the
+    path stops. The natural frame flips by π at an inflection point.
 
-    Create the program inside the function that is differentiated or vmapped over paths. Outside [0, duration] path and
-    program are extrapolated.
+    To differentiate or vmap over paths, create the program inside the transformed function. Outside [0, duration] path
+    and program are extrapolated.
 
     **Raises:** ValueError for an object that is not a frame, for a rotation-minimizing frame whose `initial` does not
     fit the path or whose route stops, or for anchors of another shape.
@@ -92,7 +92,7 @@ def _attitude(program: FrameProgram, t: Scalar) -> Attitude:
 
 
 def _node(program: FrameProgram, t: Scalar) -> tuple[Scalar, Quat]:
-    """The time of the nearest anchor, or along a route of the last one before `t`, and the anchor."""
+    """The time and the value of the nearest anchor, or on a route of the last anchor before `t`."""
     times = program.path.nodes()
     if times is not None:
         k = jnp.maximum(jnp.searchsorted(stop_gradient(times), stop_gradient(t), side="right") - 1, 0)

@@ -1,8 +1,8 @@
-"""The rotation-minimizing frame: it has no angular rate about the tangent, ω_ξ = c/v² with c = r' × r'', v = |r'|.
+"""The rotation-minimizing frame, whose angular rate about the tangent is zero: ω_ξ = c/v², c = r' × r'', v = |r'|.
 
 Near a node, an instant with known attitude, it is the upright frame whose up direction is the binormal at that node,
-rotated about the tangent τ by −∫ω·τ dt from the node. The frame is thus regular wherever the path moves, also where
-it is straight, and needs no r''''. The nodes are computed once, by quaternion products from one to the next.
+rotated about the tangent τ by −∫ω·τ dt from the node. The frame is thus regular wherever the speed is not zero, also on
+straight parts, and does not need r''''. The nodes are computed once, by quaternion products from one node to the next.
 """
 
 import equinox as eqx
@@ -25,7 +25,7 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, trihedral
 
 GAUSS = 6
-"""Quadrature points between two nodes of the frame: order 12."""
+"""Number of quadrature points between two nodes of the frame, for order 12."""
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(GAUSS)
 
@@ -42,8 +42,8 @@ class RotationMinimizing(eqx.Module):
 
     `initial` selects one of the frames that differ by a constant rotation about τ. It is either an attitude at the
     start (4,), whose forward axis must be within 0.01 rad of the path's direction and is aligned with it, or a
-    direction (3,), world axes, whose component normal to the path is the first normal. Without it, the frame starts as
-    the natural frame, or as the upright one where the path starts straight.
+    direction (3,), world axes, whose component normal to the path is the initial normal. With None, the frame starts as
+    the natural frame, or as the upright frame if the path starts straight.
 
     **Raises:** ValueError for an `initial` that is zero, not finite or of another shape.
     """
@@ -60,8 +60,8 @@ class RotationMinimizing(eqx.Module):
                 f"but shape {self.initial.shape} was given"
             )
         real_vector(self.initial, "the initial attitude of a rotation-minimizing frame", self.initial.shape[0])
-        known = concrete(self.initial)
-        if known is not None and not known.any():
+        value = concrete(self.initial)
+        if value is not None and not value.any():
             raise ValueError("the initial attitude of a rotation-minimizing frame must not be zero")
 
     def __repr__(self) -> str:
@@ -78,7 +78,7 @@ def name_of(frame: Frame) -> str:
 
 
 def attitude(path: AbstractHodograph, t: Scalar, node: Scalar, at_node: Quat) -> Attitude:
-    """The frame at `t` [s] from its attitude `at_node` at the time `node`; the quaternion has the nearer sign."""
+    """The frame at `t` [s] from its attitude `at_node` at the time `node`; its sign is the one nearer to `at_node`."""
     samples = _sample(path, node, t)
     dcm = _transported(samples, quaternion.rotate(at_node, _axis(at_node, 2)), t - node)
     q = rotation.from_dcm(dcm)
@@ -128,11 +128,11 @@ def require_initial(path: AbstractHodograph, initial: Float[Array, " k"] | None)
     if initial.shape == (4,) and (sine > TILT or direction @ tangent < 0):
         angle = float(np.arctan2(sine, direction @ tangent / np.linalg.norm(direction) / np.linalg.norm(tangent)))
         raise ValueError(
-            f"the forward axis of the initial attitude is {angle:.6g} rad off the path, which starts along "
-            f"{tangent.tolist()}. Give an attitude whose x axis is along the path, or only a normal (3,)."
+            f"the angle between the forward axis of the initial attitude and the initial velocity {tangent.tolist()} "
+            f"of the path is {angle:.6g} rad. Pass an attitude whose x axis is along the path, or only a normal (3,)."
         )
     if initial.shape == (3,) and sine < 1e-6:
-        raise ValueError("the initial normal of a rotation-minimizing frame must not be along the path")
+        raise ValueError("the initial normal of a rotation-minimizing frame must not be parallel to the path")
 
 
 def _direction(initial: Float[Array, " k"], axis: int) -> Vec3:
@@ -141,7 +141,7 @@ def _direction(initial: Float[Array, " k"], axis: int) -> Vec3:
 
 
 def _step(path: AbstractHodograph, a: Scalar, b: Scalar) -> Quat:
-    """The rotation, in world axes, of every rotation-minimizing frame from time `a` to time `b`."""
+    """The rotation, in world axes, from time `a` to time `b`; it is the same for every rotation-minimizing frame."""
     samples = _sample(path, a, b)
     tangent = _tangent(samples[0, 1])
     smallest = stop_gradient(jnp.argmin(jnp.abs(tangent)))
@@ -184,7 +184,7 @@ def _dcm(tangent: Vec3, normal: Vec3) -> Mat3:
 
 
 def _normal_part(dcm: Mat3, vector: Vec3) -> Vec3:
-    """Body components of a vector normal to the tangent; the tangential one is exactly zero, not round-off."""
+    """Body components of a vector normal to the tangent; the tangential component is exactly zero."""
     return jnp.concatenate([jnp.zeros_like(vector, shape=1), dcm[1:] @ vector])
 
 

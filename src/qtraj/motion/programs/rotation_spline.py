@@ -1,12 +1,12 @@
 """The C² rotation spline: cubic rotation vectors between attitudes, with continuous angular acceleration.
 
-Between two attitudes λ(t) = λ_i∘exp(θ(t)/2), θ a cubic with θ(0) = 0. Its rate is ω = M(θ)θ̇ in body axes with
+Between two attitudes λ(t) = λ_i∘exp(θ(t)/2), where θ is a cubic with θ(0) = 0. The rate is ω = M(θ)θ̇ in body axes with
 
     M = E − c₂[θ×] + c₃[θ×]²,   M⁻¹ = E + ½[θ×] + (c₃ − 2c₄)/(2c₂) [θ×]²,   c_m = Σ_k (−x)^k/(2k+m)!,  x = |θ|².
 
-The rates at the inner attitudes make the accelerations equal on both sides; Newton's method with a block tridiagonal
-matrix solves for them. The rates at both ends are the mean rates of the first and last interval. The result is the
-spline of SciPy's RotationSpline.
+The rates at the inner attitudes make the acceleration continuous; they are computed by Newton's method with a block
+tridiagonal matrix. The rates at both ends are the mean rates of the first and the last interval. The result is the same
+spline as SciPy's RotationSpline.
 """
 
 import math
@@ -21,10 +21,10 @@ from jaxtyping import Array, Float
 from qtraj.foundation.types import Mat3, Scalar, Vec3
 
 TERMS = 16
-"""Terms of the series c_m, a power of two: exact to round-off up to |θ| = 2π, without a branch."""
+"""Number of terms of the series c_m, a power of two; they are exact to round-off up to |θ| = 2π, without a branch."""
 
 MAX_ITERATIONS = 50
-"""Newton's method usually takes about five."""
+"""Newton's method usually needs about five iterations."""
 
 EXACT_ORDERS = 2
 """The derivatives of the rates are exact up to this order."""
@@ -59,7 +59,7 @@ def cubic(rotation: Vec3, width: Scalar, first: Vec3, last: Vec3) -> Float[Array
 
 
 def knot_rates(rotations: Vectors, widths: Widths) -> tuple[Vectors, Scalar]:
-    """The rates at all attitudes (n+1, 3) [rad/s], and the largest remaining jump of acceleration [rad/s²].
+    """The rates at all attitudes (n+1, 3) [rad/s], and the largest remaining jump of the acceleration [rad/s²].
 
     `rotations` (n, 3): rotation vectors between neighbouring attitudes; `widths` (n,): the times between them [s].
     """
@@ -70,7 +70,7 @@ def knot_rates(rotations: Vectors, widths: Widths) -> tuple[Vectors, Scalar]:
     fixed = stop_gradient(conditions)
     solution, middle = _solve_rates(fixed, stop_gradient(means))
 
-    # The solution is a constant to differentiation; each step with the constant matrix makes one order exact.
+    # The solution is not differentiated. Each step with the constant matrix makes one more order of derivatives exact.
     def correct(rates: Vectors, _: None) -> tuple[Vectors, Scalar]:
         jumps = _jumps(conditions, rates)
         inner = rates[1:-1] - _solve(fixed.before, middle, fixed.after, jumps)
@@ -81,10 +81,10 @@ def knot_rates(rotations: Vectors, widths: Widths) -> tuple[Vectors, Scalar]:
 
 
 class _Condition(eqx.Module):
-    """The jump of ε at an inner attitude, before minus after.
+    """The jump of ε at an inner attitude: its value before the attitude minus its value after it.
 
-    With b the rate at the attitude, and a and c those at its neighbours, it is
-    (2/h₀) M₀ a + (4/h₀ + 4/h₁) b + (2/h₁) M₁⁻¹ c + (∂M₀/∂θ·e) e − 6 (Θ₀/h₀² + Θ₁/h₁²),  e = M₀⁻¹ b.
+    With the rate b at the attitude, and the rates a and c at its neighbours, it is (2/h₀) M₀ a + (4/h₀ + 4/h₁) b +
+    (2/h₁) M₁⁻¹ c + (∂M₀/∂θ·e) e − 6 (Θ₀/h₀² + Θ₁/h₁²),  e = M₀⁻¹ b.
     """
 
     before: Mat3
@@ -121,7 +121,7 @@ def _jumps(conditions: _Condition, rates: Vectors) -> Vectors:
 
 
 def _solve_rates(conditions: _Condition, means: Vectors) -> tuple[Vectors, Blocks]:
-    """The inner rates by Newton's method, and the last diagonal blocks of its matrix."""
+    """The inner rates by Newton's method, and the diagonal blocks of its last matrix."""
 
     def improve(state: _State) -> _State:
         rates, _, _, count = state

@@ -21,19 +21,19 @@ from qtraj.motion.profiles.profile import Profile
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 
 MIN_DISTANCE = 1e-9
-"""Relative to the duration: switches that are closer than this count as one."""
+"""Switches closer than this fraction of the duration count as one."""
 INTERVALS = 512
-"""Equal intervals of `fine_times`."""
+"""Number of equal intervals of `fine_times`."""
 BEFORE_SWITCH = 1e-9
-"""Relative to the duration: distance of the instant before a switch in `fine_times`."""
+"""Time between a switch and the instant before it in `fine_times`, as a fraction of the duration."""
 
 
 class SlewHistory(AbstractResult):
     """A slew at the instants `times` (n,) [s].
 
-    `angle` (n,) [rad], `angle_rate` and `angle_acceleration`: of a sequence the angle is the sum over its slews.
+    `angle` (n,) [rad], `angle_rate` and `angle_acceleration`; for a sequence, the angle is the sum over its slews.
     `quaternion` (n, 4), `rate` (n, 3) and `acceleration` (n, 3) of the program, body axes. `torque` (n, 3) [N m], body
-    axes; None without an inertia. At a jump the value after it is used.
+    axes; None without an inertia. At a jump, the value after the jump is used.
     """
 
     times: Float[Array, " n"]
@@ -67,7 +67,7 @@ class SlewHistory(AbstractResult):
         return Record(summary, variables, {"time": time}, {"frame": "body"})
 
     def __getitem__(self, instants: slice) -> SlewHistory:
-        """The history at some of the instants."""
+        """The history at a slice of the instants."""
         return jax.tree.map(lambda values: values[instants], self)
 
 
@@ -85,7 +85,7 @@ class Leg(NamedTuple):
 
     @property
     def moves(self) -> bool:
-        """Whether the attitude changes. With end rates a slew by a zero angle moves away and back."""
+        """Whether the attitude changes. With nonzero end rates, a slew by a zero angle moves away and back."""
         return float(self.profile.total) != 0 or not self.profile.proportional
 
     @property
@@ -140,7 +140,7 @@ def slew_history(
 
 
 def fine_times(program: EulerTurn | SlewSequence) -> np.ndarray:
-    """Instants (n,) [s] for figures: the ends of 512 equal intervals, and both sides of each switch, to show jumps."""
+    """Instants (n,) [s] for figures: the ends of 512 equal intervals, and both sides of each switch to show jumps."""
     legs = slew_legs(program)
     duration = legs[-1].end
     switches = np.array([t for leg in legs for t in (*leg.switches, leg.end)])

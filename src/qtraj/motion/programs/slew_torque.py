@@ -1,7 +1,7 @@
 """Torques of eigenaxis slews, and slews within torque limits.
 
-A slew of a body of inertia J about the axis e needs the torque M = Φ̈p + Φ̇²q with p = Je and q = e×Je, in body axes
-(Euler's equations). On a piece of a profile it is a polynomial in time, so its maximum is exact. Since q ⊥ p,
+A slew of a body of inertia J about the axis e needs the torque M = Φ̈p + Φ̇²q, p = Je, q = e×Je, in body axes (Euler's
+equations). On a piece of a profile the torque is a polynomial in time, so its maximum is exact. Since q ⊥ p,
 |M|² = Φ̈²|p|² + Φ̇⁴|q|². A slew that is s times slower needs the torque M/s².
 """
 
@@ -23,17 +23,17 @@ from qtraj.motion.profiles.time_optimal import TimeOptimal
 from qtraj.motion.programs.euler_turn import EulerTurn, SlewSequence
 
 MAX_STEPS = 200
-"""Steps of the search for the best coasting rate; a golden-section step leaves 0.62 of the interval."""
+"""Number of steps of the search for the best coasting rate; each step reduces the interval to at most 62 %."""
 
 MARGIN = 1e-10
-"""Relative margin below the torque limit: computed maxima of polynomials of degree up to 24 err by about 1e-11."""
+"""Relative margin below the torque limit; computed maxima of polynomials up to degree 24 have errors of about 1e-11."""
 
 
 class TorquePeak(NamedTuple):
-    """The largest torques of a program [N m], and the first times of these maxima [s].
+    """The largest torques of a program [N m], and the times at which they first occur [s].
 
-    `axes` (3,) and `axes_times` (3,): of the magnitude of each component, body axes. `norm` and `norm_time`: of the
-    length of the torque vector.
+    `axes` (3,) and `axes_times` (3,) refer to the absolute value of each component, body axes; `norm` and `norm_time`
+    to the magnitude of the torque vector.
     """
 
     axes: tuple[float, float, float]
@@ -47,8 +47,8 @@ def peak_torque(program: EulerTurn | SlewSequence, inertia: ArrayInput) -> Torqu
 
     `inertia` [kg m²]: a scalar, (3,) principal moments, or (3, 3), about the centre of mass, in body axes. The maxima
     are exact to about 1e-10 in float64: the torque is evaluated at the ends and stationary points of its polynomials,
-    on both sides of each switch. Impulses at a jump of the rate, as at the end of a slew with an `end_rate`, are not
-    included.
+    on both sides of each switch. Impulses at a jump of the rate, such as at the end of a slew with an `end_rate`, are
+    not included.
 
     **Raises:** ValueError for an invalid inertia, a program of another kind, or inside a trace.
     """
@@ -73,17 +73,17 @@ def peak_torque(program: EulerTurn | SlewSequence, inertia: ArrayInput) -> Torqu
 def within_torque(
     program: EulerTurn | SlewSequence, inertia: ArrayInput, max_torque: ArrayInput
 ) -> EulerTurn | SlewSequence:
-    """The program, slowed down where it violates a torque limit.
+    """The program, slowed down if it violates a torque limit.
 
-    `inertia`: as in `peak_torque`. `max_torque` [N m]: a number limits the length of the torque, (3,) each component in
-    body axes. A program that satisfies the limit is returned unchanged. A single slew with a `TimeOptimal` profile gets
-    the coasting rate and constant acceleration of the shortest such trapezoid (the duration is convex in the rate); an
-    acceleration that varies with the rate could be faster. A slew with another profile, and a slew sequence, keeps its
-    shape and is stretched in time until its largest torque is the limit. The limit is satisfied on the whole slew: see
-    `peak_torque`.
+    `inertia`: as in `peak_torque`. `max_torque` [N m]: a number limits the magnitude of the torque, (3,) limits each
+    component in body axes. A program that satisfies the limit is returned unchanged. For a single slew with a
+    `TimeOptimal` profile, the coasting rate and the constant acceleration are chosen for minimum duration (the duration
+    is convex in the rate); an acceleration that varies with the rate could be faster. A slew with another profile, or a
+    slew sequence, keeps its shape and is stretched in time until its largest torque equals the limit. The limit is
+    satisfied on the whole slew; see `peak_torque`.
 
-    **Raises:** ValueError for a torque limit that is not positive; for a profile with a fixed duration or end rates
-    whose slew violates the limit; and as `peak_torque`.
+    **Raises:** ValueError for a torque limit that is not positive; for a slew that violates the limit and has a fixed
+    duration or end rates; and in the same cases as `peak_torque`.
     """
     bound = _bound(max_torque)
     ratio = _ratio(peak_torque(program, inertia), bound)
@@ -97,7 +97,7 @@ def within_torque(
     ):
         raise ValueError(
             f"the slew needs {ratio:.6g} times the torque that max_torque = {bound.tolist()} N m allows, and it cannot "
-            "be slowed down with a fixed duration or end rates. Allow more time, or leave them out."
+            "be slowed down, because its duration or its end rates are fixed. Allow more time, or omit them."
         )
     target = bound * (1 - MARGIN)
     if isinstance(program, EulerTurn) and isinstance(law, TimeOptimal):
@@ -126,20 +126,20 @@ def _slews(program: EulerTurn | SlewSequence) -> list[tuple[float, np.ndarray, P
         raise ValueError(f"an EulerTurn or a SlewSequence was expected, but a {type(program).__name__} was given")
     if any(concrete(slew.angle) is None for slew in slews):
         raise ValueError(
-            "the torque of a slew needs known values. Call this function outside of jax.jit, grad and vmap."
+            "the torque of a slew needs concrete values. Call this function outside of jax.jit, grad and vmap."
         )
     return [(start, np.asarray(slew.axis(), float), slew.profile) for start, slew in zip(starts, slews, strict=True)]
 
 
 def _coefficients(J: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """p and q of M = Φ̈p + Φ̇²q; round-off in q, as about a principal axis, is set to zero."""
+    """p and q of M = Φ̈p + Φ̇²q; round-off in q, such as about a principal axis, is set to zero."""
     p = J @ axis
     q = np.cross(axis, p)
     return p, np.where(np.abs(q) > 8 * np.finfo(float).eps * np.linalg.norm(p), q, 0.0)
 
 
 def _pieces(profile: Profile) -> list[tuple[float, float, Polynomial, Polynomial]]:
-    """Start and width [s] of each piece with a duration, with its Φ̇ and Φ̈ as polynomials in u."""
+    """Start and width [s] of each piece of nonzero width, and its Φ̇ and Φ̈ as polynomials in u."""
     scale = float(profile.total) if profile.proportional else 1.0
     pieces = []
     for start, width, coefficients in zip(
@@ -152,7 +152,7 @@ def _pieces(profile: Profile) -> list[tuple[float, float, Polynomial, Polynomial
 
 
 def _largest(curve: Polynomial) -> tuple[float, float]:
-    """The maximum of |curve| on [0, 1], and the first u where it occurs."""
+    """The maximum of |curve| on [0, 1], and the first u at which it occurs."""
     points = np.array(stationary_points(curve))
     values = np.abs(curve(points))
     first = int(np.argmax(values >= values.max() * (1 - MARGIN)))
@@ -163,7 +163,7 @@ def _bound(max_torque: ArrayInput) -> np.ndarray:
     bound = concrete(as_float(max_torque))
     if bound is None or bound.shape not in ((), (3,)) or not (np.isfinite(bound).all() and (bound > 0).all()):
         raise ValueError(
-            "max_torque must be a positive number, or three of them for the body axes [N m], but "
+            "max_torque must be a positive number, or three positive numbers for the body axes [N m], but "
             f"{max_torque!r} was given"
         )
     return bound.astype(float)
@@ -177,9 +177,9 @@ def _ratio(peak: TorquePeak, bound: np.ndarray) -> float:
 def _shortest(law: TimeOptimal, angle: float, p: np.ndarray, q: np.ndarray, bound: np.ndarray) -> TimeOptimal:
     """The trapezoid of minimum duration Φ/V + V/A(V).
 
-    Acceleration and deceleration both reach the rate V, so the largest torques are A|p| + V²|q| about each axis, or
-    √(A²|p|² + V⁴|q|²) in length. The acceleration A(V) within the limit is concave and decreasing, so the duration is
-    convex in V.
+    Acceleration and deceleration both reach the rate V, so the largest torque is A|p| + V²|q| about each axis, and its
+    largest magnitude is √(A²|p|² + V⁴|q|²). The acceleration A(V) within the limit is concave and decreasing, so the
+    duration is convex in V.
     """
     max_acceleration = float(law.max_acceleration)
 
@@ -194,7 +194,8 @@ def _shortest(law: TimeOptimal, angle: float, p: np.ndarray, q: np.ndarray, boun
         A = acceleration(V)
         return angle / V + V / A if A > 0 else np.inf
 
-    # The coast has a non-negative duration where V² ≤ A(V)Φ; V² increases and A(V) decreases.
+    # The coast has a non-negative duration if V² ≤ A(V)Φ. In V, the left side increases and the right side decreases,
+    # so there is one root.
     low, high = 0.0, (max_acceleration * angle) ** 0.5
     if high**2 > acceleration(high) * angle:
         for _ in range(MAX_STEPS):
@@ -207,7 +208,7 @@ def _shortest(law: TimeOptimal, angle: float, p: np.ndarray, q: np.ndarray, boun
 
 
 def _argmin(function: Callable[[float], float], high: float) -> float:
-    """The minimiser of a convex function on (0, high] by golden-section search; `high` where it is decreasing."""
+    """The minimiser of a convex function on (0, high] by golden-section search; `high` if the function decreases."""
     ratio, low, top = (5**0.5 - 1) / 2, 0.0, high
     a, b = top - ratio * (top - low), low + ratio * (top - low)
     fa, fb = function(a), function(b)
@@ -224,7 +225,7 @@ def _argmin(function: Callable[[float], float], high: float) -> float:
 
 
 def _slowed(law: AbstractProfile, factor: float) -> AbstractProfile:
-    """The motion profile `law` with limits for slews that take `factor` times as long."""
+    """The motion profile `law` with its limits reduced so that slews take `factor` times as long."""
     orders = {"max_rate": 1, "max_acceleration": 2, "max_jerk": 3}
     limits = {name: getattr(law, name, None) for name in orders}
     changed = {name: jnp.asarray(x / factor ** orders[name]) for name, x in limits.items() if x is not None}

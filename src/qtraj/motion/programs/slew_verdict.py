@@ -1,4 +1,4 @@
-"""Compares a slew with its limits: peaks, active limits, the minimum duration, and the sign of the end attitude."""
+"""Compares a slew with its limits: peaks, active limits, the minimum duration, and the sign of the final quaternion."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from qtraj.motion.programs.slew_history import Leg, slew_legs
 from qtraj.motion.programs.slew_torque import peak_torque, within_torque
 
 ORDERS = {"max_rate": 1, "max_acceleration": 2, "max_jerk": 3}
-"""The derivative of the angle that each limit bounds."""
+"""The order of the derivative of the angle that each limit bounds."""
 UNITS = {"max_rate": "rad s-1", "max_acceleration": "rad s-2", "max_jerk": "rad s-3"}
 TORQUE_UNIT = "N m"
 WITHOUT_JERK = (TimeOptimal, Cubic)
-"""Profiles whose acceleration jumps, within the slew or at its ends, so that the jerk has no maximum."""
+"""Profiles whose acceleration jumps, within the slew or at its ends, so the jerk is unbounded."""
 TOLERANCE = 1e-9
-"""Relative: a limit is broken if the peak exceeds it by more than this, and active if they differ by less."""
+"""Relative tolerance: a limit is violated if the peak exceeds it by more, and active if they differ by less."""
 
 MET, BROKEN, NO_LIMIT = STATUSES = ("met", "broken", "no limit")
 
@@ -39,13 +39,13 @@ MET, BROKEN, NO_LIMIT = STATUSES = ("met", "broken", "no limit")
 class SlewVerdict(AbstractResult):
     """The comparison of a slew, or of a sequence of slews, with its limits.
 
-    - `names`: the limited quantities, such as "max_rate" or "max_torque". For each: the largest magnitude `peaks`, the
-      first instant `times` [s] at which it occurs, and `limits`, NaN without a limit.
-    - `starts`, `durations` [s] and `angles` [rad] of each slew, and its unit axes `body_axes` and `inertial_axes`
-      (m, 3), NaN if it does not move.
+    - `names`: the limited quantities, such as "max_rate" or "max_torque". For each, `peaks` is the largest magnitude,
+      `times` [s] the first instant at which it occurs, and `limits` the limit (NaN for none).
+    - `starts`, `durations` [s] and `angles` [rad] of each slew, and its unit axes `body_axes` and `inertial_axes` (m,
+      3), NaN if the attitude does not change.
     - `switches` [s]: the instants between two pieces of a profile.
-    - `least_duration` [s]: the duration of the fastest slew within the limits; NaN if the profile has no fixed duration
-      or there is no limit.
+    - `least_duration` [s]: the duration of the fastest slew within the limits; NaN if the profile does not have a fixed
+      duration or there are no limits.
     - `end` (4,): the quaternion at the end of the program. `sign` is −1 if it has the opposite sign of the requested
       quaternion.
     """
@@ -66,19 +66,19 @@ class SlewVerdict(AbstractResult):
 
     @property
     def status(self) -> dict[str, str]:
-        """Whether each limit is "met", "broken" or "no limit", by its name."""
+        """The status of each limit by its name: "met", "broken" or "no limit"."""
         rows = zip(self.names, np.asarray(self.peaks).tolist(), np.asarray(self.limits).tolist(), strict=True)
         return {name: NO_LIMIT if math.isnan(b) else BROKEN if v > b * (1 + TOLERANCE) else MET for name, v, b in rows}
 
     @property
     def active(self) -> list[str]:
-        """Names of the active limits: met with a relative margin below 1e-9."""
+        """Names of the active limits, which are met with a relative margin below 1e-9."""
         peaks, limits = np.asarray(self.peaks), np.asarray(self.limits)
         return [self.names[k] for k in np.flatnonzero(np.abs(peaks - limits) <= TOLERANCE * limits)]
 
     @property
     def met(self) -> bool:
-        """Whether no limit is broken."""
+        """Whether all limits are satisfied."""
         return BROKEN not in self.status.values()
 
     @property
@@ -88,21 +88,21 @@ class SlewVerdict(AbstractResult):
 
     @property
     def result(self) -> str:
-        """The result in words, and what to do if a limit is broken."""
+        """The result in words, and what to do if a limit is violated."""
         if np.isnan(self.body_axes).all():
             return "there is no slew: all attitudes are the same."
         minimum, status = float(self.least_duration), self.status
         if not self.met:
             exceeded = np.asarray(self.peaks) / np.asarray(self.limits) - 1
             worst = [f"{x} by {100 * exceeded[k]:.3g} %" for k, x in enumerate(self.names) if status[x] == BROKEN]
-            least = "" if math.isnan(minimum) else f" Within the limits it takes at least {minimum:.9g} s."
-            return f"limits are broken: {', '.join(worst)}.{least} Allow more time, or raise the limits."
+            least = "" if math.isnan(minimum) else f" Within the limits, the slew takes at least {minimum:.9g} s."
+            return f"limits are violated: {', '.join(worst)}.{least} Allow more time, or raise the limits."
         if active := self.active:
             listed = " and ".join(filter(None, [", ".join(active[:-1]), active[-1]]))
             return f"all limits are met; {listed} {'is' if len(active) == 1 else 'are'} active."
         if all(text == NO_LIMIT for text in status.values()):
             return "there are no limits."
-        least = "" if math.isnan(minimum) or minimum == 0 else f" The slew could take only {minimum:.9g} s."
+        least = "" if math.isnan(minimum) or minimum == 0 else f" The slew could be completed in {minimum:.9g} s."
         return f"all limits are met, and none is active.{least}"
 
     def record(self) -> Record:
@@ -125,9 +125,9 @@ class SlewVerdict(AbstractResult):
             "axis_inertial": Quantity(self.inertial_axes, "1", "axis of each slew, inertial axes", ("slew", "world")),
             "switch_time": Quantity(self.switches, "s", "instants between two pieces of a profile", ("switch",)),
             "least_duration": Quantity(self.least_duration, "s", "duration of the fastest slew within the limits"),
-            "end_quaternion": Quantity(self.end, "1", "attitude at the end", ("component",)),
+            "end_quaternion": Quantity(self.end, "1", "attitude quaternion at the end", ("component",)),
             "end_sign": Quantity(self.sign, "1", "sign relative to the requested quaternion"),
-            "met": Quantity(np.array(self.met), "1", "whether no limit is broken"),
+            "met": Quantity(np.array(self.met), "1", "whether all limits are satisfied"),
             "result": Quantity(np.array(self.result), "", "the result in words"),
         }
         coordinates = {
@@ -148,15 +148,15 @@ def judge_slew(
 ) -> SlewVerdict:
     """Compare a slew, or a sequence of slews, with limits on the derivatives of the angle and on the torque.
 
-    `limits`: "max_rate", "max_acceleration" and "max_jerk" [rad s⁻ᵏ] by name; None for those of the program's profile.
-    `inertia` [kg m²], as in `peak_torque`, adds the torque. `max_torque` [N m] is its limit: a number for the length of
-    the torque, (3,) for each component in body axes. `end` (4,): the requested end attitude, to compare its sign; None
-    for that of the program.
+    `limits`: "max_rate", "max_acceleration" and "max_jerk" [rad s⁻ᵏ] by name; None for the limits of the program's
+    profile. `inertia` [kg m²], as in `peak_torque`, adds the torque. `max_torque` [N m] is its limit: a number for the
+    magnitude of the torque, (3,) for each component in body axes. `end` (4,): the requested final quaternion, to
+    compare its sign; None for the `end_q` of the program.
 
     The peaks are exact maxima of polynomials. For the minimum duration with a torque limit, the fastest slew within the
     other limits is slowed down by `within_torque`; a slew with another profile may be shorter.
 
-    **Raises:** ValueError for a program of another kind, unknown limits, an invalid inertia, a `max_torque` without
+    **Raises:** ValueError for a program of another kind, unknown limits, an invalid inertia, a `max_torque` without an
     inertia, or inside a trace.
     """
     legs, law = slew_legs(program), program.law
@@ -167,7 +167,7 @@ def judge_slew(
     if inertia is not None:
         rows += _torques(program, inertia, max_torque)
     elif max_torque is not None:
-        raise ValueError("max_torque was given without the inertia of the body: pass inertia [kg m²] as well")
+        raise ValueError("max_torque needs the inertia of the body: pass inertia [kg m²] as well")
     names, peaks, times, bounds = zip(*rows, strict=True)
     last = legs[-1].turn
     requested = last.end_q if end is None else real_vector(end, "the end attitude", 4)
@@ -206,7 +206,7 @@ def _peak(legs: Sequence[Leg], order: int) -> tuple[float, float]:
 
 
 def _torques(program: EulerTurn | SlewSequence, inertia: ArrayInput, limit: ArrayInput | None) -> list[tuple[Any, ...]]:
-    """The peak of the length of the torque, or of its components if each axis has a limit."""
+    """The peak magnitude of the torque, or the peaks of its components if each axis has a limit."""
     peak = peak_torque(program, inertia)
     if limit is None or np.ndim(limit) == 0:
         return [("max_torque", peak.norm, peak.norm_time, None if limit is None else float(np.asarray(limit)))]
@@ -224,7 +224,7 @@ def _least_duration(
     inertia: ArrayInput | None,
     max_torque: ArrayInput | None,
 ) -> float:
-    """The minimum duration [s] of the same slew within the limits; NaN without a fixed duration or limits."""
+    """The minimum duration [s] of the same slew within the limits; NaN without a fixed duration or without limits."""
     law = program.law
     if law.duration is None or not limits:
         return math.nan

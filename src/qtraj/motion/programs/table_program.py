@@ -23,18 +23,19 @@ from qtraj.motion.programs.euler_turn import attitude_table
 class TableProgram(AbstractProgram):
     """The rotation spline through `quaternions` (n, 4) at `times` (n,) [s], n ≥ 2, with continuous acceleration.
 
-    The quaternions may have any non-zero length and either sign; they are stored with continuous signs. The program has
-    unit length, is continuous and starts with the sign of the first quaternion. It takes the shorter rotation between
-    neighbours, which must be less than a half turn apart. The rates at both ends are the mean rates of the first and
-    last interval. The spline is that of SciPy's RotationSpline, whose iteration stops at about 1e-9. Program time
-    starts at the first of `times`; outside [0, duration] the first and last pieces are extrapolated.
+    The quaternions need not be normalised and may have either sign; they are stored with continuous signs. The
+    program's quaternion has norm 1, is continuous and starts with the sign of the first quaternion. Neighbouring
+    attitudes are joined by the shorter rotation, which must be less than a half turn. The rates at both ends are the
+    mean rates of the first and the last interval. The spline is the same as SciPy's RotationSpline, whose iteration
+    stops at about 1e-9. Program time starts at the first of `times`; outside [0, duration] the first and last pieces
+    are extrapolated.
 
-    `rates` (n, 3) [rad/s], body axes, at the attitudes: computed and stored when the program is made. Rates that are
-    passed are used without change, and the acceleration may then jump. Derivatives with respect to the table are exact
-    to second order.
+    `rates` (n, 3) [rad/s], body axes, at the attitudes; if None, they are computed and stored when the program is
+    created. If you pass rates, they are used without change, and the acceleration may jump. Derivatives with respect to
+    the table are exact to second order.
 
     **Raises:** ValueError for fewer than two attitudes, times that do not increase, wrong shapes, values that are not
-    finite, a zero quaternion, or attitudes too far apart for the spline to converge.
+    finite, a zero quaternion, or attitudes that are too far apart for the spline to converge.
     """
 
     times: Float[Array, " n"]
@@ -113,7 +114,7 @@ def _knot_rates(times: Float[Array, " n"], quaternions: Float[Array, "n 4"]) -> 
 
 
 def _tolerance(dtype: Any) -> float:
-    """The largest jump of acceleration of a converged spline, relative to angle/interval²."""
+    """The largest jump of the acceleration of a converged spline, relative to angle/interval²."""
     return float(jnp.finfo(dtype).eps) ** 0.5
 
 
@@ -127,6 +128,6 @@ def _require_increasing(times: Array, count: int) -> None:
     if values is not None and not (np.diff(values) > 0).all():
         k = int((np.diff(values) <= 0).argmax()) + 1
         raise ValueError(
-            f"the times of a table program must increase, but time {k} is {values[k]:.17g} s "
-            f"after {values[k - 1]:.17g} s"
+            f"the times of a table program must increase, but times[{k}] = {values[k]:.17g} s follows "
+            f"times[{k - 1}] = {values[k - 1]:.17g} s"
         )

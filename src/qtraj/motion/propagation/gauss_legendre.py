@@ -1,11 +1,11 @@
 """Gauss–Legendre collocation of 2λ̇ = λ∘ω(t) with any number of stages s: order 2s, |λ| constant to round-off.
 
-The stage equations Y_i = 1 + (h/2) Σ_j a_ij Y_j∘ω_j are linear. Fixed-point sweeps solve them: a dense solver is 6 to
-40 times slower (8 stages, 256 to 8192 steps on a CPU). A solution times a constant quaternion is a solution, so the
-sweeps start from Y = 1 in the middle of the step instead of at its beginning. Each integral then spans at most half the
-step, so the error after k sweeps is smaller by (½)^k, which saves up to a fifth of the sweeps. The derivative is that
-of the solution, by sweeps of its own; the sweeps themselves are not differentiated. Nodes, weights and a_ij are
-computed with 50 digits and then rounded.
+The stage equations Y_i = 1 + (h/2) Σ_j a_ij Y_j∘ω_j are linear. Fixed-point sweeps solve them; a dense solver is 6 to
+40 times slower (8 stages, 256 to 8192 steps on a CPU). A solution multiplied by a constant quaternion is again a
+solution, so the sweeps impose Y = 1 in the middle of the step instead of at its beginning. Each integral then spans at
+most half the step, so the error after k sweeps is smaller by (½)^k, which saves up to a fifth of the sweeps. The
+derivative of the solution is computed by separate sweeps; the sweeps themselves are not differentiated. Nodes, weights
+and a_ij are computed with 50 digits and then rounded.
 """
 
 import decimal
@@ -27,7 +27,7 @@ from qtraj.motion.propagation.increment import AbstractIncrement, exact_product
 DIGITS = 50
 MAX_STAGES = 64
 ANGLE_PER_STEP = 2.0
-"""[rad] Angle h·max|ω| up to which the sweeps reach round-off. For a longer step the error estimate is larger."""
+"""[rad] Largest angle h·max|ω| for which the sweeps reach round-off. For longer steps the error estimate increases."""
 
 
 class GaussLegendre(AbstractIncrement):
@@ -103,9 +103,9 @@ def tableau(stages: int) -> Tableau:
 
 @functools.cache
 def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights (count,) on [0, 1] of the Gauss–Lobatto quadrature, of order 2·count − 2, for error estimates.
+    """Nodes and weights (count,) on [0, 1] of the Gauss–Lobatto quadrature of order 2·count − 2, for error estimates.
 
-    The nodes are the ends and the extrema of P_{count−1}; the weights 1/(count (count − 1) P²).
+    The nodes are the ends and the extrema of P_{count−1}; the weights are 1/(count (count − 1) P²).
     """
     degree = count - 1
     with decimal.localcontext(decimal.Context(prec=DIGITS)):
@@ -137,7 +137,7 @@ def _legendre(count: int, x: Decimal) -> list[Decimal]:
 def _root(stages: int, i: int) -> Decimal:
     """The i-th zero of P_stages, ascending, by Newton's method from the standard cosine estimate."""
     x = Decimal(-math.cos(math.pi * (i + 0.75) / (stages + 0.5)))
-    for _ in range(8):  # starts with about 3 digits, doubled each time
+    for _ in range(8):  # about 3 correct digits at first, doubled in each step
         p = _legendre(stages, x)
         x -= p[stages] * (1 - x * x) / (stages * (p[stages - 1] - x * p[stages]))
     return x
@@ -148,7 +148,7 @@ def _rounded(values: list) -> np.ndarray:
 
 
 def _sweeps(a: np.ndarray) -> int:
-    """The number of sweeps until the powers of (h|ω|/2)·a are below round-off."""
+    """The number of sweeps after which the powers of (h|ω|/2)·a are below round-off."""
     term, count = np.ones(len(a)), 0
     while np.max(np.abs(term)) > 0.5 * np.finfo(float).eps:
         term, count = 0.5 * ANGLE_PER_STEP * (a @ term), count + 1
@@ -171,9 +171,9 @@ def _(sweeps, primals, tangents):
 
 
 def _sweep(sweeps: int, a: Array, half: Array, right: Array) -> Array:
-    """Solve y = right + (y∘half) aᵀ by fixed-point sweeps, in a loop that compiles twice as fast as unrolled code.
+    """Solve y = right + (y∘half) aᵀ by fixed-point sweeps in a loop, which compiles twice as fast as unrolled code.
 
-    The loop carries y∘half, so that a sum and the products that follow it are one pass over memory.
+    The loop carries y∘half, so that each sum and the products after it need only one pass over memory.
     """
 
     def body(slopes, _):

@@ -1,7 +1,7 @@
-"""One step of 2λ̇ = λ∘ω(t) with a known rate: rotation increments, and the products of many of them.
+"""Rotation increments of single steps of 2λ̇ = λ∘ω(t) with a known rate, and the products of many increments.
 
 Steps are independent of each other, so all increments are computed at once and multiplied in parallel. This module
-works in body axes; inertial axes follow by conjugation, λ̄(ω_ξ) = λ(−ω_x), which changes the sign of every cross
+works in body axes. Problems in inertial axes are conjugated, λ̄(ω_ξ) = λ(−ω_x), which changes the sign of every cross
 product. The scalar part of the rate commutes and is integrated separately: λ(t+h) = e^{½∫ω0}·λ(t)∘(unit increment).
 """
 
@@ -18,17 +18,17 @@ from qtraj.algebra import quaternion
 from qtraj.foundation.types import Quat, Scalar
 
 exact_product = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
-"""Matrix product in full precision: an accelerator would round float32 to about four digits."""
+"""Matrix product in full precision; by default an accelerator may round float32 to about four digits."""
 
 BLOCK = 1024
-"""Steps computed at a time: enough for the vector units of a processor, and few enough for its caches."""
+"""Number of steps computed together: enough for the vector units of a processor, and few enough for its caches."""
 
 SEQUENTIAL = 64
-"""Up to this number, increments are multiplied one after the other: this runs and compiles faster than in parallel."""
+"""Up to this number, increments are multiplied sequentially, which runs and compiles faster than in parallel."""
 
 
 class AbstractIncrement(eqx.Module):
-    """A one-step method: from the rates at the nodes of a step to its rotation increment."""
+    """A one-step method: it computes the rotation increment of a step from the rates at its nodes."""
 
     order: eqx.AbstractVar[int]
     """The global order: the error on a fixed interval decreases as h^order."""
@@ -51,7 +51,7 @@ class AbstractIncrement(eqx.Module):
 def increments(
     method: AbstractIncrement, rates: Float[Array, "n s k"], h: Float[Array, " n"]
 ) -> tuple[Float[Array, "n 4"], Float[Array, " n"]]:
-    """Unit increments (n, 4) and log-scales ½∫ω0 (n,) of n steps of `h` [s]; `rates` with three or four components."""
+    """Unit increments (n, 4) and log-scales ½∫ω0 (n,) of n steps of `h` [s]; `rates` have three or four components."""
 
     def one(step):
         return method.increment(*step)
@@ -64,7 +64,7 @@ def increments(
 
 
 def products(rotations: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
-    """E_1∘…∘E_k for every k, in parallel for more than `SEQUENTIAL` increments."""
+    """E_1∘…∘E_k for every k, computed in parallel for more than `SEQUENTIAL` increments."""
     if rotations.shape[0] > SEQUENTIAL:
         return jax.lax.associative_scan(jax.vmap(quaternion.product), rotations)
 
@@ -77,7 +77,7 @@ def products(rotations: Float[Array, "n 4"]) -> Float[Array, "n 4"]:
 
 
 def accumulate(q0: Quat, rotations: Float[Array, "n 4"], log_scales: Float[Array, " n"]) -> Float[Array, "n 4"]:
-    """q0 after each increment; its length is |q0|·exp(Σ log_scales) to round-off."""
+    """q0 after each increment; its norm is |q0|·exp(Σ log_scales) to round-off."""
     totals = products(rotations)
     totals = totals / jnp.sqrt(jnp.sum(totals * totals, axis=1, keepdims=True))  # removes round-off only
     return jax.vmap(quaternion.product, (None, 0))(q0, totals) * jnp.exp(jnp.cumsum(log_scales))[:, None]

@@ -8,7 +8,7 @@ from qtraj.foundation.types import Scalar
 
 
 def lagrange(x: Scalar, knots: Float[Array, " w"]) -> Float[Array, " w"]:
-    """The Lagrange basis polynomials of the knots at x, as products, whose derivative is finite at the knots too."""
+    """The Lagrange basis polynomials of the knots at x, in product form for a finite derivative at the knots."""
     size = knots.shape[0]
     other = ~np.eye(size, dtype=bool)
     above = jnp.where(other, jnp.broadcast_to(x - knots, (size, size)), 1.0)

@@ -48,7 +48,7 @@ def fourth_order(rates: Float[Array, "2 3"], h: Scalar) -> Vec3:
 
 
 def sixth_order(rates: Float[Array, "3 3"], h: Scalar) -> tuple[Vec3, Vec3]:
-    """The rotation vector [rad] from the body rates at ½, ½ ∓ √15/10 (ascending), and the embedded one of order 4."""
+    """The rotation vector [rad] from the body rates at ½, ½ ∓ √15/10 (ascending), and an embedded one of order 4."""
     first, middle, last = rates
     a1 = h * middle
     a2 = (math.sqrt(15) / 3) * h * (last - first)

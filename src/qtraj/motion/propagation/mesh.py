@@ -1,6 +1,7 @@
-"""The steps of a propagation: their mesh between the output times, their error estimates, and their refinement.
+"""The steps of a propagation: the mesh between the output times, error estimates, and refinement.
 
-The same functions serve outside a trace, where a mesh may grow, and inside, where its number of slots is fixed.
+The same functions are used outside a trace, where a mesh may grow, and inside a trace, where its number of slots is
+fixed.
 """
 
 import equinox as eqx
@@ -16,10 +17,10 @@ from qtraj.motion.propagation.gauss_legendre import lobatto
 from qtraj.motion.propagation.increment import AbstractIncrement, exact_product, increments
 
 MIN_STEPS = 8
-"""The smallest number of initial steps, so that a short event between few nodes is not overlooked."""
+"""Minimum number of initial steps; with fewer nodes a short event could be missed."""
 
 ROUND_OFF = 8
-"""An error estimate below this many roundings is round-off, which splitting the step would not reduce."""
+"""Error estimates below this multiple of the round-off count as round-off, which splitting a step would not reduce."""
 
 MAX_HALVINGS = 3
 """A step is split into at most 2³ steps at a time."""
@@ -28,8 +29,8 @@ MAX_HALVINGS = 3
 class Mesh(eqx.Module):
     """Steps in order of time: step j runs from `start` to `end` (n,), fractions of the output interval `interval` (n,).
 
-    Splits are dyadic, so the fractions are exact. Slots from `count` on are empty steps at the end of the last
-    interval.
+    Steps are split by halving, so the fractions are exact. Slots with an index of `count` or more are empty steps at
+    the end of the last interval.
     """
 
     interval: Int[Array, " n"]
@@ -39,7 +40,7 @@ class Mesh(eqx.Module):
 
     @property
     def used(self) -> Bool[Array, " n"]:
-        """Which slots contain a step."""
+        """Whether each slot contains a step."""
         return jnp.arange(self.start.shape[0], dtype=jnp.int32) < self.count
 
 
@@ -79,7 +80,7 @@ def resized(mesh: Mesh, slots: int) -> Mesh:
 
 
 def spans(mesh: Mesh, times: Float[Array, " m"]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Start and length of each step [s], differentiable in the output times."""
+    """Start and length of each step [s], differentiable with respect to the output times."""
     origin = times[mesh.interval]
     length = jnp.diff(times)[mesh.interval]
     return origin + mesh.start * length, (mesh.end - mesh.start) * length
@@ -88,8 +89,8 @@ def spans(mesh: Mesh, times: Float[Array, " m"]) -> tuple[Float[Array, " n"], Fl
 def estimate_nodes(method: AbstractIncrement) -> np.ndarray:
     """The nodes at which `estimate` needs the rate, on [0, 1] (4s+1,).
 
-    They are the nodes of the step, those of its two halves, and Lobatto's, which include the ends: without these, a
-    jump between the last node and the end of a step would not be noticed.
+    They are the nodes of the step, the nodes of its two halves, and Lobatto's nodes, which include the ends. Without
+    the ends, a jump between the last node and the end of a step would be missed.
     """
     c = method.nodes
     return np.concatenate([c, 0.5 * c, 0.5 + 0.5 * c, lobatto(len(c) + 1)[0]])
@@ -106,9 +107,9 @@ class SampledRates(eqx.Module):
 class Errors(eqx.Module):
     """Error estimates of the steps of a mesh [rad].
 
-    `step` (n,): the error of each step. `floor` (n,): the error below which it may be round-off. Rotations compose, so
-    the error of the whole is at most the sum. `truncation`: the sum of the errors above round-off, NaN for a rate that
-    is not finite. `bound`: the sum of all errors and of the round-off of the result.
+    `step` (n,): the error of each step. `floor` (n,): an error below this may be round-off. Rotations compose, so the
+    total error is at most the sum of the errors. `truncation`: the sum of the errors above round-off, NaN if a rate is
+    not finite. `bound`: the sum of all errors and the round-off of the result.
     """
 
     step: Float[Array, " n"]
@@ -120,8 +121,8 @@ class Errors(eqx.Module):
 def estimate(method: AbstractIncrement, sampled: SampledRates, count: Int[Array, ""]) -> Errors:
     """The errors of `count` steps from the rates at `estimate_nodes`.
 
-    An error is the larger of two differences: between the step and its two halves, and between the integrals of the
-    rate by Gauss's and Lobatto's rules. The error of ½∫ω0 is added as if it were an angle.
+    An error is the larger of two differences: between the step and its two halves, and between Gauss's and Lobatto's
+    quadrature of the rate. The error of ½∫ω0 is added like an angle.
     """
     rates, start, h = stop_gradient((sampled.rates, sampled.start, sampled.h))
     n, s = h.shape[0], len(method.nodes)
@@ -131,7 +132,7 @@ def estimate(method: AbstractIncrement, sampled: SampledRates, count: Int[Array,
     rotations, log_scales = rotations.reshape(n, 3, 4), log_scales.reshape(n, 3)
     halves = jax.vmap(quaternion.product)(rotations[:, 1], rotations[:, 2])
     between = jax.vmap(quaternion.product)(jax.vmap(quaternion.conjugate)(rotations[:, 0]), halves)
-    angle = 2 * jnp.sqrt(jnp.sum(between[:, 1:] ** 2, axis=1))  # its round-off is relative to the angle, not to 1
+    angle = 2 * jnp.sqrt(jnp.sum(between[:, 1:] ** 2, axis=1))  # the round-off is relative to the angle, not to 1
     log_scale = jnp.abs(log_scales[:, 0] - log_scales[:, 1] - log_scales[:, 2])
     weights = np.concatenate([method.weights, -lobatto(s + 1)[1]])
     quadrature_rates = jnp.concatenate([rates[:, :s], rates[:, 3 * s :]], axis=1)
@@ -141,12 +142,13 @@ def estimate(method: AbstractIncrement, sampled: SampledRates, count: Int[Array,
     step, noise = angle + log_scale, _round_off(rates, start, h)
     floor = ROUND_OFF * noise
     truncation = jnp.sum(jnp.where(step <= floor, 0.0, step))
-    products = float(jnp.finfo(h.dtype).eps) * jnp.sqrt(count.astype(h.dtype))  # their roundings are independent
+    # The roundings of the products are independent, so their sum grows with the square root of the count.
+    products = float(jnp.finfo(h.dtype).eps) * jnp.sqrt(count.astype(h.dtype))
     return Errors(step, floor, truncation, jnp.sum(step) + 4 * (products + jnp.sum(noise)))
 
 
 def _round_off(rates: Float[Array, "n m k"], start: Float[Array, " n"], h: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Round-off of each step [rad]: of its arithmetic, and of the rounding of its times."""
+    """Round-off of each step [rad], from its arithmetic and from the rounding of its times."""
     angle = h * jnp.max(jnp.abs(rates), axis=(1, 2))
     change = jnp.max(jnp.max(rates, axis=1) - jnp.min(rates, axis=1), axis=1)
     return float(jnp.finfo(h.dtype).eps) * (angle + jnp.abs(start) * change / ROUND_OFF)
@@ -161,7 +163,7 @@ def padded(errors: Errors, slots: int) -> Errors:
 def refine(mesh: Mesh, errors: Errors, tolerance: Scalar, order: int) -> tuple[Mesh, Int[Array, ""]]:
     """Split every step whose error exceeds an equal share of the tolerance.
 
-    Returns the mesh and the number of steps needed. Where this exceeds the number of slots, the mesh is unchanged.
+    Returns the mesh and the number of steps needed. If this exceeds the number of slots, the mesh is unchanged.
     """
     error = errors.step
     share = tolerance / mesh.count.astype(error.dtype)

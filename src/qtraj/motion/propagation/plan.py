@@ -1,6 +1,6 @@
-"""Adaptive steps of a propagation: split those with the largest errors until the total is within the tolerance.
+"""Adaptive steps of a propagation: steps with large errors are split until the total error is within the tolerance.
 
-Where rate and times are known, the mesh grows as needed. Inside a trace it has a fixed number of slots.
+If rate and times are concrete, the mesh grows as needed. If they are traced, it has a fixed number of slots.
 """
 
 import equinox as eqx
@@ -15,23 +15,23 @@ from qtraj.motion.propagation.mesh import Errors, Mesh
 from qtraj.motion.propagation.problem import Problem, step_errors
 
 MAX_STEPS = 2**18
-"""The default outside a trace, where unused steps cost nothing."""
+"""The default maximum outside a trace, where unused steps cost nothing."""
 
 MAX_ROUNDS = 64
-"""Rounds of refinement: enough to reach the spacing of float64 at a jump of the rate."""
+"""Maximum number of refinements, enough to reach the spacing of float64 at a jump of the rate."""
 
 
 def fixed(problem: Problem, steps: int) -> Mesh:
-    """`steps` equal steps in every interval; ValueError for less than one."""
+    """`steps` equal steps in every interval; ValueError for `steps` < 1."""
     if steps < 1:
-        raise ValueError(f"steps must be at least one per interval, but steps={steps!r} was given")
+        raise ValueError(f"steps must be at least 1 in each interval, but {steps!r} was given")
     return meshes.uniform(problem.intervals, steps, problem.intervals * steps, problem.times.dtype)
 
 
 def adaptive(problem: Problem, max_steps: int | None) -> tuple[Mesh, Errors]:
-    """A mesh that satisfies the tolerance, and its errors; where `max_steps` is too small, the finest mesh possible.
+    """A mesh that satisfies the tolerance, and its errors; if `max_steps` is too small, the finest mesh within it.
 
-    **Raises:** ValueError for fewer `max_steps` than intervals.
+    **Raises:** ValueError if `max_steps` is less than the number of intervals.
     """
     if max_steps is not None and max_steps < problem.intervals:
         raise ValueError(
@@ -53,7 +53,7 @@ def traced_slots(problem: Problem) -> int:
 def _refine_growing(problem: Problem, mesh: Mesh, errors: Errors, max_steps: int) -> tuple[Mesh, Errors]:
     tolerance, order = stop_gradient(problem.tolerance), problem.method.order
     for _ in range(MAX_ROUNDS):
-        if not errors.truncation > tolerance:  # also where it is NaN
+        if not errors.truncation > tolerance:  # true also for NaN
             break
         finer, needed = _refine(mesh, errors, tolerance, order)
         if needed > max_steps:
@@ -90,7 +90,7 @@ _padded = eqx.filter_jit(meshes.padded)
 
 
 def _slots(count: int) -> int:
-    """Slots for `count` steps: 64 times a power of four, so that few sizes are compiled."""
+    """The number of slots for `count` steps: 64 times a power of four, so that few sizes are compiled."""
     slots = 64
     while slots < count:
         slots *= 4

@@ -19,10 +19,10 @@ from qtraj.motion.propagation.increment import AbstractIncrement, accumulate, fr
 from qtraj.motion.propagation.mesh import Errors, Mesh, SampledRates
 
 TOLERANCE = 1e-12
-"""[rad] Default error of the whole propagation in float64."""
+"""[rad] Default tolerance of the total error in float64."""
 
 TOLERANCE_FLOAT32 = 1e-5
-"""[rad] Default in float32, about a hundred roundings."""
+"""[rad] Default tolerance in float32, about a hundred times its round-off."""
 
 Rate = TypeAliasType("Rate", Callable[..., Any])
 
@@ -72,12 +72,12 @@ def solve(problem: Problem, mesh: Mesh) -> Float[Array, "n 4"]:
 
 
 def step_errors(problem: Problem, mesh: Mesh) -> Errors:
-    """Error estimates of the steps of `mesh`; constants to differentiation."""
+    """Error estimates of the steps of `mesh`; they are not differentiated."""
     sampled = _sample(problem.omega, problem.times, mesh, meshes.estimate_nodes(problem.method))
     return _estimate(problem.method, mesh.count, sampled)
 
 
-# Separate executables: only the first depends on ω and on the number of output times, and it compiles fast.
+# The steps below are compiled separately, because only `_sample`, which compiles fast, depends on ω.
 
 
 @eqx.filter_jit

@@ -1,10 +1,10 @@
-"""λ(t) from a known ω(t), with steps that are computed all at once and multiplied in parallel.
+"""λ(t) from a known ω(t): all steps are computed at once and multiplied in parallel.
 
-Outside `jit` the steps are chosen for the tolerance, also under `grad`, `jvp` and `jacfwd`. The choice depends on
-values only, and derivatives are those of the propagation with the chosen steps. A jitted function in which ω and the
-times are known chooses the steps while it is traced. Where ω or the times are traced themselves, as parameters of ω are
-under `jit` or `vmap`, the choice is made at run time within a fixed number of slots, `max_steps`, and each slot costs
-as much as a step. `steps`, a fixed number of equal steps in each interval, is cheaper there.
+Outside `jit` the steps are chosen to satisfy the tolerance, also under `grad`, `jvp` and `jacfwd`. The choice depends
+on values only; derivatives are computed with the steps fixed. In a jitted function in which ω and the times are
+concrete, the steps are chosen during tracing. If ω or the times are traced, such as parameters of ω under `jit` or
+`vmap`, the steps are chosen at run time within a fixed number of slots, `max_steps`, and each slot costs as much as a
+step. `steps`, a fixed number of equal steps in each interval, is cheaper in this case.
 """
 
 import equinox as eqx
@@ -31,9 +31,9 @@ Quats = TypeAliasType("Quats", Float[Array, "n 4"])
 class Propagation(AbstractOutcome):
     """Attitudes at the output times, with an error estimate.
 
-    `quaternion` (n, 4) at `times` (n,) [s]. `estimate` [rad]: of the error of the last attitude and of ln|λ|²,
-    including round-off. `steps`: the number of steps. `code`: a `ResultCode`, from the error without round-off, and
-    `result`: its text.
+    `quaternion` (n, 4) at `times` (n,) [s]. `estimate` [rad]: the estimated error of the last attitude and of ln|λ|²,
+    including round-off. `steps`: the number of steps. `code`: a `ResultCode`, determined from the error without
+    round-off; `result`: its text.
     """
 
     times: Float[Array, " n"]
@@ -49,7 +49,7 @@ class Propagation(AbstractOutcome):
         self.steps, self.code = jnp.asarray(steps), jnp.asarray(code)
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """The result of one propagation in words, with its error estimate where this is too large."""
+        """The result of one propagation in words, with the error estimate if it is too large."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         if code == ResultCode.successful:
             return "the propagation reached its tolerance."
@@ -59,7 +59,7 @@ class Propagation(AbstractOutcome):
         return f"{code.text} The error estimate is {estimate:.3g} rad in {steps} steps."
 
     def record(self) -> Record:
-        """The attitudes over `time`, or over `sample` where the elements of a batch have different times."""
+        """The attitudes over `time`, or over `sample` if the elements of a batch have different times."""
         along = "time" if self.times.ndim == 1 else "sample"
         texts = np.asarray(self.result)
         variables = {
@@ -67,14 +67,14 @@ class Propagation(AbstractOutcome):
                 self.quaternion, "1", "attitude, scalar first, body to inertial", (along, "component")
             ),
             "estimate": Quantity(self.estimate, "rad", "estimated error of the last attitude and of ln|λ|²"),
-            "steps": Quantity(self.steps, "1", "steps taken"),
+            "steps": Quantity(self.steps, "1", "number of steps"),
             "result": Quantity(texts, "", "the result in words"),
             "code": Quantity(self.code, "1", "result code"),
         }
         reached = f"{np.sum(self.successful)} of {self.code.size} reached the tolerance"
-        ended = reached if self.code.ndim else str(texts)
+        result = reached if self.code.ndim else str(texts)
         quality = f"estimated error {extent(self.estimate, 'rad')} in {extent(self.steps)} steps"
-        summary = f"{batch_prefix(self.code.shape)}{times_text(self.times)}: {quality}; {ended}"
+        summary = f"{batch_prefix(self.code.shape)}{times_text(self.times)}: {quality}; {result}"
         return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": "body"})
 
 
@@ -93,18 +93,18 @@ def propagate(
     """The quaternions (n, 4) at `times` (n,) [s] of the motion 2λ̇ = λ∘ω(t) with λ(times[0]) = q0.
 
     `omega(t)` [rad/s] is (3,), or (4,) with the scalar part ω0 = d/dt ln|λ|² first, in body axes, or in inertial axes
-    for `axes="inertial"` (2λ̇ = ω∘λ). `q0` (4,) may have any non-zero length; |λ| is |q0| exp ½∫ω0 to round-off.
-    `method`: `GaussLegendre(stages=8)` for None, or `Magnus(order)`. The steps are chosen for a total error of
-    `tolerance` [rad], by default 1e-12 in float64 and 1e-5 in float32; `times` determine the output only. An event in ω
-    much shorter than an eighth of the span can fall between the nodes: place an output time in it.
+    for `axes="inertial"` (2λ̇ = ω∘λ). `q0` (4,) must not be zero and need not be normalised; |λ| is |q0| exp ½∫ω0 to
+    round-off. `method`: `GaussLegendre(stages=8)` for None, or `Magnus(order)`. The steps are chosen for a total error
+    of `tolerance` [rad], by default 1e-12 in float64 and 1e-5 in float32; `times` determine the output only. An event
+    in ω much shorter than an eighth of the span can fall between the nodes: place an output time inside it.
 
-    `steps` fixes the number of steps in each interval instead, without an error estimate.
+    With `steps`, each interval has this fixed number of steps, and there is no error estimate.
 
-    Where the tolerance is not reached within `max_steps` steps (2¹⁸; for a traced rate see `plan.traced_slots`), or the
+    If the tolerance is not reached within `max_steps` steps (2¹⁸; for a traced rate see `plan.traced_slots`), or the
     rate is not finite, all quaternions are NaN. `propagate_with_estimate` returns the reason and the best quaternions.
 
     **Raises:** ValueError for times that are not finite and strictly increasing, a q0 that is zero or not finite, a
-    rate of another shape, other axes. RuntimeError with `throw` where the quaternions would be NaN.
+    rate of another shape, or other axes. RuntimeError if `throw` is true and the quaternions would be NaN.
     """
     problem = checked(omega, q0, times, method, axes, tolerance)
     if steps is not None and problem.intervals > 0:
@@ -127,9 +127,10 @@ def propagate_with_estimate(
     max_steps: int | None = None,
     throw: bool = False,
 ) -> "Propagation":
-    """As `propagate`, with an error estimate, also for fixed `steps`; see `code` and `result` for failures.
+    """Like `propagate`, but with an error estimate, also for fixed `steps`; `code` and `result` report failures.
 
-    **Raises:** ValueError as `propagate`; RuntimeError with `throw` where the tolerance is not reached.
+    **Raises:** ValueError in the same cases as `propagate`; RuntimeError if `throw` is true and the tolerance is not
+    reached.
     """
     solution = _solve(checked(omega, q0, times, method, axes, tolerance), steps, max_steps)
     return solution.check() if throw else solution

@@ -1,7 +1,8 @@
 """Attitude kinematics for diffrax: a term for 2λ̇ = λ∘ω(t), and a Magnus solver with constant |λ|.
 
-For a rate that does not depend on the attitude, `qtraj.propagate` is faster. This module serves events, dense output,
-and programs that use diffrax already. It imports diffrax, so no other module of qtraj imports it.
+For a rate that does not depend on the attitude, `qtraj.propagate` is faster. Use this module for events, for dense
+output, and in code that already uses diffrax. No other module of qtraj imports it, so diffrax is imported only on
+demand.
 """
 
 import math
@@ -30,7 +31,7 @@ class AttitudeTerm(diffrax.AbstractTerm):
     """The diffrax term of 2λ̇ = λ∘ω(t) in body axes, or of 2λ̇ = ω(t)∘λ for `axes="inertial"`.
 
     `omega(t)` [rad/s] is (3,), or (4,) with the scalar part first. Make it an equinox Module for gradients with respect
-    to its parameters. The term suits `QuaternionMagnus` and any other diffrax solver:
+    to its parameters. The term works with `QuaternionMagnus` and any other diffrax solver:
 
         term = AttitudeTerm(omega)
         controller = diffrax.PIDController(rtol=1e-9, atol=1e-9)
@@ -52,9 +53,9 @@ class AttitudeTerm(diffrax.AbstractTerm):
         return quaternion.derivative(y, jnp.asarray(self.omega(t), y.dtype), self.axes)
 
     def contr(self, t0: Any, t1: Any, **kwargs: Any) -> tuple[Any, Any]:
-        """The time from t0 to t1 [s], and the same with the opposite sign for inertial axes.
+        """The time from t0 to t1 [s], twice; for inertial axes the second has the opposite sign.
 
-        A solver has access to the methods of its term only; it reads the axes from the sign of the second number.
+        A solver can only call the methods of its term, so the sign of the second number tells it the axes.
         """
         return t1 - t0, (t1 - t0 if self.axes == "body" else t0 - t1)
 
@@ -85,7 +86,7 @@ class QuaternionMagnus(diffrax.AbstractAdaptiveSolver):
         return 5
 
     def init(self, terms: Any, t0: Any, t1: Any, y0: Quat, args: Any) -> Quat:
-        """The solver state: the rate at `t0`, which the first step uses again."""
+        """The solver state: the rate at `t0`, which the first step reuses."""
         return _rate(terms, t0, y0, args)
 
     def step(
@@ -108,9 +109,9 @@ class QuaternionMagnus(diffrax.AbstractAdaptiveSolver):
 
 
 class AttitudeInterpolation(diffrax.AbstractLocalInterpolation):
-    """λ within a step: the same expansion over part of it, with the quartic through the five rates of the step.
+    """λ within a step: the same expansion over part of the step, with the quartic through its five rates.
 
-    `rates` are those of the body form; `h` is negative where time decreases.
+    `rates` belong to the body form; `h` is negative if time decreases.
     """
 
     t0: Any
@@ -148,5 +149,5 @@ def _magnus_step(start: Quat, rates: Float[Array, "5 4"], h: Scalar) -> tuple[Qu
 
 
 def _body_form(q: Quat, side: Scalar) -> Quat:
-    """q for body axes (`side` 1), its conjugate for inertial axes (`side` −1): this obeys the body form with −ω."""
+    """q for body axes (`side` 1), or its conjugate for inertial axes (`side` −1), which obeys the body form with −ω."""
     return q.at[1:].multiply(side)

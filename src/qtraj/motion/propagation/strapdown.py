@@ -1,8 +1,8 @@
 """λ(t) from a recorded rate: local polynomials interpolate the samples and are integrated exactly.
 
-Every interval has its own polynomial through the samples around it, which may be unevenly spaced. Classical coning
-algorithms correct the sum of the increments for the rotation of the axis between them; here the polynomial accounts for
-it, to a high order.
+Every interval has its own polynomial through the surrounding samples, which may be unevenly spaced. Classical coning
+algorithms correct the sum of the increments for the rotation of the axis; here the polynomial accounts for this
+rotation to high order.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -26,7 +26,7 @@ DEGREE = 5
 DEGREE_OF_MEANS = 6
 """Degree of the local polynomial of the rate: odd for instants and even for means, so that the window is symmetric.
 
-Higher degrees are more accurate for smooth motion, and worse where noisy samples have nearly the same time.
+Higher degrees are more accurate for smooth motion, and less accurate if noisy samples are very close in time.
 """
 
 
@@ -43,19 +43,19 @@ def propagate_samples(
 ) -> Float[Array, "n 4"]:
     """The quaternions (n, 4) at `times` (n,) [s] from recorded rates; `q0` (4,) is the quaternion at times[0].
 
-    `rates` (n, 3), in body or inertial `axes`, are for each `kind`:
+    `rates` (n, 3), in body or inertial `axes`, depend on `kind`:
 
     - "instantaneous": ω(t_k) [rad/s];
     - "mean": the mean of ω over the preceding interval, t_{k−1} to t_k [rad/s];
     - "increment": the integral of ω over the preceding interval, θ_k [rad], as measured by integrating gyros.
 
-    For "mean" and "increment" the first row precedes the propagation and is not used. `degree`: of the local polynomial
-    of the rate, by default 5, or 6 for means and increments; for short recordings it is limited by the number of
-    samples. `method`: integrates it, `GaussLegendre(stages=6)` for None. Times may be uneven. An interval longer than
-    `max_gap` times the median is refused as a gap; None turns this check off.
+    For "mean" and "increment" the first row precedes the propagation and is not used. `degree`: the degree of the local
+    polynomial of the rate, by default 5, or 6 for means and increments; for short recordings it is limited by the
+    number of samples. `method` integrates the polynomial; None is `GaussLegendre(stages=6)`. Times may be unevenly
+    spaced. An interval longer than `max_gap` times the median is an error; None disables this check.
 
-    **Raises:** ValueError for other shapes, kinds and axes, rates that are not finite, times that do not increase
-    strictly, or a gap; the message names the sample and its time.
+    **Raises:** ValueError for other shapes, kinds or axes, rates that are not finite, times that do not increase
+    strictly, or a gap. The message names the sample and its time.
     """
     require_axes(axes)
     if kind not in KINDS:
@@ -100,12 +100,12 @@ def _require_no_gap(times: Array, max_gap: float | None) -> None:
     if values is None or max_gap is None or values.size < 3:
         return
     steps = np.diff(values)
-    i, usual = int(np.argmax(steps)), float(np.median(steps))
-    if steps[i] > max_gap * usual:
+    i, median = int(np.argmax(steps)), float(np.median(steps))
+    if steps[i] > max_gap * median:
         raise ValueError(
             f"the recording has a gap of {steps[i]:.9g} s between sample {i} at {values[i]:.9g} s and sample {i + 1} "
-            f"at {values[i + 1]:.9g} s, although {usual:.3g} s is usual. Propagate both parts separately, or raise "
-            "max_gap."
+            f"at {values[i + 1]:.9g} s; the median interval is {median:.3g} s. Propagate both parts separately, or "
+            "increase max_gap."
         )
 
 
@@ -138,7 +138,7 @@ def _through_increments(nodes: np.ndarray, degree: int, times: Array, increments
     """Rates at the nodes of each interval, from the derivative of the polynomial through the sums of increments."""
     window = _windows(times.shape[0], degree + 2)
     knots = _local(times, window)
-    sums = jnp.cumsum(increments[window].at[:, 0].set(0.0), axis=1)  # starts at zero in each window
+    sums = jnp.cumsum(increments[window].at[:, 0].set(0.0), axis=1)  # the sum starts at zero in each window
     x = jnp.asarray(nodes, times.dtype)
 
     def slope(at, knots, values):

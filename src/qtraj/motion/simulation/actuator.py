@@ -19,10 +19,10 @@ class Actuator(eqx.Module):
     """An actuator that limits the physical part of a command and holds the command between samples.
 
     The virtual part of a command has no limit. `limit` [rad/s², or rad/s for a rate law] or None: with
-    `saturation="norm"` a scalar limits the length of the vector and keeps its direction; with `"axis"` a scalar, or
-    (3,) for the axes, clips each component. `sampling` [s]: a period, starting at the first instant, or the instants
-    (m,) of new commands; the whole command is held in between (zero-order hold). None is a continuous command. Instants
-    may be traced, and the closed loop is exactly differentiable in them.
+    `saturation="norm"`, a scalar limits the magnitude of the vector and keeps its direction; with `"axis"`, a scalar,
+    or (3,) for the axes, clips each component. `sampling` [s]: a period, starting at the first instant, or the instants
+    (m,) of new commands; the whole command is held between them (zero-order hold). With None, the command is
+    continuous. Instants may be traced, and derivatives of the closed loop with respect to them are exact.
 
     **Raises:** ValueError for limits or periods that are not positive, instants that do not increase, another
     `saturation`, or a limit per axis with `"norm"`.
@@ -64,10 +64,10 @@ class Actuator(eqx.Module):
 
 
 def sampling_instants(sampling: ArrayInput | None) -> Sampling | None:
-    """A period or sampling instants as an array; ValueError for invalid known values."""
+    """A period or sampling instants as an array; ValueError for invalid concrete values."""
     if sampling is None:
         return None
-    with jax.ensure_compile_time_eval():  # a known period must stay known inside a trace
+    with jax.ensure_compile_time_eval():  # a concrete period must stay concrete inside a trace
         sampling = as_float(sampling)
     if sampling.ndim > 1 or sampling.size == 0:
         raise ValueError(f"sampling must be a period or a vector of instants [s], but shape {sampling.shape} was given")
@@ -76,5 +76,9 @@ def sampling_instants(sampling: ArrayInput | None) -> Sampling | None:
     if sampling.ndim == 0:
         require_positive(sampling, "the sampling period", "s")
     elif values is not None and not (values[1:] > values[:-1]).all():
-        raise ValueError("sampling instants must increase strictly")
+        i = int((values[1:] <= values[:-1]).argmax())
+        raise ValueError(
+            f"sampling instants must increase strictly, but sampling[{i}] = {values[i]:.9g} s is followed by "
+            f"{values[i + 1]:.9g} s"
+        )
     return sampling

@@ -1,12 +1,11 @@
-"""A rigid body with Euler's equations, under torques that the control computer derives from an assumed inertia.
+"""A rigid body with Euler's equations, under torques that the control computer calculates with an assumed inertia.
 
 Body:    J ω̇ + ω×(Jω + Ah) = −Au + M,    wheels:    ḣ = u
 
 J is the inertia of the body, including the wheels' inertia across their spin axes. A (3, n) has the unit spin axes as
 columns, h (n,) are the axial momenta of the wheels, u (n,) their motor torques, and M is an external torque. Without
-wheels −Au is the torque of thrusters. For the acceleration ε of the law the computer commands
-M_c = J_a ε + ω×(J_a ω + Ah) with its assumed inertia J_a, and distributes it to the wheels by the pseudo-inverse of A,
-−Au = M_c.
+wheels, −Au is the torque of thrusters. For the acceleration ε of the law, the computer commands the torque M_c = J_a ε
++ ω×(J_a ω + Ah) with its assumed inertia J_a, and distributes it to the wheels with the pseudo-inverse of A, −Au = M_c.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from qtraj.motion.dynamics import inertia_matrix
 from qtraj.motion.simulation.disturbance import Signal, at_instant, checked_signal
 
 MIN_SINGULAR_VALUE = 1e-6
-"""Unit spin axes with a smaller singular value do not span the space."""
+"""Unit spin axes with a smaller singular value do not span the three-dimensional space."""
 
 Torques = Float[Array, " n"]
 Momenta = Float[Array, " n"]
@@ -38,13 +37,13 @@ Momenta = Float[Array, " n"]
 class ReactionWheels(eqx.Module):
     """Three or more reaction wheels; their motors exert torques on the body.
 
-    `axes` (n, 3): the spin axes in body axes, of any length. `max_torque` [N m] and `max_momentum` [N m s]: limits of
-    each wheel, scalars or (n,); None for no limit. If a torque exceeds its limit, all motor torques are scaled by the
-    same factor, so the torque on the body keeps its direction. A wheel at its maximum momentum can only be slowed down.
-    `momentum` (n,) [N m s]: the initial momenta; None for zero.
+    `axes` (n, 3): the spin axes in body axes, which need not be normalised. `max_torque` [N m] and `max_momentum` [N m
+    s]: limits of each wheel, scalars or (n,); None for no limit. If a torque exceeds its limit, all motor torques are
+    scaled by the same factor, so the torque on the body keeps its direction. A wheel at its maximum momentum can only
+    be slowed down. `momentum` (n,) [N m s]: the initial momenta; None for zero.
 
-    **Raises:** ValueError for axes of another shape or that do not span the space, limits that are not positive, or
-    momenta of another shape.
+    **Raises:** ValueError for axes of another shape or that do not span the three-dimensional space, limits that are
+    not positive, or momenta of another shape.
     """
 
     axes: Float[Array, "n 3"]
@@ -71,7 +70,7 @@ class ReactionWheels(eqx.Module):
         self.axes = axes / jnp.linalg.norm(axes, axis=1, keepdims=True)
         values = concrete(self.axes)
         if values is not None and not np.linalg.svd(np.nan_to_num(values), compute_uv=False)[-1] > MIN_SINGULAR_VALUE:
-            raise ValueError("the axes of the wheels must span the space, but they give no torque about one direction")
+            raise ValueError("the axes of the wheels must span the space, but there is no torque about one direction")
         count = axes.shape[0]
         self.max_torque = _per_wheel(max_torque, count, "max_torque", "N m")
         self.max_momentum = _per_wheel(max_momentum, count, "max_momentum", "N m s")
@@ -91,13 +90,13 @@ class RigidBody(eqx.Module):
     `inertia` [kg m²]: a scalar, principal moments (3,), or a tensor (3, 3). `assumed` [kg m²]: the inertia that the
     control computer uses; None for the exact one. `torque` [N m]: an external torque in body axes, constant (3,) or a
     function t → (3,). `wheels`: `ReactionWheels` for the control torque; None for thrusters, with `max_torque` [N m] as
-    the limit of the torque's length.
+    the limit of the magnitude of the torque.
 
-    With the exact inertia, no external torque and no active limit, the body has exactly the acceleration that the law
-    commands.
+    With the exact inertia, no external torque and no active limit, the acceleration of the body is exactly the command
+    of the law.
 
-    **Raises:** ValueError for an inertia that is not symmetric and positive, a torque of another shape, or both
-    `wheels` and `max_torque`.
+    **Raises:** ValueError for an inertia that is not symmetric and positive definite, a torque of another shape, or
+    both `wheels` and `max_torque`.
     """
 
     inertia: Mat3
@@ -123,7 +122,9 @@ class RigidBody(eqx.Module):
         if wheels is not None and not isinstance(wheels, ReactionWheels):
             raise ValueError(f"wheels must be ReactionWheels(axes), but {wheels!r} was given")
         if wheels is not None and max_torque is not None:
-            raise ValueError("max_torque limits thrusters, but wheels were given: use ReactionWheels(max_torque=...)")
+            raise ValueError(
+                "RigidBody(max_torque=...) limits thrusters. With wheels, use ReactionWheels(max_torque=...)"
+            )
         self.wheels = wheels
         self.max_torque = None if max_torque is None else real_scalar(max_torque, "max_torque")
         if self.max_torque is not None:
@@ -151,7 +152,7 @@ class RigidBody(eqx.Module):
         return motors / jnp.maximum(ratio, 1.0)
 
     def actual_torques(self, commanded: Torques, momentum: Momenta) -> Torques:
-        """The motor torques, zero where they would accelerate a wheel beyond its maximum momentum."""
+        """The motor torques; zero if they would accelerate a wheel beyond its maximum momentum."""
         if self.wheels is None or self.wheels.max_momentum is None:
             return commanded
         at_maximum = jnp.abs(momentum) >= self.wheels.max_momentum.astype(momentum.dtype)
@@ -193,7 +194,7 @@ def _per_wheel(value: ArrayInput | None, count: int, name: str, unit: str) -> Fl
 
 
 def _limited(vector: Vec3, limit: Scalar | None) -> Vec3:
-    """A vector, shortened to a length of at most `limit`."""
+    """The vector, scaled to a magnitude of at most `limit`."""
     if limit is None:
         return vector
     length = norm(vector)

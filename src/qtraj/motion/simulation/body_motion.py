@@ -24,8 +24,8 @@ class BodyMotion(AbstractResult):
     - `torque` (n, 3) [N m]: the torque of motors or thrusters on the body, body axes.
     - `momentum` (n, m) [N m s]: the momenta of the wheels; None without wheels.
     - `mismatch` (n, 3) [rad/s²]: the acceleration of the body minus the command of the law at the true state, body
-      axes. It is not zero because of errors of the inertia and sensors, external torques, limits and sampling.
-    - `residual` (n, 4) [1/s²]: the left side of the error equation ẍ + K1ẋ + K2x = 0 of an `AccelerationLaw`; None for
+      axes. It is caused by errors of the inertia and the sensors, external torques, limits and sampling.
+    - `residual` (n, 4) [1/s²]: ẍ + K1ẋ + K2x, the residual of the error equation of an `AccelerationLaw`; None for
       other laws.
     - `deviation` (n, 4): the error minus its closed form from the same initial state; None for other laws and for a
       law with hysteresis.
@@ -53,22 +53,22 @@ class BodyMotion(AbstractResult):
         self.deviation = None if deviation is None else as_float(deviation)
 
     def variables(self) -> dict[str, Quantity]:
-        """The fields with units, over `time`, or over `sample` where each batch element has its own times."""
+        """The fields with units, over `time`, or over `sample` if each batch element has its own times."""
         along = "time" if self.times.ndim == 1 else "sample"
         error = (along, "component")
         columns = {
             "torque": Quantity(self.torque, "N m", "control torque on the body, body axes", (along, "body")),
-            "momentum": Quantity(self.momentum, "N m s", "momentum of each wheel, spin axis", (along, "wheel")),
+            "momentum": Quantity(self.momentum, "N m s", "momentum of each wheel about its axis", (along, "wheel")),
             "mismatch": Quantity(
                 self.mismatch, "rad s-2", "acceleration minus the command of the law, body axes", (along, "body")
             ),
-            "residual": Quantity(self.residual, "s-2", "left side of the error equation, zero if exact", error),
+            "residual": Quantity(self.residual, "s-2", "residual of the closed-loop error equation", error),
             "deviation": Quantity(self.deviation, "1", "error quaternion minus its closed form", error),
         }
         return {name: q for name, q in columns.items() if q.values is not None}
 
     def record(self) -> Record:
-        """The motion over `time`, or over `sample` where each batch element has its own times."""
+        """The motion over `time`, or over `sample` if each batch element has its own times."""
         along = "time" if self.times.ndim == 1 else "sample"
         prefix = batch_prefix(self.torque.shape[:-2])
         summary = f"{prefix}{times_text(self.times)}: {self.exactness()}, torque {extent(_length(self.torque), 'N m')}"
@@ -84,7 +84,7 @@ class BodyMotion(AbstractResult):
         return f"{text}, the error from its closed form by up to {_largest(self.deviation):.3g}"
 
     def largest(self) -> Float[Array, "*batch"]:
-        """The largest length of `mismatch` [rad/s²]; NaN if an instant was not reached."""
+        """The largest magnitude of `mismatch` [rad/s²]; NaN if an instant was not reached."""
         return jnp.max(jnp.sqrt(jnp.sum(self.mismatch**2, axis=-1)), axis=-1)
 
 
@@ -99,7 +99,7 @@ def residual_of(law: AccelerationLaw, reference: Attitude, quaternion: Quat, mis
 def deviation_of(
     law: AccelerationLaw, references: Attitude, times: Float[Array, " n"], quaternions: Array, rates: Array
 ) -> Float[Array, "n 4"]:
-    """The error of the law at the instants minus its closed form from the first instant."""
+    """The error of the law minus its closed form that starts at the first instant."""
     first = jax.tree.map(lambda x: x[0], references)
     x = error_quaternion(first, quaternions[0], law.error)
     v = error_rate(first, quaternions[0], rates[0], law.error)

@@ -16,8 +16,8 @@ from qtraj.motion.simulation.task import Scale, Task
 def run(loop: Loop, task: Task, renewals: Float[Array, " m"] | None) -> tuple[States, Int[Array, ""]]:
     """The motion at the task's times, and the result code.
 
-    With `renewals` [s] the command is held between them if sensor or actuator sample, and continuous if only the law
-    updates its sign; without `renewals` it is continuous.
+    With `renewals` [s], the command is held between these instants if the sensor or the actuator is sampled, and
+    continuous if only the law updates its sign. Without `renewals`, it is continuous.
     """
     plant = Plant(loop, Scale(task))
     if renewals is None or not loop.holds:

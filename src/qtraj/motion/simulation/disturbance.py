@@ -27,7 +27,7 @@ SignalInput = TypeAliasType("SignalInput", Callable[[Scalar], Vec3] | ArrayInput
 
 @storable
 class Sinusoid(eqx.Module):
-    """amplitude·sin(2πt/period + phase): a signal of a disturbance that can be stored.
+    """amplitude·sin(2πt/period + phase), a disturbance signal that can be stored.
 
     `amplitude` (3,), in the unit of the disturbance; `period` [s]; `phase` [rad].
 
@@ -70,7 +70,7 @@ def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
 class DisturbanceAcceleration(AbstractDisturbance):
     """An angular acceleration in body axes: `signal` is a function t [s] → (3,) [rad/s²], or a constant (3,).
 
-    A constant and a `Sinusoid` can be stored, other functions cannot.
+    A constant and a `Sinusoid` can be stored; other functions cannot.
 
     **Raises:** ValueError for a function that cannot be called with the time alone, or another shape.
     """
@@ -95,10 +95,10 @@ class DisturbanceTorque(AbstractDisturbance):
     """A torque on a body, ε = J⁻¹M: `signal` is a function t [s] → (3,) [N m] in body axes, or a constant (3,).
 
     `inertia` [kg m²]: a scalar, (3,) principal moments or (3, 3). The gyroscopic torque ω×Jω is part of the commanded
-    torque; see `dynamics.torque`. A constant and a `Sinusoid` can be stored, other functions cannot.
+    torque; see `dynamics.torque`. A constant and a `Sinusoid` can be stored; other functions cannot.
 
-    **Raises:** ValueError for an inertia that is not symmetric and positive, a function that cannot be called with the
-    time alone, or another shape.
+    **Raises:** ValueError for an inertia that is not symmetric and positive definite, a function that cannot be called
+    with the time alone, or another shape.
     """
 
     signal: Signal
@@ -119,7 +119,7 @@ class DisturbanceTorque(AbstractDisturbance):
 
 
 def checked_signal(signal: SignalInput, name: str) -> Any:
-    """A function of time as a pytree, or a constant vector (3,); ValueError for anything else."""
+    """A function of time as a pytree, or a constant vector (3,); ValueError for other values."""
     if not callable(signal):
         return real_vector(signal, name, 3)
     _require_function_of_time(signal, name)
@@ -130,13 +130,16 @@ def _require_function_of_time(signal: Callable[..., Any], name: str) -> None:
     """Raise a ValueError unless a function can be called with the time alone."""
     try:
         signature = inspect.signature(signal)
-    except (TypeError, ValueError):  # some functions written in C have no signature: a wrong one fails when called
+    except (
+        TypeError,
+        ValueError,
+    ):  # functions written in C may have no signature; a wrong one fails when called
         return
     try:
         signature.bind(0.0)
     except TypeError as error:
         raise ValueError(
-            f"{name} must be a function of the time alone, t [s] -> (3,), but the given function takes {signature}"
+            f"{name} must be a function of the time alone, t [s] -> (3,), but its signature is {signature}"
         ) from error
 
 

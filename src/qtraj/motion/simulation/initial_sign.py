@@ -1,4 +1,4 @@
-"""The initial sign of λ: λ and −λ are the same attitude, but a closed loop takes different ways from them."""
+"""The initial sign of λ: λ and −λ are the same attitude, but the closed loop moves differently from each of them."""
 
 import jax.numpy as jnp
 from jax.lax import stop_gradient

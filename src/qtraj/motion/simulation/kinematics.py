@@ -1,7 +1,7 @@
-"""The motion of a body from its angular acceleration (paper C, section 1), in R⁸ and without normalisation.
+"""The motion of a body from its angular acceleration (paper C, section 1), in R⁸ without normalisation of λ.
 
 Body form (1.2): ω̇_x = ε_x, 2λ̇ = λ∘ω_x. Inertial form (1.4): ω̇_ξ = ε_ξ, 2λ̇ = ω_ξ∘λ. ε has four components, and
-|λ(t)|² = |λ(t0)|² exp∫ω0 (the paper's sign of ω0 is an erratum). |λ| is therefore a state, not an error.
+|λ(t)|² = |λ(t0)|² exp∫ω0 (the sign of ω0 in the paper is an erratum). |λ| is therefore part of the state, not an error.
 """
 
 from __future__ import annotations  # so that `help` shows short names
@@ -40,22 +40,22 @@ def integrate(
     max_steps: int = MAX_STEPS,
     throw: bool = False,
 ) -> Solution:
-    """λ(t) and ω(t) from ε = `acceleration`(t, λ, ω), four components [rad/s²].
+    """λ(t) and ω(t) from ε = `acceleration`(t, λ, ω), which has four components [rad/s²].
 
-    `quaternion` (4,), of any non-zero length, and `rate` (4,) [rad/s]: the state at the first of `times` (n,) [s].
-    `axes`: "body" or "inertial", of the rate, the acceleration and the solution's rate. `solver`: a diffrax solver,
-    Dopri8 for None. `rtol` is relative to each component. `atol` is relative to |λ(0)| for λ; for ω it is relative to
-    |ω(0)| or to one radian per span of time, whichever is larger. `jumps` (m,) [s]: instants where ε jumps, for
-    efficiency and for derivatives with respect to them. `adjoint`: a diffrax adjoint. None supports forward and reverse
-    differentiation; for reverse differentiation in large batches `diffrax.RecursiveCheckpointAdjoint()` may be faster.
-    `max_steps`: between two instants.
+    `quaternion` (4,), non-zero and not necessarily normalised, and `rate` (4,) [rad/s]: the state at the first of
+    `times` (n,) [s]. `axes`: "body" or "inertial", the axes of the rate, the acceleration and the solution's rate.
+    `solver`: a diffrax solver, Dopri8 for None. `rtol` is relative to each component. `atol` is relative to |λ(0)| for
+    λ; for ω it is relative to |ω(0)| or to one radian per time span, whichever is larger. `jumps` (m,) [s]: instants at
+    which ε jumps, for efficiency and for derivatives with respect to them. `adjoint`: a diffrax adjoint. None supports
+    forward and reverse differentiation; for reverse differentiation in large batches,
+    `diffrax.RecursiveCheckpointAdjoint()` may be faster. `max_steps`: the maximum number of steps between two instants.
 
-    A failure is a value: `code` and `result` of the solution describe it, for each element of a batch, and instants
-    that were not reached are NaN. With `throw` it raises.
+    A failure is returned as a value: `code` and `result` of the solution describe it for each element of a batch, and
+    values at instants that were not reached are NaN. If `throw` is true, an error is raised instead.
 
     **Raises:** ValueError for times that do not increase strictly, or that are so far from zero that their dtype does
-    not resolve them; for λ = 0, values that are not finite, other shapes (also of ε) or other axes. RuntimeError with
-    `throw` where an instant was not reached.
+    not resolve them; for λ = 0, values that are not finite, other shapes (including the shape of ε) or other axes.
+    RuntimeError if `throw` is true and an instant was not reached.
     """
     require_axes(axes)
     method = Method(solver, adjoint, max_steps)

@@ -1,4 +1,4 @@
-"""The parts of a closed loop, and the instants at which they give a new command."""
+"""The parts of a closed loop, and the instants of new commands."""
 
 from typing import Any
 
@@ -20,10 +20,10 @@ from qtraj.motion.simulation.disturbance import AbstractDisturbance
 from qtraj.motion.simulation.sensor import AbstractSensor, Gyros
 
 ROUNDING = 1e-9
-"""Fraction of a period, in addition to round-off, by which the last sample may miss the end."""
+"""Fraction of a period, in addition to round-off, by which the last sample may be later than the end."""
 
 MAX_RENEWALS = 1_000_000
-"""The largest number of commands; more would take many minutes."""
+"""The maximum number of commands; more would take many minutes."""
 
 
 class Loop(eqx.Module):
@@ -47,17 +47,22 @@ class Loop(eqx.Module):
         _require_kind(self.actuator, Actuator, "actuator", "Actuator(1.0)")
         _require_kind(self.body, RigidBody | None, "body", "RigidBody(inertia)")
         if self.commands_rate and self.body is not None:
-            raise ValueError("a rate law cannot move a body with inertia, but body was given. Use an AccelerationLaw.")
+            raise ValueError(
+                "a rate law commands the rate directly, so it cannot be used with body=RigidBody(...). Use an "
+                "AccelerationLaw."
+            )
         if self.commands_rate and self.disturbance is not None:
             raise ValueError(
-                "a rate law commands the rate, which a disturbing acceleration cannot change. Use an AccelerationLaw."
+                "a rate law commands the rate directly, so a disturbance has no effect. Use an AccelerationLaw."
             )
         if self.commands_rate and isinstance(self.sensor, Gyros):
-            raise ValueError("Gyros need a continuous rate, but a rate law lets the rate jump. Use an AccelerationLaw.")
+            raise ValueError(
+                "Gyros need a continuous rate, but under a rate law the rate is discontinuous. Use an AccelerationLaw."
+            )
 
     @property
     def holds(self) -> bool:
-        """Whether sensor or actuator sample, so that the command is held between renewals."""
+        """Whether the sensor or the actuator is sampled, so that the command is held between updates."""
         return any(part is not None and part.sampling is not None for part in (self.sensor, self.actuator))
 
     @property
@@ -77,8 +82,8 @@ class Loop(eqx.Module):
 def renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m"] | None:
     """The instants of new commands or sign updates [s], from the sampling of the parts; None for a continuous loop.
 
-    **Raises:** ValueError where the parts differ, where a hysteretic law has no instants, where a period is traced or
-    gives more than `MAX_RENEWALS` instants, or where the first instant is after the first of `times`.
+    **Raises:** ValueError if the parts have different sampling, if a hysteretic law has no sampling, if a period is
+    traced or gives more than `MAX_RENEWALS` instants, or if the first instant is later than the first of `times`.
     """
     with jax.ensure_compile_time_eval():  # constants stay concrete inside a trace
         return _renewal_instants(loop, times)
@@ -91,14 +96,14 @@ def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m
     if not samplings:
         if isinstance(loop.law, HystereticLaw):
             raise ValueError(
-                "the hysteretic law has no instants at which to update its sign. Set a sampling period [s] for the "
-                "law, the sensor or the actuator."
+                "the hysteretic law needs instants at which to update its sign. Set the sampling [s] of the law, the "
+                "sensor or the actuator."
             )
         return None
     if not all(_same(samplings[0], other) for other in samplings[1:]):
         raise ValueError(
-            "sensor, actuator and hysteretic law sample differently. Use the same sampling for all, or sampling=None "
-            "for the others."
+            "sensor, actuator and hysteretic law have different sampling. Use the same sampling for all, or set it "
+            "for one of them and use sampling=None for the others."
         )
     sampling = samplings[0].astype(times.dtype)
     if sampling.ndim:
@@ -107,14 +112,14 @@ def _renewal_instants(loop: Loop, times: Float[Array, " n"]) -> Float[Array, " m
     period, span = concrete(sampling), concrete(times[-1] - times[0])
     if period is None or span is None:
         raise ValueError(
-            "the number of commands is not known for a traced period or span: pass the instants as sampling"
+            "the number of commands cannot be determined from a traced period or span: pass the instants as sampling"
         )
     periods = float(span) / float(period)
     rounding = ROUNDING + 4 * float(np.finfo(span.dtype).eps) * periods
     if periods > MAX_RENEWALS:
         raise ValueError(
-            f"a sampling period of {float(period):.6g} s means {periods:.3g} commands in {float(span):.6g} s, but the "
-            f"maximum is {MAX_RENEWALS}. Use a longer period, or sampling=None for a continuous loop."
+            f"a sampling period of {float(period):.6g} s requires {periods:.3g} commands in {float(span):.6g} s, but "
+            f"the maximum is {MAX_RENEWALS}. Use a longer period, or sampling=None for a continuous loop."
         )
     count = int(np.floor(periods + rounding)) + 1
     return times[0] + sampling * jnp.arange(count, dtype=times.dtype)
@@ -136,6 +141,6 @@ def _require_early(instants: Float[Array, " m"], times: Float[Array, " n"]) -> N
     first, start = concrete(instants[0]), concrete(times[0])
     if first is not None and start is not None and first > start:
         raise ValueError(
-            f"the first sampling instant, {float(first):.9g} s, comes after the first of times, {float(start):.9g} s: "
-            "no command is defined in between"
+            f"the first sampling instant, {float(first):.9g} s, is later than times[0] = {float(start):.9g} s, so no "
+            "command is defined between them"
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.record import Quantity, Record
@@ -17,21 +18,23 @@ from qtraj.motion.programs.slew_history import attitudes_at
 from qtraj.motion.simulation.solution import Solution
 
 INTERVALS = 1200
-"""Equal intervals of `judging_times`."""
+"""Number of equal intervals of `judging_times`."""
 BEFORE_JUMP = 1e-9
-"""Relative to the duration: distance of the instant before a jump in `judging_times`."""
+"""Time between a jump and the instant before it in `judging_times`, as a fraction of the duration."""
 
 
 class LoopHistory(AbstractResult):
     """The motion of a closed loop at n instants, with its program and its closed form at the same instants.
 
     `solution`: the `Solution`. `reference`: the program, fields (n, …). `closed_form`: the undisturbed motion, None for
-    a law without a linear error equation. `history[rows]` selects instants.
+    a law without a linear error equation. `open_loop_angle` (n,) [rad]: the angle to the program without feedback, if
+    simulated. `history[rows]` selects instants.
     """
 
     solution: Solution
     reference: Attitude
     closed_form: ClosedMotion | None
+    open_loop_angle: Float[Array, " n"] | None = None
 
     @property
     def times(self) -> np.ndarray:
@@ -39,7 +42,7 @@ class LoopHistory(AbstractResult):
         return np.asarray(self.solution.times)
 
     def record(self) -> Record:
-        """All variables over `time`. The virtual parts, from d/dt ln|λ|², have no radians in their units."""
+        """All variables over `time`. The virtual parts, defined by d/dt ln|λ|², have units without radians."""
         solution, closed = self.solution, self.closed_form
         per = "s-1" if solution.commands == "rate" else "s-2"
         time, body, component = ("time",), ("time", "body"), ("time", "component")
@@ -47,16 +50,16 @@ class LoopHistory(AbstractResult):
         variables = {
             "angle": Quantity(solution.angle, "rad", "angle between body and program", time),
             "error": Quantity(solution.error, "1", "error quaternion of the law", component),
-            "norm": Quantity(solution.norm, "1", "length of the quaternion", time),
-            "quaternion": Quantity(solution.quaternion, "1", "attitude of the body, of any length", component),
-            "rate": Quantity(rate[:, 1:], "rad s-1", "rate of the body, its own axes", body),
+            "norm": Quantity(solution.norm, "1", "norm of the quaternion", time),
+            "quaternion": Quantity(solution.quaternion, "1", "attitude of the body, not normalised", component),
+            "rate": Quantity(rate[:, 1:], "rad s-1", "angular rate of the body, body axes", body),
             "virtual_rate": Quantity(rate[:, 0], "s-1", "virtual rate, d/dt ln|quaternion|²", time),
             "command": Quantity(command[:, 1:], f"rad {per}", "physical command, body axes", body),
             "virtual_command": Quantity(
-                command[:, 0], per, "virtual command, which steers the length of the quaternion", time
+                command[:, 0], per, "virtual command, which controls the norm of the quaternion", time
             ),
             "program_quaternion": Quantity(self.reference.quaternion, "1", "attitude of the program", component),
-            "program_rate": Quantity(self.reference.rate, "rad s-1", "rate of the program, its own axes", body),
+            "program_rate": Quantity(self.reference.rate, "rad s-1", "angular rate of the program, program axes", body),
         }
         if closed is not None:
             variables |= {
@@ -65,37 +68,47 @@ class LoopHistory(AbstractResult):
                     closed.error, "1", "error quaternion in closed form, undisturbed", component
                 ),
             }
+        if self.open_loop_angle is not None:
+            meaning = "angle between program and body under the acceleration of the program alone, without feedback"
+            variables["open_loop_angle"] = Quantity(self.open_loop_angle, "rad", meaning, time)
         summary = f"{times_text(self.times)}: angle to the program {extent(solution.angle, 'rad')}"
-        times = Quantity(solution.times, "s", "time from the start of the program", time)
+        times = Quantity(solution.times, "s", "time since the start of the program", time)
         about = {"frame": "body", "rate_convention": "body axes; a virtual rate is d/dt ln|quaternion|²"}
         return Record(summary, variables, {"time": times}, about)
 
     def __getitem__(self, rows: ArrayInput | slice) -> LoopHistory:
-        """The history at some of the instants."""
+        """The history at the selected instants."""
         code = self.solution.code
         return jax.tree.map(lambda values: values if values is code else jnp.asarray(values)[rows], self)
 
 
 def loop_history(
-    program: AbstractProgram, law: AbstractLaw, quaternion: ArrayInput, rate: ArrayInput, solution: Solution
+    program: AbstractProgram,
+    law: AbstractLaw,
+    quaternion: ArrayInput,
+    rate: ArrayInput,
+    solution: Solution,
+    open_loop: Solution | None = None,
 ) -> LoopHistory:
-    """A solution of `simulate` with its program and its closed form; the other arguments are those of `simulate`.
+    """A solution of `simulate` with its program and its closed form; the other arguments are as in `simulate`.
+
+    `open_loop`: a solution of `open_loop` at the same instants, None for none.
 
     **Raises:** ValueError for a solution without commands, or a program without an attitude at one of its instants.
     """
     if solution.command is None or solution.angle is None:
-        raise ValueError("the solution of an open-loop integration has no command and no error. Use simulate instead.")
+        raise ValueError("a solution of integrate has neither a command nor an error. Use simulate instead.")
     references = references_at(program, solution.times)
     closed = None
     if isinstance(law, AccelerationLaw | RateLaw):
         closed = closed_motion(law, references, as_float(quaternion), as_float(rate), solution.times)
-    return LoopHistory(solution, references, closed)
+    return LoopHistory(solution, references, closed, None if open_loop is None else open_loop.angle)
 
 
 def references_at(program: AbstractProgram, times: ArrayInput) -> Attitude:
     """A program at the instants `times` (n,) [s].
 
-    **Raises:** ValueError if it has no attitude at one of them.
+    **Raises:** ValueError if the program has no attitude at one of them.
     """
     references = attitudes_at(program, as_float(times))
     defined = np.isfinite(np.asarray(references.quaternion)).all(axis=1)

@@ -24,28 +24,29 @@ from qtraj.motion.simulation.sensor import AbstractSensor, Sensor
 from qtraj.motion.simulation.simulate import NEAR
 
 SETTLED = math.radians(1.0)
-"""[rad] Default angle within which a loop has settled."""
+"""[rad] Default angle below which a loop counts as settled."""
 LIMITED = 1e-9
-"""A command within this relative distance of its limit counts as limited."""
+"""A command whose relative margin to its limit is below this counts as limited."""
 STEPS = 100
-"""The errors of the steps may accumulate to this multiple of the tolerances of one step."""
+"""The step errors may accumulate to this multiple of the tolerances of one step."""
 MIN_BOUND, MAX_BOUND = 1e-12, 1e-2
 """Range of the bound on the relative deviation from the closed form."""
 
 
 class LoopVerdict(AbstractOutcome):
-    """The assessment of a simulated closed loop. Values that do not exist are NaN.
+    """The assessment of a simulated closed loop. Values that are not defined are NaN.
 
     - `initial_angle`, `final_angle` [rad]: the angle between body and program at the first and the last instant.
     - `settled_angle` [rad], `settling_time` [s]: the angle stays within `settled_angle` from `settling_time` on.
-    - `peak_command`: the largest length of the physical command [rad/s²; of a rate law rad/s], at `peak_time` [s].
+    - `peak_command`: the largest magnitude of the physical command [rad/s²; rad/s for a rate law], at `peak_time` [s].
       `peak_components` (3,): the largest magnitude along each body axis.
-    - `deviation`: the largest difference of the error quaternion from its closed form, relative to the largest error
-      (at least 1). `bound`: the difference that the tolerances explain. Both are NaN if the closed form does not apply
-      for a `reason`.
-    - `initial_norm`, `least_norm`, `largest_norm`: |λ|. `norm_drift`: its relative difference from the exact value.
-    - `least_error`: the minimum of |μ|, where the command is largest. `least_error_exact`: whether it is the minimum
-      over all times instead of over the instants.
+    - `deviation`: the largest difference between the error quaternion and its closed form, relative to the largest
+      error (at least 1). `bound`: the largest difference that the tolerances explain. Both are NaN if the closed form
+      does not apply; `reason` says why.
+    - `initial_norm`, `least_norm`, `largest_norm`: the initial, smallest and largest |λ|. `norm_drift`: its relative
+      error.
+    - `least_error`: the minimum of |μ|, at which the command is largest. `least_error_exact`: whether it is the minimum
+      over continuous time, from the closed form, instead of the minimum over the instants.
     - `growth` [1/s]: the largest real part of the eigenvalues of the closed loop. Errors decay if it is negative.
     - `code`: the code of the solution, or `near_zero_error` if the closed form passes near zero between two instants.
     - `instants`: the number of instants.
@@ -74,7 +75,7 @@ class LoopVerdict(AbstractOutcome):
 
     @property
     def applies(self) -> bool:
-        """Whether the closed form applies to the loop; `reason` says why not."""
+        """Whether the closed form applies to the loop; if it does not, `reason` says why."""
         return not self.reason
 
     @property
@@ -93,26 +94,28 @@ class LoopVerdict(AbstractOutcome):
         return "finished: every instant was reached." if code == ResultCode.successful else code.text
 
     def record(self) -> Record:
-        """The fields with units, and the texts `closed_form` and `result`."""
+        """The fields with units, and the strings `closed_form` and `result`."""
         per = "rad s-1" if self.commands == "rate" else "rad s-2"
         closed = f"does not apply: {self.reason}" if self.reason else "agrees" if self.agrees else "departs"
         variables = {
             "initial_angle": Quantity(self.initial_angle, "rad", "angle between body and program at the start"),
             "final_angle": Quantity(self.final_angle, "rad", "angle between body and program at the end"),
-            "settled_angle": Quantity(self.settled_angle, "rad", "angle within which the loop has settled"),
+            "settled_angle": Quantity(self.settled_angle, "rad", "angle below which the loop counts as settled"),
             "settling_time": Quantity(self.settling_time, "s", "time after which the angle stays within settled_angle"),
-            "peak_command": Quantity(self.peak_command, per, "largest length of the physical command"),
+            "peak_command": Quantity(self.peak_command, per, "largest magnitude of the physical command"),
             "peak_time": Quantity(self.peak_time, "s", "time of the largest command"),
             "peak_components": Quantity(self.peak_components, per, "largest command along each body axis", ("body",)),
             "closed_form": Quantity(np.array(closed), "", "whether the closed form agrees, or why it does not apply"),
-            "deviation": Quantity(self.deviation, "1", "largest difference from the closed form, relative"),
-            "bound": Quantity(self.bound, "1", "difference that the tolerances explain"),
-            "initial_norm": Quantity(self.initial_norm, "1", "length of the quaternion at the start"),
-            "least_norm": Quantity(self.least_norm, "1", "least length of the quaternion"),
-            "largest_norm": Quantity(self.largest_norm, "1", "largest length of the quaternion"),
-            "norm_drift": Quantity(self.norm_drift, "1", "difference of the length from its exact value, relative"),
-            "least_error": Quantity(self.least_error, "1", "least length of the error quaternion"),
-            "least_error_exact": Quantity(self.least_error_exact, "1", "whether least_error is over all times"),
+            "deviation": Quantity(self.deviation, "1", "largest relative difference from the closed form"),
+            "bound": Quantity(self.bound, "1", "largest difference that the tolerances explain"),
+            "initial_norm": Quantity(self.initial_norm, "1", "norm of the quaternion at the start"),
+            "least_norm": Quantity(self.least_norm, "1", "smallest norm of the quaternion"),
+            "largest_norm": Quantity(self.largest_norm, "1", "largest norm of the quaternion"),
+            "norm_drift": Quantity(self.norm_drift, "1", "relative error of the norm of the quaternion"),
+            "least_error": Quantity(self.least_error, "1", "smallest norm of the error quaternion"),
+            "least_error_exact": Quantity(
+                self.least_error_exact, "1", "whether least_error is the minimum over continuous time"
+            ),
             "growth": Quantity(self.growth, "s-1", "largest real part of the closed loop's eigenvalues"),
             "stable": Quantity(np.array(self.stable), "1", "whether errors decay"),
             "instants": Quantity(self.instants, "1", "number of instants"),
@@ -139,8 +142,8 @@ def judge_loop(
 ) -> LoopVerdict:
     """The assessment of a closed loop; `law` to `actuator`, `rtol` and `atol` are the arguments of its simulation.
 
-    `settled` [rad] is the angle within which it counts as settled. Only the instants of `history` are used: provide
-    many of them, and both sides of each jump of the program, as from `judging_times`.
+    `settled` [rad] is the angle below which the loop counts as settled. Only the instants of `history` are used, so
+    they should be dense and include both sides of each jump of the program, as from `judging_times`.
     """
     solution, times = history.solution, history.times
     lengths, angle = np.asarray(solution.norm), np.asarray(solution.angle)
@@ -185,7 +188,7 @@ def _reason(
     sensor: AbstractSensor | None,
     actuator: Actuator | None,
 ) -> str:
-    """The reason why the closed form does not apply; empty if it applies."""
+    """The reason why the closed form does not apply; an empty string if it applies."""
     if history.closed_form is None:
         return "the closed loop of this law is not linear"
     if disturbance is not None:
@@ -221,7 +224,7 @@ def _deviation(history: LoopHistory, rtol: float, atol: float) -> tuple[float, f
 
 
 def _least_error(history: LoopHistory, law: AbstractLaw, reason: str) -> tuple[float, bool]:
-    """The minimum of |μ|, and whether it is the minimum over all times, from the closed form."""
+    """The minimum of |μ|, and whether it is the minimum over continuous time, from the closed form."""
     solution, lengths = history.solution, np.asarray(history.solution.norm)
     if not isinstance(law, AccelerationLaw | RateLaw) or np.isnan(lengths).all():
         return math.nan, False
@@ -236,7 +239,7 @@ def _least_error(history: LoopHistory, law: AbstractLaw, reason: str) -> tuple[f
 
 
 def _drift(history: LoopHistory, lengths: np.ndarray, reason: str) -> float:
-    """The largest relative difference of |λ| from its exact value: a constant, or the closed form."""
+    """The largest relative difference of |λ| from its exact value, a constant or the closed form."""
     if history.closed_form is None:
         return _largest((lengths - lengths[0]) / lengths[0])
     if reason:
@@ -246,5 +249,5 @@ def _drift(history: LoopHistory, lengths: np.ndarray, reason: str) -> float:
 
 
 def _largest(x: np.ndarray) -> float:
-    """The largest length of a row, or magnitude of a number; NaN where one is."""
+    """The largest norm of a row, or the largest absolute value of a number; NaN if any value is NaN."""
     return float(np.max(np.linalg.norm(x, axis=1) if x.ndim > 1 else np.abs(x)))

@@ -1,14 +1,14 @@
-"""Integration with diffrax from instant to instant, with the result code as a value.
+"""Integration with diffrax from instant to instant; failures are reported as a result code.
 
 Each interval between two instants of a grid is one adaptive solve, in the unit time u of the interval, inside a scan.
-Steps end exactly at the instants, so events there (a new command, a jump of the field), and derivatives with respect to
-these instants, are exact. This is the only module of motion.simulation that calls diffrax.
+Steps end exactly at the instants. Events at the instants (a new command, a jump of the field) and derivatives with
+respect to the instants are therefore exact. This is the only module of motion.simulation that calls diffrax.
 
 Dopri8 is the default solver. On the closed loop of a three-axis program over 6 s, with 61 instants and rtol 1e-10,
-Dopri8 takes 62 steps with an error of 5e-14, Dopri5 283 with 6e-12, and Tsit5 273 with 5e-12. Dense output instead of
-steps that end at the instants would save a third of Dopri8's steps, but with an error of 7e-10. A scan over intervals
-is also more robust than steps clipped to the instants: a step that ends within round-off before an instant would leave
-a step of that size.
+Dopri8 takes 62 steps with an error of 5e-14, Dopri5 283 with 6e-12, and Tsit5 273 with 5e-12. Dense output, instead of
+steps that end at the instants, would save a third of Dopri8's steps, but the error would be 7e-10. A scan over
+intervals is also more robust than steps clipped to the instants: if a step ended just before an instant, the next step
+would be as small as round-off.
 """
 
 import functools
@@ -23,31 +23,32 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.types import Scalar
 
-MAX_STEPS = 16**3  # a power of 16, the base of the loop that differentiates in reverse
+MAX_STEPS = 16**3  # a power of 16, the base of the loop used in reverse differentiation
 FIRST_STEP = 0.01
-"""The first step, as a fraction of the span, where the first interval is not shorter."""
+"""The first step as a fraction of the time span, unless the first interval is shorter."""
 STEP_GROWTH = 2.0
-"""The first step of an interval, in mean steps of the interval before."""
+"""The first step of an interval, as a multiple of the mean step of the previous interval."""
 WHOLE_INTERVAL = 0.75
-"""A first step of at least this fraction of an interval covers all of it; the rest could be as small as round-off."""
+"""A first step of at least this fraction of an interval is extended to its end, to avoid a tiny last step."""
 MIN_STEP = 16
-"""The smallest step, in units of round-off of an interval; a smaller one is a failure."""
+"""The minimum step, in units of round-off of an interval; the integration fails if a smaller one is needed."""
 SIDE = 4
-"""The smallest distance of a field evaluation from an instant, in units of round-off, so that it sees its own side."""
+"""Minimum distance of a field evaluation from an instant, in units of round-off, to stay on one side of a jump."""
 
 State = Float[Array, " d"]
 Memory = PyTree[Array]
+"""The discrete state, such as a held command, which changes only at instants of the grid."""
 
 
 class Tolerances(eqx.Module):
-    """Tolerances of a step: `rtol` times the size of each component plus `atol`, root mean square over components."""
+    """Tolerances of a step: `rtol` times the magnitude of each component plus `atol`, as root mean square."""
 
     rtol: Scalar
     atol: Scalar
 
 
 class Method(eqx.Module):
-    """Solver and adjoint of diffrax, or None for the defaults; `max_steps` is per interval."""
+    """Solver and adjoint of diffrax, or None for the defaults; `max_steps` applies to each interval."""
 
     solver: Any = None
     adjoint: Any = None
@@ -55,7 +56,7 @@ class Method(eqx.Module):
 
 
 class Grid(eqx.Module):
-    """Non-decreasing instants `times` (n,) [s] after `start` [s]; `renews`: where the memory is updated."""
+    """Non-decreasing instants `times` (n,) [s] after `start` [s]; `renews`: whether the discrete state is updated."""
 
     start: Scalar
     times: Float[Array, " n"]
@@ -67,18 +68,18 @@ Renew = Callable[[Int[Array, ""], Scalar, State, Memory], Memory]
 
 
 def keep(index: Int[Array, ""], t: Scalar, state: State, memory: Memory) -> Memory:
-    """A renewal that leaves the memory unchanged."""
+    """An update that leaves the discrete state unchanged."""
     return memory
 
 
 def march(
     field: Field, renew: Renew, state: State, memory: Memory, grid: Grid, tolerances: Tolerances, method: Method
 ) -> tuple[Float[Array, "n d"], Memory, Int[Array, ""]]:
-    """States and memories at the grid's instants, after their renewal, and the result code.
+    """States and discrete states at the instants of the grid, after their updates, and the result code.
 
-    ẏ = field(t, y, memory), and memory ← renew(index, t, y, memory) at an instant that renews. Rows that were not
-    reached are NaN. Without an `adjoint` in the method, forward and reverse differentiation are supported at no cost
-    where they are not used.
+    ẏ = field(t, y, memory), and memory ← renew(index, t, y, memory) at an instant with an update. Rows that were not
+    reached are NaN. Without an `adjoint` in the method, forward and reverse differentiation are supported, at no cost
+    if they are not used.
     """
     # Captured values become arguments, so that they can be differentiated and batched.
     field = eqx.filter_closure_convert(field, grid.start, state, memory)
@@ -134,7 +135,7 @@ def _march(inputs: Any, *, method: Method) -> Any:
 
 
 class _IntervalField(eqx.Module):
-    """The field of one interval in its unit time: dy/du = h f(t_a + uh, y)."""
+    """The field of one interval in unit time: dy/du = h f(t_a + uh, y)."""
 
     field: Field
     memory: Memory

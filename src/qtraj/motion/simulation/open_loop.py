@@ -1,8 +1,8 @@
 """Open-loop control: the acceleration ε⁰ of a program without feedback (paper C, (1.5), (1.6), (3.14), (3.15)).
 
-From the initial attitude and rate of the program the body follows the program. Errors are not corrected: an attitude
-error remains, a rate error makes the attitude error grow with time, and a disturbance is integrated twice. `simulate`
-closes the loop.
+If the body starts with the attitude and rate of the program, it follows the program. Errors are not corrected: an
+attitude error remains, a rate error makes the attitude error grow with time, and a disturbance is integrated twice.
+`simulate` closes the loop.
 """
 
 from __future__ import annotations
@@ -45,18 +45,20 @@ def open_loop(
     max_steps: int = MAX_STEPS,
     throw: bool = False,
 ) -> Solution:
-    """The motion of a body under ω̇ = ε⁰(t), the acceleration of `program`, without any feedback.
+    """The motion of a body under ω̇ = ε⁰(t), the acceleration of `program`, without feedback.
 
-    `times` (n,) [s]: increasing instants of the program's own time, the first for the initial state. `quaternion` (4,)
-    and `rate` (4,) [rad/s]: the initial state; None for that of the program. `axes`, "body" or "inertial": the axes in
-    which the components of ε⁰ are applied, and the axes of the initial and the resulting rate. The two choices differ
-    if the attitude differs from the program. `disturbance` (in body axes) and `sign` are as in `simulate`. `jumps`:
-    None for the `switches` of the program, if it has any. All other arguments are as in `integrate`.
+    `times` (n,) [s]: increasing instants, measured from the start of the program; the initial state is at the first.
+    `quaternion` (4,) and `rate` (4,) [rad/s]: the initial state; None for the state of the program. `axes`, "body" or
+    "inertial": the axes in which the components of ε⁰ are applied, and the axes of the initial and the resulting rate.
+    The two choices differ if the attitude differs from the program. `disturbance` (in body axes) and `sign` are as in
+    `simulate`. `jumps`: None for the `switches` of the program, if it has any. All other arguments are as in
+    `integrate`.
 
     In the solution `command` is ε⁰ in body axes, `error` is the body error μ, and `angle` is the angle between body and
     program.
 
-    **Raises:** ValueError as `integrate`, for another type of program, or another sign. RuntimeError with `throw`.
+    **Raises:** ValueError in the same cases as `integrate`, and for another type of program or another sign.
+    RuntimeError if `throw` is true and an instant was not reached.
     """
     require_axes(axes)
     require_sign(sign)

@@ -1,4 +1,4 @@
-"""The body of a closed loop: the differential equation of λ and ω, and of reaction wheels, under a command."""
+"""The body of a closed loop: the differential equation of λ, ω and the wheel momenta under a command."""
 
 import equinox as eqx
 import jax
@@ -33,7 +33,7 @@ class States(eqx.Module):
 
 
 class Plant(eqx.Module):
-    """The body under a command: its state is in R⁸ for accelerations, plus wheel momenta, and in R⁴ for rates."""
+    """The body under a command. Its state is in R⁸, plus wheel momenta, for accelerations, and in R⁴ for rates."""
 
     loop: Loop
     scale: Scale
@@ -46,7 +46,7 @@ class Plant(eqx.Module):
         return state if self.loop.body is None else jnp.concatenate([state, self.momentum / self.momentum_scale])
 
     def unpack(self, state: State, command: Quat) -> tuple[Quat, Quat]:
-        """λ and ω of a state vector; under a rate law ω is the command."""
+        """λ and ω of a state vector; under a rate law, ω is the command."""
         if self.loop.commands_rate:
             return state * self.scale.quaternion, command
         return self.scale.unpack(state[:RIGID])
@@ -59,7 +59,7 @@ class Plant(eqx.Module):
 
     @property
     def momentum_scale(self) -> Scalar:
-        """A scale that makes momenta of order one [N m s]."""
+        """A scale by which momenta are divided to be of order one [N m s]."""
         if self.loop.body is None:
             return self.scale.rate
         size = jnp.max(jnp.abs(self.loop.body.inertia)).astype(self.scale.rate.dtype) * self.scale.rate
@@ -73,7 +73,7 @@ class Plant(eqx.Module):
         return Held(command, self.loop.body.commanded_torques(command[1:], rate[1:], momentum))
 
     def states(self, states: Float[Array, "n d"], held: Held, signs: Float[Array, " n"] | None) -> States:
-        """λ, ω, momenta and commands for many state vectors."""
+        """λ, ω, momenta and commands for a batch of state vectors."""
         quaternions, rates = jax.vmap(self.unpack)(states, held.command)
         quaternions = quaternions if signs is None else signs[:, None] * quaternions
         return States(quaternions, rates, states[:, RIGID:] * self.momentum_scale, held)

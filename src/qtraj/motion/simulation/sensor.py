@@ -1,7 +1,7 @@
 """Sensors of the on-board computer: measured attitude and rate, or gyros alone.
 
 |λ| and ω0 are variables of the computer and known exactly; errors affect the attitude and the physical rate only. A
-sensor may keep a memory between samples.
+sensor may have a discrete state that changes at the samples.
 """
 
 import abc
@@ -20,34 +20,36 @@ from qtraj.motion.simulation.actuator import Sampling, sampling_instants
 
 Key = UInt32[Array, "2"]
 Memory = PyTree[Array]
+"""The discrete state of a sensor."""
 
 
 class AbstractSensor(eqx.Module):
-    """A sensor: from the true state to the measured state that the law uses."""
+    """A sensor: it computes the measured state, which the law uses, from the true state."""
 
     sampling: eqx.AbstractVar[Sampling | None]
 
     @abc.abstractmethod
     def start(self, quaternion: Quat, rate: Quat) -> Memory:
-        """The memory before the first sample, for the true initial state."""
+        """The sensor's state before the first sample, from the true initial state."""
 
     @abc.abstractmethod
     def measure(
         self, k: Int[Array, ""], elapsed: Scalar, quaternion: Quat, rate: Quat, memory: Memory
     ) -> tuple[Quat, Quat, Memory]:
-        """The measured λ and ω (4,) of sample `k`, `elapsed` [s] after the previous one, and the new memory."""
+        """The measured λ and ω (4,) of sample `k`, `elapsed` [s] after the previous one, and the sensor's new state."""
 
 
 @storable
 class Sensor(AbstractSensor):
     """Measures attitude and rate, each with a constant bias and white noise.
 
-    `rate_bias` (3,), `rate_noise` (standard deviation per sample) [rad/s]; `attitude_bias` (3,), `attitude_noise`
-    [rad], as small rotations in body axes. `key`: a key of `jax.random`, needed for noise. `sampling` [s]: a period or
-    instants, as for an `Actuator`; each sample renews the command, which is held in between. None is a continuous
-    sensor, which cannot have noise: continuous white noise has no finite variance.
+    `rate_bias` (3,) and `rate_noise` (standard deviation of each sample) [rad/s]; `attitude_bias` (3,) and
+    `attitude_noise` [rad], as small rotations in body axes. `key`: a key of `jax.random`, needed for noise. `sampling`
+    [s]: a period or instants, as for an `Actuator`; each sample updates the command, which is held between the samples.
+    None is a continuous sensor, which cannot have noise, because continuous white noise does not have a finite
+    variance.
 
-    **Raises:** ValueError for noise without key or sampling, or for negative noise.
+    **Raises:** ValueError for noise without a key or without sampling, or for negative noise.
     """
 
     rate_bias: Vec3
@@ -73,7 +75,7 @@ class Sensor(AbstractSensor):
         if self.key is None and (_noisy(self.rate_noise) or _noisy(self.attitude_noise)):
             raise ValueError("noise needs a key: pass key=jax.random.key(seed)")
         if self.key is not None and self.sampling is None:
-            raise ValueError("noise needs sampling: pass its period [s]. A continuous sensor can only have a bias.")
+            raise ValueError("noise needs sampling: pass the period [s]. A continuous sensor can only have a bias.")
 
     def __repr__(self) -> str:
         return shown(
@@ -81,13 +83,13 @@ class Sensor(AbstractSensor):
         )
 
     def start(self, quaternion: Quat, rate: Quat) -> Memory:
-        """No memory."""
+        """None: the sensor has no state."""
         return None
 
     def measure(
         self, k: Int[Array, ""], elapsed: Scalar, quaternion: Quat, rate: Quat, memory: Memory
     ) -> tuple[Quat, Quat, Memory]:
-        """The measured λ and ω (4,) of sample `k`: the true ones with bias and noise."""
+        """The measured λ and ω (4,) of sample `k`: the true values with bias and noise."""
         dtype = quaternion.dtype
         rotation, rate_error = self.attitude_bias.astype(dtype), self.rate_bias.astype(dtype)
         if self.key is not None:
@@ -101,9 +103,10 @@ class Sensor(AbstractSensor):
 class Gyros(AbstractSensor):
     """Gyros alone: the on-board computer propagates λ from sampled rates (paper C, section 2 and remark 1).
 
-    `sampling` [s]: a period or instants. `bias` (3,), `noise` (standard deviation per sample) [rad/s]; `key` as for
-    `Sensor`. `attitude_error` (3,) [rad]: of the initial λ, as a small rotation in body axes. The computer assumes a
-    linear rate between two samples, which is exact under a held acceleration; its error is then O(h⁵) per step.
+    `sampling` [s]: a period or instants. `bias` (3,) and `noise` (standard deviation of each sample) [rad/s]; `key` as
+    for `Sensor`. `attitude_error` (3,) [rad]: the error of the initial λ, as a small rotation in body axes. The
+    computer interpolates the rate linearly between samples. If the acceleration is held, this interpolation is exact,
+    and only the propagation error remains, O(h⁵) per step.
 
     **Raises:** ValueError for noise without a key, or negative noise.
     """
@@ -124,7 +127,7 @@ class Gyros(AbstractSensor):
     ):
         instants = sampling_instants(sampling)
         if instants is None:
-            raise ValueError("Gyros need sampling, but it is None: pass its period [s]")
+            raise ValueError("Gyros must be sampled, but sampling is None: pass the period [s]")
         self.sampling = instants
         self.bias, self.attitude_error = _three(bias, "bias"), _three(attitude_error, "attitude_error")
         self.noise = _noise(noise)
@@ -136,7 +139,7 @@ class Gyros(AbstractSensor):
         return shown(self, sampling="s", bias="rad/s", noise="rad/s", attitude_error="rad")
 
     def start(self, quaternion: Quat, rate: Quat) -> Memory:
-        """The memory of the computer: its initial λ, and the gyro reading at the start."""
+        """The initial state of the on-board computer: its estimate of λ and the first gyro reading."""
         estimate = product(quaternion, exp(0.5 * self.attitude_error.astype(quaternion.dtype)))
         return estimate, self._gyro(jnp.asarray(0), rate)
 
@@ -158,7 +161,7 @@ class Gyros(AbstractSensor):
 
 
 def propagate_linear_rate(quaternion: Quat, before: Quat, now: Quat, elapsed: Scalar) -> Quat:
-    """λ after `elapsed` [s] with a body rate (4,) linear from `before` to `now`, by a Magnus expansion of order 4."""
+    """λ after `elapsed` [s] for a body rate (4,) linear from `before` to `now`, by a Magnus expansion of order 4."""
     increment = 0.5 * elapsed * (before + now)
     vector = increment[1:] + elapsed * elapsed / 12 * jnp.cross(before[1:], now[1:])
     return jnp.exp(0.5 * increment[0]) * product(quaternion, exp(0.5 * vector))
@@ -186,7 +189,7 @@ def _noisy(noise: Scalar) -> bool:
 
 
 def _key(key: ArrayInput | jax.Array | None) -> Key | None:
-    """The two words of a key; they can be stored, unlike a typed key."""
+    """The raw data of a key, two words, which can be stored, unlike a typed key."""
     if key is None:
         return None
     if isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key):

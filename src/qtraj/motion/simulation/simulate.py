@@ -31,7 +31,7 @@ from qtraj.motion.simulation.solution import Solution
 from qtraj.motion.simulation.task import Scale, Task, checked
 
 NEAR = 0.1
-"""Length of the error quaternion, relative to its initial one (and to 1), below which the result mentions it."""
+"""If |μ| falls below this multiple of the smaller of its initial value and 1, the result mentions it."""
 
 
 def simulate(
@@ -54,29 +54,30 @@ def simulate(
     max_steps: int = MAX_STEPS,
     throw: bool = False,
 ) -> Solution:
-    """The motion of a body that `law` makes follow `program`, from `quaternion` (4,) and body `rate` (4,) [rad/s].
+    """The motion of a body under `law`, which tracks `program`, from `quaternion` (4,) and body `rate` (4,) [rad/s].
 
-    `times` (n,) [s]: instants of the program's own time, increasing; the first is that of the initial state.
-    `sign`: λ and −λ are one attitude, and "nearer" starts with the one nearer to the program. With the other the body
-    takes the long way round. "as given" keeps the sign of `quaternion`: after `control.place` or `control.choose_sign`,
-    which look at the rate too, or to study that way. Later changes of sign need a `HystereticLaw`.
-    `disturbance`: a `DisturbanceTorque`, a `DisturbanceAcceleration`, or a function t → (3,) [rad/s²] in body axes.
-    `sensor`: `Sensor` or `Gyros`; None measures the exact state. `actuator`: limits and hold of the command. With a
-    sampled sensor or actuator the command changes at the samples only. `jumps`: instants where program or disturbance
-    jump, such as a slew's `profile.switches`. `jumps`, the tolerances, `solver`, `adjoint`, `max_steps` and `throw` are
-    those of `integrate`. A `RateLaw` commands the rate: `rate` then determines the dtype only, and a disturbance is not
-    possible.
+    `times` (n,) [s]: increasing instants, measured from the start of the program; the initial state is at the first.
+    `sign`: λ and −λ are the same attitude; "nearer" starts with the one nearer to the program, and with the other one
+    the body takes the long way round. "as given" keeps the sign of `quaternion`: use it after `control.place` or
+    `control.choose_sign`, which also consider the rate, or to study the long way. Later changes of sign need a
+    `HystereticLaw`. `disturbance`: a `DisturbanceTorque`, a `DisturbanceAcceleration`, or a function t → (3,) [rad/s²]
+    in body axes. `sensor`: `Sensor` or `Gyros`; None measures the exact state. `actuator`: limits and hold of the
+    command. With a sampled sensor or actuator, the command changes at the samples only. `jumps`: instants at which the
+    program or the disturbance jumps, such as a slew's `profile.switches`. `jumps`, the tolerances, `solver`, `adjoint`,
+    `max_steps` and `throw` are as in `integrate`. A `RateLaw` commands the rate: `rate` then determines the dtype only,
+    and a disturbance is not possible.
 
-    `body`: a `RigidBody`, which turns under torques that are calculated with the inertia the computer assumes, from
-    wheels that may saturate, and under external torques. The error equation of the law is then no longer exact; the
-    solution's `body` and `result` report the deviation. None: the body follows the commanded acceleration exactly, and
-    `dynamics.torque` computes the torque it needs.
+    `body`: a `RigidBody`, which rotates under external torques and under control torques that are calculated with an
+    assumed inertia and may saturate. The error equation of the law is then no longer exact; the solution's `body` and
+    `result` report the deviation. With None, the body follows the commanded acceleration exactly, and `dynamics.torque`
+    computes the required torque.
 
-    `command` of the solution is the limited command, without the disturbance, and at a sample the new one.
+    `command` of the solution is the limited command, without the disturbance; at a sample, it is the new command.
 
-    **Raises:** ValueError as `integrate`; for another `sign`; for parts of another type, or a disturbance that is not a
-    function of the time alone; for a disturbance, `Gyros` or a `body` with a rate law; where sensor, actuator and
-    hysteretic law sample differently; for a period that is traced or too short. RuntimeError with `throw`.
+    **Raises:** ValueError in the same cases as `integrate`; for another `sign`; for parts of another type, or a
+    disturbance that is not a function of the time alone; for a disturbance, `Gyros` or a `body` with a rate law; if
+    sensor, actuator and hysteretic law have different sampling; for a period that is traced or too short. RuntimeError
+    if `throw` is true and an instant was not reached.
     """
     require_sign(sign)
     task = checked(quaternion, rate, times, jumps, rtol, atol, Method(solver, adjoint, max_steps))
@@ -101,7 +102,7 @@ def _simulate(loop: Loop, task: Task, renewals: Float[Array, " m"] | None, sign:
 
 
 def _body_motion(loop: Loop, task: Task, states: States, references: Attitude) -> BodyMotion | None:
-    """Torques, and deviations from the exact error equation, of a body with inertia."""
+    """The torques and the deviations from the exact error equation of a `RigidBody`; None without one."""
     if loop.body is None:
         return None
     plant = Plant(loop, Scale(task))

@@ -30,7 +30,7 @@ _OLDER_CODES = {
     3: ResultCode.near_zero_error,
     4: ResultCode.wrong_sign,
 }
-"""Codes of older documents, and those of `ResultCode`."""
+"""Codes of older documents and the corresponding `ResultCode`."""
 
 
 def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
@@ -42,12 +42,13 @@ def _from_older(fields: dict[str, Any]) -> dict[str, Any]:
 class Solution(AbstractOutcome):
     """Attitude and rate at the instants `times` (n,) [s].
 
-    `quaternion` (n, 4): λ, of any length. `rate` (n, 4) [rad/s]: ω0 = d/dt ln|λ|² first. Only for a closed loop:
-    `command` (n, 4), the limited command in body axes, [rad/s²] or [rad/s] for a rate law; `error` (n, 4), the law's
-    error quaternion; `angle` (n,) [rad], between body and program, 0 … π. Instants that were not reached are NaN.
-    `code` is a `ResultCode` and `result` its text. Under `vmap` all fields have the batch dimensions in front. `axes`:
-    "body" or "inertial", of the rate. `commands`: "acceleration", or "rate" for a rate law. `body`: a `BodyMotion` with
-    torques, wheels and the deviation from the exact error equation, only for a simulated `RigidBody`.
+    `quaternion` (n, 4): λ, not normalised. `rate` (n, 4) [rad/s]: ω0 = d/dt ln|λ|² first. Only from `simulate` and
+    `open_loop`: `command` (n, 4), the limited command in body axes, [rad/s²] or [rad/s] for a rate law; `error` (n, 4),
+    the law's error quaternion; `angle` (n,) [rad], the angle between body and program, from 0 to π. Values at instants
+    that were not reached are NaN. `code` is a `ResultCode` and `result` its text. Under `vmap` all fields have the
+    batch dimensions in front. `axes`: "body" or "inertial", the axes of the rate. `commands`: "acceleration", or "rate"
+    for a rate law. `body`: a `BodyMotion` with torques, wheel momenta and the deviation from the exact error equation,
+    only for a simulated `RigidBody`.
 
     **Raises:** ValueError for other `axes` or `commands`.
     """
@@ -103,13 +104,13 @@ class Solution(AbstractOutcome):
         return f"{text} Last instant reached: t = {times[reached][-1]:.9g} s."
 
     def record(self) -> Record:
-        """The motion and its result over `time`, or over `sample` where elements of a batch have different times."""
+        """The motion and its result over `time`, or over `sample` if the elements of a batch have different times."""
         along = "time" if self.times.ndim == 1 else "sample"
         per = "rad s-1" if self.commands == "rate" else "rad s-2"
         axes, commanded = (along, "component"), f"commanded {self.commands}, body axes, virtual part first"
         rate = f"angular rate, {self.axes} axes; virtual rate d/dt ln|λ|² [s-1] first"
         columns = {
-            "quaternion": Quantity(self.quaternion, "1", "attitude, body to inertial, of any length", axes),
+            "quaternion": Quantity(self.quaternion, "1", "attitude, body to inertial, not normalised", axes),
             "rate": Quantity(self.rate, "rad s-1", rate, axes),
             "command": Quantity(self.command, per, commanded, axes),
             "error": Quantity(self.error, "1", "error quaternion of the law", axes),
@@ -126,7 +127,7 @@ class Solution(AbstractOutcome):
         return Record(summary, variables, {"time": Quantity(self.times, "s", "time", (along,))}, {"frame": self.axes})
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write the solution to a TOML file, exactly (JSON where every instant was reached); `qtraj.load` reads it.
+        """Write the solution exactly to a TOML file, or to JSON if every instant was reached; `qtraj.load` reads it.
 
         **Raises:** ValueError for another suffix.
         """
@@ -134,7 +135,7 @@ class Solution(AbstractOutcome):
 
     @property
     def norm(self) -> Float[Array, "*batch n"]:
-        """|λ| at the instants; for ω0 = 0 its drift measures the accuracy."""
+        """|λ| at the instants; if ω0 = 0, its drift measures the accuracy."""
         return _lengths(self.quaternion)
 
     @property
@@ -150,14 +151,14 @@ class Solution(AbstractOutcome):
     def settling_time(self, within: ArrayInput) -> Float[Array, "*batch"]:
         """The time [s] after which the angle stays within `within` [rad], interpolated linearly between instants.
 
-        NaN where the angle exceeds `within` at the last instant, or where an instant was not reached.
+        NaN if the angle exceeds `within` at the last instant, or if an instant was not reached.
         """
         find = jnp.vectorize(_settled, signature="(n),(n),()->()")
         return find(self.times, _required(self.angle), as_float(within).astype(self.times.dtype))
 
     @property
     def peak_command(self) -> Float[Array, "*batch"]:
-        """The largest length of the physical command at the instants; NaN where one was not reached."""
+        """The largest magnitude of the physical command at the instants; NaN if an instant was not reached."""
         return jnp.max(_lengths(self.physical_command), axis=-1)
 
 
@@ -185,7 +186,5 @@ def _settled(times: Array, angle: Array, within: Array) -> Array:
 
 def _required(column: Array | None) -> Array:
     if column is None:
-        raise ValueError(
-            "the solution of an open-loop integration has no command and no error. Use simulate for a closed loop."
-        )
+        raise ValueError("a solution of integrate has neither a command nor an error. Use simulate for a closed loop.")
     return column

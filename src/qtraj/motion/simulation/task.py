@@ -13,13 +13,14 @@ from qtraj.motion.checks import common_dtype, initial_quaternion, output_times
 from qtraj.motion.simulation.ode import Grid, Method, Tolerances
 
 RESOLUTION = 1000
-"""The smallest difference of two instants, in units of round-off of the first instant."""
+"""The smallest allowed difference of two instants, in units of round-off of the first instant."""
 
 
 class Task(eqx.Module):
     """The checked arguments that `integrate` and `simulate` share, in one float dtype.
 
-    `quaternion` and `rate` [rad/s] at the first of `times` [s]; `jumps` [s], where the right side jumps.
+    `quaternion` and `rate` [rad/s] at the first of `times` [s]; `jumps` [s]: the instants at which the right-hand side
+    jumps.
     """
 
     quaternion: Quat
@@ -32,11 +33,11 @@ class Task(eqx.Module):
     def grid(self, renewals: Float[Array, " m"] | None = None) -> tuple[Grid, Int[Array, " n"]]:
         """All instants in ascending order, including `renewals` [s], and the indices of the outputs.
 
-        At equal instants a renewal precedes an output. Instants before the span are moved to its start, where
-        renewals still count; those after it are moved to its end and have no effect.
+        At equal instants, an update precedes an output. Instants before the time span are moved to its start, where
+        updates still have an effect; instants after it are moved to its end and have no effect.
         """
         start = self.times[0]
-        elapsed = self.times - start  # small numbers, also where the clock is far from zero
+        elapsed = self.times - start  # small numbers, even if the times are far from zero
         empty = jnp.zeros((0,), elapsed.dtype)
         renewals, jumps = (empty if x is None else x - start for x in (renewals, self.jumps))
         points = jnp.concatenate([jnp.clip(renewals, 0.0, elapsed[-1]), jnp.clip(jumps, 0.0, elapsed[-1]), elapsed])
@@ -49,9 +50,9 @@ class Task(eqx.Module):
 
 
 class Scale(eqx.Module):
-    """Scales that make both halves of the state of order one; constants to differentiation.
+    """Scales by which both halves of the state are divided to be of order one; they are not differentiated.
 
-    `quaternion`: |λ(0)|. `rate` [rad/s]: one radian per span of time, or |ω(0)| where this is larger.
+    `quaternion`: |λ(0)|. `rate` [rad/s]: one radian per time span or |ω(0)|, whichever is larger.
     """
 
     quaternion: Scalar
@@ -81,8 +82,8 @@ def checked(
     atol: ArrayInput,
     method: Method,
 ) -> Task:
-    """The task with these arguments; ValueError for invalid known values."""
-    with jax.ensure_compile_time_eval():  # what is known outside a trace stays known inside
+    """The task with these arguments; ValueError for invalid concrete values."""
+    with jax.ensure_compile_time_eval():  # constants stay concrete inside a trace
         quaternion, times = initial_quaternion(quaternion), output_times(times)
         rate = real_vector(rate, "the initial rate", 4)
         _require_resolved(times)
@@ -100,7 +101,7 @@ def checked(
 def _jumps(jumps: ArrayInput) -> Float[Array, " k"]:
     jumps = as_float(jumps)
     if jumps.ndim != 1:
-        raise ValueError(f"jumps must be a vector of instants [s], but have shape {jumps.shape}")
+        raise ValueError(f"jumps must be a vector of instants [s], but the shape is {jumps.shape}")
     require_finite(jumps, "jumps")
     return jumps
 
@@ -117,7 +118,7 @@ def _tolerances(rtol: ArrayInput, atol: ArrayInput, dtype: jnp.dtype) -> Toleran
 
 
 def _require_resolved(times: Float[Array, " n"]) -> None:
-    """Raise a ValueError where the dtype does not resolve the differences of known instants far from zero."""
+    """Raise a ValueError if the dtype does not resolve the differences of concrete instants far from zero."""
     values = concrete(times)
     if values is None or values.size == 1:
         return

@@ -1,4 +1,4 @@
-"""Interactive reports: one HTML file that needs no network (plotly)."""
+"""Interactive reports: one HTML file that works offline (plotly)."""
 
 from qtraj.viz.report.page import report_page
 

@@ -3,14 +3,14 @@
 import numpy as np
 
 MIN_HORIZONTAL = 1e-6
-"""If the horizontal part of the forward axis is smaller, heading and roll are undefined."""
+"""If the horizontal component of the forward axis is smaller, heading and roll are not defined."""
 
 
 def heading_pitch_roll(axes: np.ndarray) -> np.ndarray:
     """Heading, pitch and roll (n, 3) [°] from direction cosines (n, 3, 3) with rows forward, left, up; world z up.
 
-    Heading counts from x towards y, without jumps by 360°; pitch is positive with the nose up, roll with the left side
-    up. They are NaN where an axis is NaN, or where forward is vertical.
+    Heading is measured from x towards y, without jumps by 360°. Pitch is positive with the nose up, and roll with the
+    left side up. All are NaN if an axis is NaN; heading and roll are NaN if the forward axis is vertical.
     """
     forward, left, up = np.moveaxis(axes, 1, 0)
     level = np.hypot(forward[:, 0], forward[:, 1]) > MIN_HORIZONTAL

@@ -1,4 +1,4 @@
-// Arrows as surfaces: a shaft and a head, rings of points about an axis.
+// Arrows as surfaces: a shaft and a head, made of rings of points about an axis.
 
 const PROFILE = [
   [0, 0],

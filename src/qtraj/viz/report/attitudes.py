@@ -1,4 +1,4 @@
-"""The report of attitudes over time: a slew, a closed loop, or any dataset with a quaternion over `time`."""
+"""The report on attitudes over time: a slew, a closed loop, or any dataset with a quaternion over `time`."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,7 +16,7 @@ from qtraj.viz.style import COMPONENTS, SUBSCRIPTS, title
 DASHES = {"w": "dash", "x": "solid", "y": "dashdot", "z": "dot"}
 PLAIN = "#0072B2"
 REFERENCE = "#777777"
-MIN_ANGLE = 1e-7  # [°] smaller angles are round-off, which a logarithmic axis would magnify
+MIN_ANGLE = 1e-7  # [°]; smaller angles are round-off, which a logarithmic axis would magnify
 
 BESIDE = {
     "angle": ("closed_form_angle", "closed form"),
@@ -24,7 +24,7 @@ BESIDE = {
     "rate": ("program_rate", "program"),
     "quaternion": ("program_quaternion", "program"),
 }
-"""The variable that each variable is compared with in its panel, and its label."""
+"""For each variable, the variable with which it is compared in its panel, and the label of the comparison."""
 
 ORDER = (
     "angle",
@@ -46,10 +46,10 @@ TITLES = {
     "acceleration": "angular acceleration, body axes",
     "torque": "torque, body axes",
     "command": "command, body axes",
-    "norm": "length of the quaternion",
+    "norm": "norm of the quaternion",
 }
 APPLIES = "applies"
-"""The attribute `closed_form` of a dataset if the closed form applies; otherwise the attribute is the reason."""
+"""The value of the attribute `closed_form` if the closed form applies; otherwise it is the reason."""
 LETTERS = {"quaternion": "λ", "error": "μ", "rate": "ω", "acceleration": "ε", "command": "u", "torque": "M"}
 
 
@@ -61,7 +61,7 @@ def is_of_attitudes(dataset: xarray.Dataset) -> bool:
 
 
 def attitude_report(dataset: xarray.Dataset) -> Report:
-    """The report of `quaternion` over `time`, with `program_quaternion` drawn pale for comparison."""
+    """The report on `quaternion` over `time`, with `program_quaternion` drawn pale for comparison."""
     time = dataset["time"].values
     bodies = [Body("body", time, None, cosines(dataset["quaternion"].values), PLAIN)]
     if "program_quaternion" in dataset:
@@ -86,7 +86,7 @@ def _facts(notes: Mapping[str, Any]) -> list[str]:
 
 
 def _shown(dataset: xarray.Dataset) -> list[str]:
-    """Variables with a panel of their own."""
+    """The variables that have their own panel."""
     references = {name for name, _ in BESIDE.values()}
     names = [str(name) for name, variable in dataset.data_vars.items() if variable.dims[:1] == ("time",)]
     names = [name for name in names if name not in references and dataset[name].ndim <= 2]
@@ -105,7 +105,7 @@ def _panel(dataset: xarray.Dataset, name: str) -> Panel:
         style = (COMPONENTS.get(label, PLAIN), DASHES.get(label, "solid"))
         series.append(Series(shown, 0, values[:, k] - near[k], *style, offset=near[k]))
     if name == "command" and not _of_each_axis(dataset):
-        series.append(Series("length", 0, np.linalg.norm(values, axis=1), "#333333", reference=True))
+        series.append(Series("norm", 0, np.linalg.norm(values, axis=1), "#333333", reference=True))
     if name in BESIDE and BESIDE[name][0] in dataset and _applies(dataset, BESIDE[name][0]):
         other, text = BESIDE[name]
         compared, _ = _in_degrees(dataset, other)
@@ -123,17 +123,17 @@ def _panel(dataset: xarray.Dataset, name: str) -> Panel:
 
 
 def _applies(dataset: xarray.Dataset, beside: str) -> bool:
-    """Whether a reference applies to this motion; the closed form does not with a disturbance."""
+    """Whether a reference applies to this motion. The closed form does not apply with a disturbance, for example."""
     return not beside.startswith("closed_form") or dataset.attrs.get("closed_form", APPLIES) == APPLIES
 
 
 def _of_each_axis(dataset: xarray.Dataset) -> bool:
-    """Whether the limit of the command applies to each component, not to the norm."""
+    """Whether the limit of the command applies to each component instead of the norm."""
     return dataset.attrs.get("saturation") == "axis"
 
 
 def _signs(values: np.ndarray) -> tuple[float, ...]:
-    """The signs with which a limit is drawn: also negative if values are negative."""
+    """The signs with which a limit is drawn: positive, and also negative if there are negative values."""
     low = np.nanmin(values, initial=0.0)
     return (1.0, -1.0) if low < -1e-9 * max(np.nanmax(values, initial=0.0), 1e-300) else (1.0,)
 
@@ -167,7 +167,7 @@ def _scale(dataset: xarray.Dataset, name: str) -> float:
 
 
 def _peaks(dataset: xarray.Dataset) -> Table:
-    """The largest norm or magnitude of each quantity, and its time."""
+    """The largest norm or absolute value of each quantity, and its time."""
     rows = []
     for name in _shown(dataset):
         values, symbol = _in_degrees(dataset, name)
@@ -184,7 +184,7 @@ def _peaks(dataset: xarray.Dataset) -> Table:
             largest, heading = ", ".join(number(x) for x in np.nanmax(np.abs(values), axis=0)), f"{heading}, each axis"
             when = "–"
         rows.append([f"{heading} [{symbol}]", largest, when, bound])
-    note = "Lengths of vectors, unless each axis has its own limit; only the instants of the table are considered."
+    note = "Norms of vectors, or components if each axis has its own limit; only at the instants of the table."
     return Table("Largest values", ["quantity", "largest", "at [s]", "limit"], rows, note=note)
 
 

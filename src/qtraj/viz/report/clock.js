@@ -93,7 +93,7 @@ function controls() {
   window.addEventListener("afterprint", () => (pictured = false));
 }
 
-// Browsers do not print WebGL: on paper a picture replaces the scene.
+// Browsers do not print WebGL, so an image replaces the scene on paper.
 let pictured = false;
 function picture(source, width, height, copied) {
   const paper = byId("picture");
@@ -115,11 +115,11 @@ async function print() {
   window.print();
 }
 
-/** The browser's own print command does not wait: copy the scene as it is, without its legend. */
+/** The browser's print command does not wait for asynchronous code, so copy the scene as it is, without its legend. */
 function copySpace() {
   if (pictured) return;
   play(false);
-  const scene = byId("space")._fullLayout?.scene?._scene; // plotly has no public function to draw immediately
+  const scene = byId("space")._fullLayout?.scene?._scene; // plotly does not have a public function to draw immediately
   if (!scene?.glplot) return;
   scene.glplot.redraw();
   const { canvas } = scene.glplot.gl;

@@ -4,9 +4,9 @@ import numpy as np
 
 
 def cosines(quaternions: np.ndarray) -> np.ndarray:
-    """Direction cosines (n, 3, 3) of quaternions (n, 4) of any length: row k is body axis k in inertial components.
+    """Direction cosines (n, 3, 3) of quaternions (n, 4): row k is body axis k in inertial components.
 
-    NaN where the quaternion is zero or not finite.
+    The quaternions need not be normalised. The result is NaN if a quaternion is zero or not finite.
     """
     length = np.linalg.norm(quaternions, axis=1, keepdims=True)
     usable = np.isfinite(length) & (length > 0)

@@ -10,10 +10,10 @@ import numpy as np
 from qtraj.foundation import units
 
 MAX_INSTANTS = 2001
-"""Maximum number of instants drawn of one body; longer series are thinned evenly, keeping both ends."""
+"""Maximum number of instants drawn for one body; longer series are thinned evenly, keeping both ends."""
 
 NAMES = re.compile(r"\b(lateral|longitudinal|angular|yaw|max)_(?=(acceleration|rate|jerk)\b)")
-"""The first parts of limit names that consist of two words."""
+"""The first word of limit names that consist of two words."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class Body:
 class Series:
     """One line of a panel: values (n,) over the instants of body number `body`.
 
-    `offset` was subtracted from the values, which would otherwise be a flat line near it. A series that `follows` is
-    shown while its body is selected. A `reference` is drawn thin, for comparison; only the first of several is in the
-    legend.
+    `offset` was subtracted from the values, which would otherwise look like a flat line near it. A series with
+    `follows` is shown only while its body is selected. A `reference` is drawn as a thin line, for comparison; only the
+    first reference is in the legend.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Panel:
-    """Lines over time with a common unit, and limits as (value, text)."""
+    """Lines over time with a common unit, and limits as (value, label)."""
 
     title: str
     unit: str
@@ -73,7 +73,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of texts; columns from index `numbers` on are aligned as numbers. A row may end with a status."""
+    """Rows of strings. Columns from index `numbers` on are aligned as numbers. A row may end with a status."""
 
     title: str
     header: list[str]
@@ -101,7 +101,7 @@ class Report:
     warnings: list[str] = field(default_factory=list)
 
     def summary(self) -> dict[str, Any]:
-        """What it shows, as plain data: title, kind, findings, bodies, panels, tables, notes, warnings."""
+        """The content as plain data: title, kind, findings, bodies, panels, tables, notes, warnings."""
         bodies = [{"name": x.name, "instants": len(x.time), "duration": float(x.time[-1])} for x in self.bodies]
         return {
             "title": self.title,
@@ -121,7 +121,7 @@ def unit(text: str) -> str:
 
 
 def words(text: str) -> str:
-    """A text with names of limits as words: "lateral_acceleration" becomes "lateral acceleration"."""
+    """The text with names of limits as words: "lateral_acceleration" becomes "lateral acceleration"."""
     return NAMES.sub(r"\1 ", text)
 
 
@@ -131,12 +131,12 @@ def number(value: float, digits: int = 6) -> str:
 
 
 def thinned(count: int) -> np.ndarray:
-    """Indices of the drawn instants out of `count`."""
+    """The indices, out of `count`, of the instants that are drawn."""
     return np.unique(np.linspace(0, count - 1, min(count, MAX_INSTANTS)).round().astype(int))
 
 
 def plain(values: np.ndarray) -> list[Any]:
-    """Numbers rounded to nine digits as nested lists, with None for values that are not finite."""
+    """Values rounded to nine digits, as nested lists, with None for values that are not finite."""
     if values.ndim > 1:
         return [plain(row) for row in values]
     return [float(f"{v:.9g}") if math.isfinite(v) else None for v in values.tolist()]

@@ -18,7 +18,7 @@ function lastReal() {
   return selected;
 }
 
-// Plotly interprets markup in texts: escape names from the input.
+// Plotly interprets markup in strings, so names from the input are escaped.
 const text = (name) => String(name).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
 
 // vectors
@@ -32,7 +32,7 @@ const unit = (a) => {
 const finite = (a) => a !== null && a.every((x) => x !== null && Number.isFinite(x));
 
 // a body at an instant
-/** Index k and fraction f of an instant between k and k + 1, clamped to the ends. */
+/** Index k and fraction f of an instant between samples k and k + 1, clamped to the ends. */
 function place(times, t) {
   const last = times.length - 1;
   if (last < 1 || t <= times[0]) return [0, 0];
@@ -56,7 +56,7 @@ function between(rows, [k, f]) {
   return finite(a) && finite(b) ? a.map((x, i) => x + f * (b[i] - x)) : null;
 }
 
-/** Origin and axes of a body; axes are null where they do not exist. */
+/** Origin and axes of a body; the axes are null if they are not defined. */
 function pose(body, t) {
   const at = place(body.time, t);
   const origin = body.position === null ? [0, 0, 0] : between(body.position, at);

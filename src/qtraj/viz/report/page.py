@@ -1,7 +1,7 @@
-"""A report as one HTML file that contains script, style, plotly and data, and needs no network.
+"""A report as one HTML file that contains script, style, plotly and data, and works offline.
 
 All input is escaped: in HTML by `html.escape`, in the data by JSON without `<`, `>` and `&`. In addition, a content
-security policy allows only the two scripts of the page (by their hashes), and no loading from any server.
+security policy allows only the two scripts of the page, identified by their hashes, and forbids loading from servers.
 """
 
 import base64
@@ -19,7 +19,7 @@ from qtraj.viz.report.paths import is_of_paths, path_report
 from qtraj.viz.report.payload import payload
 
 FIRST, LAST = ("path", "sample", "time", "record"), ("body", "world")
-"""The order of dimensions that the report needs."""
+"""The dimensions that are moved to the front and to the back, in this order."""
 SCRIPTS = ("motion.js", "arrows.js", "scene.js", "plan.js", "panels.js", "clock.js")
 VERDICTS = {
     "proved": "good",
@@ -30,14 +30,15 @@ VERDICTS = {
     "undecided": "fair",
     "undefined": "bad",
 }
-"""The colour class of each status in a table; the text has the same information."""
+"""The colour class of each status in a table; the text contains the same information."""
 
 
 def report_page(dataset: Any, tuned: Tuned | None = None) -> str:
     """The HTML of a report on paths, a slew, or a closed loop (extras `io` and `viz`).
 
-    `dataset` is a dataset of the commands or of `qtraj.io.dataset.path_dataset`, a table, a solution, a path, a result
-    of `tune` or `fit`, or the `to_xarray()` of one of these. `tuned` adds the certificate of the path named "after".
+    `dataset` is a dataset written by a command or returned by `qtraj.io.dataset.path_dataset`, a table, a solution, a
+    path, a result of `tune` or `fit`, or the `to_xarray()` of one of these. `tuned` adds the certificate of the path
+    named "after".
 
     **Raises:** ValueError for an input without a path, positions or a quaternion over time; ModuleNotFoundError if
     plotly is missing.
@@ -81,7 +82,7 @@ def html(report: Report) -> str:
         f"<header><h1>{escape(report.title)}</h1>{''.join(f'<p>{escape(text)}</p>' for text in report.facts)}</header>",
         *(f'<p class="note warning">Warning: {escape(text)}</p>' for text in report.warnings),
         *(f'<p class="note">{escape(text)}</p>' for text in report.notes),
-        "<noscript><p class='note'>The drawings need JavaScript; the tables below do not.</p></noscript>",
+        "<noscript><p class='note'>The figures need JavaScript; the tables below do not.</p></noscript>",
         _beside("stage.html"),
         f'<section class="tables">{"".join(map(_table, report.tables))}</section>',
         f'<script type="application/json" id="data">{_json(payload(report))}</script>',
@@ -135,7 +136,7 @@ def _beside(name: str) -> str:
 
 
 def _inline(code: str) -> str:
-    """Code exactly as a browser reads it from the page, so that its hash is the same."""
+    """The code exactly as a browser reads it from the page, so that the hashes agree."""
     return code.replace("\r\n", "\n").replace("</script", "<\\/script")
 
 

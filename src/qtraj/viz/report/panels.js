@@ -1,4 +1,4 @@
-// Panels over time, their legends and cursors, and the numbers at the instant.
+// Panels over time, their legends and cursors, and the values at the current instant.
 const shown = (series) => !series.follows || series.body === state.looked;
 const plots = [];
 
@@ -58,7 +58,7 @@ function drawPanels() {
 const LIMIT = { color: "#1c2733", width: 1.3, dash: "dot" };
 const STROKES = { solid: "", dash: "6 4", dashdot: "7 3 2 3", dot: "2 3" };
 
-/** The legend of a panel: the lines shown now, each once. */
+/** The legend of a panel: each visible line once. */
 function drawKey(panel, key) {
   const lines = panel.series
     .filter((series) => series.listed && shown(series))
@@ -66,7 +66,7 @@ function drawKey(panel, key) {
   panel.limits
     .slice(0, 1)
     .forEach((limit) =>
-      lines.push([limit.text + (limit.drawn ? "" : ", above the picture"), LIMIT.color, LIMIT.dash, LIMIT.width]),
+      lines.push([limit.text + (limit.drawn ? "" : ", outside the axis range"), LIMIT.color, LIMIT.dash, LIMIT.width]),
     );
   const more = panel.note ? [document.createElement("li")] : [];
   if (panel.note) more[0].textContent = panel.note;
@@ -106,7 +106,7 @@ function panelLayout(panel, drawn) {
   };
   const note = drawn
     ? []
-    : [{ text: "nothing to draw", showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.5 }];
+    : [{ text: "no data", showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.5 }];
   return {
     font: FONT,
     margin: MARGIN,
@@ -137,7 +137,7 @@ function levelled(panel) {
   return low >= 0 && (low < 0.5 * high || high - low < 1e-6 * high);
 }
 
-/** Zooming one panel zooms all. */
+/** Zoom all panels when one is zoomed. */
 function follow(source, change) {
   let range = null;
   if ("xaxis.range[0]" in change) range = [change["xaxis.range[0]"], change["xaxis.range[1]"]];
@@ -151,7 +151,7 @@ function follow(source, change) {
   moveCursors();
 }
 
-/** Fit the width of the panels, also when a scroll bar appears. */
+/** Fit the width of the panels, even if a scroll bar appears. */
 function refit() {
   Promise.all(plots.map(({ plot }) => Plotly.Plots.resize(plot))).then(moveCursors);
 }
@@ -168,7 +168,7 @@ function moveCursors() {
   }
 }
 
-// numbers at the instant
+// values at the current instant
 function number(value) {
   if (value === null || value === undefined) return "–";
   const size = Math.abs(value),
@@ -198,7 +198,7 @@ function showNow() {
   });
   const body = bodies[state.looked],
     notes = [];
-  if (pose(body, state.time).axes === null) notes.push("the axes do not exist here");
+  if (pose(body, state.time).axes === null) notes.push("the axes are not defined at this instant");
   if (state.time > body.time[body.time.length - 1]) notes.push("this path has ended");
   byId("state").textContent = notes.join("; ");
   const digits = duration > 1000 ? 0 : duration > 100 ? 1 : duration > 1 ? 2 : 4;

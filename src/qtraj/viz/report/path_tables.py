@@ -1,4 +1,4 @@
-"""The tables of a report of paths: limits, boundary states, provenance."""
+"""The tables of a report on paths: limits, boundary states, provenance."""
 
 from collections.abc import Mapping
 
@@ -21,7 +21,7 @@ PROOFS = {
     "sampled": "satisfied on a refined grid with refined maxima; evidence, not a proof",
     "broken": "the limit is violated at the time shown",
     "undecided": "too close to the limit to be decided in float64",
-    "undefined": "the quantity does not exist at the time shown",
+    "undefined": "the quantity is not defined at the time shown",
 }
 """The meaning of each status of a certificate."""
 
@@ -34,7 +34,7 @@ def path_tables(dataset: xarray.Dataset, paths: Mapping[str, xarray.Dataset], tu
 
 
 def _fit(dataset: xarray.Dataset) -> Table:
-    """The fitted path compared with its recording, as on the terminal; without rows if nothing was fitted."""
+    """The comparison of the fitted path with its recording, as printed by the command; empty if there was no fit."""
     if "fit_axis" not in dataset:
         return Table(TITLE, ["", ""], [], 2)
     numbers = {name: float(dataset[f"fit_{name}"]) if f"fit_{name}" in dataset else None for name in FACTS}
@@ -43,7 +43,7 @@ def _fit(dataset: xarray.Dataset) -> Table:
 
 
 def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
-    """Largest value of each limited quantity: from the certificate, or else at the sampled instants."""
+    """The largest value of each limited quantity, from the certificate or, without one, at the sampled instants."""
     rows = []
     for limit_name, name in LIMIT_VARIABLES.items():
         for label, path in paths.items():
@@ -58,7 +58,10 @@ def _limits(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
             rows.append([f"{CORRIDOR.name} [{CORRIDOR.label}]", label, *_stored(path, CORRIDOR.name)])
     meanings = [f"{status}: {PROOFS[status]}" for status in dict.fromkeys(row[-1] for row in rows) if status in PROOFS]
     note = "; ".join(
-        [*meanings, "without a certificate the largest value, within and broken refer to the sampled instants"]
+        [
+            *meanings,
+            'without a certificate, the largest value, "within" and "broken" refer to the sampled instants only',
+        ]
     )
     return Table("Limits", ["limit", "path", "largest", "limit", "margin", "at [s]", ""], rows, 2, note + ".")
 
@@ -71,7 +74,7 @@ def _certified(tuned: Tuned, name: str) -> list[str]:
 
 
 def _stored(path: xarray.Dataset, name: str) -> list[str]:
-    """The status stored in the dataset, or else the judgement at the sampled instants."""
+    """The status stored in the dataset or, without one, the status at the sampled instants."""
     finding = str(path[f"finding_{name}"].values) if f"finding_{name}" in path else ""
     if finding not in PROOFS:
         return _sampled(path, name)
@@ -107,7 +110,7 @@ def _boundary(paths: Mapping[str, xarray.Dataset]) -> Table:
 
 
 def _cylindrical(paths: Mapping[str, xarray.Dataset], tuned: Tuned | None) -> Table:
-    """Boundary velocities about the axis of the tuned path, also of the path before if the dataset has it."""
+    """Boundary velocities about the axis of the tuned path, and of the original path if the dataset contains it."""
     rows = []
     if tuned is not None and isinstance(tuned.path, SpiralHelix):
         states = {"after A": tuned.start, "after B": tuned.end}

@@ -1,4 +1,4 @@
-"""The report of paths: trihedra, limited quantities, rates, attitude."""
+"""The report on paths: trihedra, limited quantities, rates, attitude."""
 
 from collections.abc import Sequence
 
@@ -16,9 +16,9 @@ from qtraj.viz.report.ranges import offsets, shifted
 from qtraj.viz.style import AXIS_COLOURS, COLOURS, COMPONENTS, SPARE, STYLES, SUBSCRIPTS, body_axes, title
 
 ALWAYS = ("speed", "curvature", "lateral_acceleration", "angular_rate")
-"""Panels of every report of paths, if the dataset has the variable."""
+"""Panels of every report on paths, if the dataset contains the variable."""
 MAX_PATHS = 8
-"""More paths cannot be distinguished."""
+"""Maximum number of paths that are drawn; more could not be distinguished."""
 ONLY, ALONE = "path", "#0072B2"
 """Name and colour of a single path."""
 DASHES = {"w": "dash", "x": "solid", "y": "dashdot", "z": "dot"}
@@ -34,7 +34,7 @@ TITLES = {
 
 
 def is_of_paths(dataset: xarray.Dataset) -> bool:
-    """Whether a dataset has positions over time, as those of `path_dataset` and of a table of `evaluate`."""
+    """Whether a dataset has positions over time, like the results of `path_dataset` and `evaluate`."""
     if not {"position", "time"} <= set(map(str, dataset.variables)):
         return False
     sizes = [
@@ -44,7 +44,7 @@ def is_of_paths(dataset: xarray.Dataset) -> bool:
 
 
 def path_report(dataset: xarray.Dataset, tuned: Tuned | None = None) -> Report:
-    """The report of the paths of a dataset, the last one selected; `tuned` adds its certificate.
+    """The report on the paths of a dataset, with the last one selected; `tuned` adds its certificate.
 
     **Raises:** ValueError if the attitude is missing.
     """
@@ -96,7 +96,7 @@ def _body(name: str, k: int, path: xarray.Dataset) -> Body:
 
 
 def _panels(bodies: list[Body], paths: list[xarray.Dataset], frame: FrameAxes) -> list[Panel]:
-    """Limited quantities and those of `ALWAYS`, of every path; then components for the selected path."""
+    """Limited quantities and those in `ALWAYS` for every path; then components for the selected path."""
     first = paths[0]
     limited = [name for name in LIMIT_VARIABLES.values() if name in first and "limit" in first[name].attrs]
     others = [name for name in ALWAYS if name in first and name not in limited]
@@ -114,7 +114,7 @@ def _panels(bodies: list[Body], paths: list[xarray.Dataset], frame: FrameAxes) -
 
 
 def _angles(bodies: list[Body]) -> list[Panel]:
-    """Heading, and pitch with roll, of the selected upright or thrust-aligned frame."""
+    """Heading, pitch and roll of the selected upright or thrust-aligned frame."""
     angles_of_bodies = [heading_pitch_roll(body.axes) for body in bodies]
 
     def lines(columns: Sequence[int]) -> list[Series]:

@@ -1,4 +1,4 @@
-// The plan view: the paths from above, with equal axes, and position and direction of each body.
+// The plan view: the paths from above, with equal axis scales, and the position and direction of each body.
 
 const planned = data.kind === "path";
 
@@ -31,9 +31,9 @@ function planStill() {
 }
 
 const COLOURS = ["#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725"];
-const COLOURED = 0.95; // quantile of the curvature at which the colours end: at stops it is infinite
+const COLOURED = 0.95; // quantile of the curvature at which the colour scale ends, because curvature is infinite at stops
 
-/** A single path in colours of its curvature: a line with gaps for each colour, because many markers are slow. */
+/** A single path coloured by curvature: one line with gaps for each colour, because many markers are slow. */
 function curvatureTraces() {
   const panel = panels.find(({ title }) => title === "curvature");
   if (bodies.length > 1 || !panel) return [];
@@ -68,7 +68,7 @@ function add(line, x, y, time) {
   line.time.push(time);
 }
 
-/** The axes of the selected body, seen from above, and a dot for every body. */
+/** The axes of the selected body, seen from above, and a dot for each body. */
 function planMoving() {
   const { origin, axes } = pose(bodies[state.looked], state.time);
   const updates = arrows.map((_, k) => {

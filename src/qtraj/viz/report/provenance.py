@@ -1,4 +1,4 @@
-"""The table of the provenance and conventions of a report."""
+"""The table with the provenance and the conventions of a report."""
 
 import numpy as np
 import xarray
@@ -10,7 +10,7 @@ SHOWN_ELSEWHERE = ("title", "tuning_result", "tuning_warning", "result", "closed
 
 
 def provenance_table(dataset: xarray.Dataset) -> Table:
-    """The attributes of a dataset, including conventions, and the version that wrote the report."""
+    """The attributes of a dataset, including its conventions, and the version of qtraj that wrote the report."""
     rows = [
         [str(name).replace("_", " "), words(_text(value)) if str(name).endswith("_convention") else _text(value)]
         for name, value in dataset.attrs.items()

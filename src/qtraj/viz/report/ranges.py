@@ -1,21 +1,21 @@
-"""The range of a panel's axis, and offsets of components that stay near one."""
+"""The range of a panel's axis, and offsets of components that stay near 1."""
 
 import numpy as np
 
 QUANTILE = 0.95
-"""A peak is a spike if it is far above this quantile of the values."""
+"""Quantile of the values with which a peak is compared."""
 SPIKE = 10.0
-"""Ratio of a spike to that quantile."""
+"""A peak counts as a spike if it exceeds the quantile by this factor."""
 HEADROOM = 3.0
-"""Top of the axis relative to the quantile if there is a spike, and relative to the peak for limits to be drawn."""
+"""Top of the axis relative to the quantile, if there is a spike; largest limit drawn, relative to the peak."""
 NEAR_ONE = 0.9
-"""If a component of a unit quaternion is larger, the others are below 0.44 and would look like flat lines."""
+"""If a component of a unit quaternion exceeds this, the others are below 0.44 and would look like flat lines."""
 
 
 def spike(values: list[np.ndarray]) -> tuple[float, float] | None:
-    """The top of the axis and the actual peak, if a few values dwarf all others; otherwise None.
+    """The top of the axis and the actual peak, if a few values are much larger than all others; otherwise None.
 
-    A single stop can cause rates of 1e7 of a trihedral; the axis then shows the rest of the path.
+    At a single stop, the rate of a trihedral can reach 1e7; the axis then shows the rest of the path.
     """
     sizes = np.abs(np.concatenate([np.ravel(x) for x in values])) if values else np.zeros(0)
     sizes = sizes[np.isfinite(sizes)]
@@ -26,7 +26,7 @@ def spike(values: list[np.ndarray]) -> tuple[float, float] | None:
 
 
 def offsets(values: np.ndarray) -> list[float]:
-    """For each column of (n, m) quaternions, 1 or −1 if it stays near that value, otherwise 0."""
+    """For each column of the quaternions (n, m), 1 or −1 if the column stays near this value, otherwise 0."""
     result = []
     for column in values.T:
         finite = column[np.isfinite(column)]

@@ -1,15 +1,15 @@
 // The scene: static and moving traces of the bodies and their arrows.
 
 const RECORDED = "#737373";
-/** Whether the scene has a legend of its paths. */
 const VISIBLE = 2; // plotly's units between the lower and the upper edge of the scene
-const LABEL_SPACE = narrow ? { across: 130, along: 130 } : { across: 115, along: 90 }; // [px] for the labels of the axes
+const LABEL_SPACE = narrow ? { across: 130, along: 130 } : { across: 115, along: 90 }; // [px] space for the labels of the axes
+/** Whether the scene has a legend of its paths. */
 const listed = data.kind === "path" && (bodies.length > 1 || data.recorded !== null);
 
-// The first view direction: from above, and from the side from which the scene is largest.
+// The initial view direction: from above, and from the side from which the scene looks largest.
 const HEIGHT_OF_EYE = 1.3,
   DISTANCE_OF_EYE = 1.33;
-const SIDES_SEEN = [-105, -120, -135, -150, -165, -75, -60, -45, -30, -15]; // [°]; never along an axis, where there is no impression of depth
+const SIDES_SEEN = [-105, -120, -135, -150, -165, -75, -60, -45, -30, -15]; // [°]; not along an axis, where depth is not visible
 const extentOf = () => space.range.map(([low, high]) => high - low);
 const eyeAt = (degrees) => {
   const turn = (degrees * Math.PI) / 180;
@@ -24,7 +24,7 @@ const UP = upOf(EYE);
 function bestEye() {
   const eyes = SIDES_SEEN.map(eyeAt);
   const zooms = eyes.map((eye) => zoom(extentOf(), rightOf(eye), upOf(eye)));
-  return eyes[zooms.findIndex((z) => z >= 0.98 * Math.max(...zooms))]; // the first that is nearly the best
+  return eyes[zooms.findIndex((z) => z >= 0.98 * Math.max(...zooms))]; // the first one that is almost as good as the best
 }
 
 const column = (rows, k) => rows.map((row) => (row === null ? null : row[k]));
@@ -99,7 +99,7 @@ function still() {
   ].filter(([, k]) => finite(body.position[k]));
   const heights = ends.map(([, k]) => dot(body.position[k], UP));
   ends.forEach(([name, k], n) => {
-    // The upper letter is above its end, the lower one below, so that they do not overlap where the ends meet.
+    // The upper letter is above its end and the lower one below, so that they do not overlap if the ends coincide.
     const upper = heights.length > 1 && n === heights.indexOf(Math.max(...heights));
     const place = { text: ["<b>" + name + "</b>"], textposition: upper ? "top center" : "bottom center" };
     traces.push(line3d([body.position[k]], { mode: "text", showlegend: false, ...place }));
@@ -118,9 +118,9 @@ const POSITIONS = [
   ["bottom center", 0, -1],
   ["bottom right", 1, -1],
 ];
-const INWARDS = 40; // [px²] of overlap that a label accepts rather than being on the wrong side of its tip
+const INWARDS = 40; // [px²] overlap that is accepted to keep a label on the outer side of its tip
 
-/** The positions of the labels relative to the tips, in the present view: outwards, and without overlap. */
+/** The positions of the labels relative to the tips in the current view: outwards, and without overlap. */
 function letterPositions(origin, tips) {
   const { eye } = byId("space").layout?.scene?.camera ?? {};
   const seen = eye ? [eye.x, eye.y, eye.z] : EYE;
@@ -146,7 +146,7 @@ function letterPositions(origin, tips) {
   return best.labels.map((label) => label.name);
 }
 
-/** The area [px²] that a label shares with others. */
+/** The area [px²] in which a label overlaps others. */
 function overlap(label, others) {
   const shared = (distance, size) => Math.max(0, size - Math.abs(distance));
   return others.reduce(
@@ -156,7 +156,7 @@ function overlap(label, others) {
   );
 }
 
-/** The traces that change with time, in this order: arrows, their letters, dots and pale axes of the other bodies. */
+/** The traces that change with time, in this order: arrows, their letters, and dots and pale axes of other bodies. */
 function moving() {
   const { origin, axes } = pose(bodies[state.looked], state.time);
   const updates = arrows.map((arrow, k) => arrowPoints(origin, axes === null ? null : axes[k], space.length));
@@ -238,7 +238,7 @@ function movingTraces() {
   return traces;
 }
 
-/** The factor by which the box of the axes fills the scene in the first view, with space for labels; a sphere stays round. */
+/** The scale at which the axes fill the initial view, with space for labels; a sphere stays round. */
 function zoom(extent, right = RIGHT, up = UP) {
   const { clientWidth: width, clientHeight: height } = byId("space");
   const seen = (side) =>
@@ -262,12 +262,12 @@ function spaceLayout() {
       title: { text: titleOf(letter, k) },
       range: space.range[k],
       nticks: Math.max(2, Math.round((6 * extent[k]) / Math.max(...extent))),
-      tickangle: 0, // rotated along the axis, long numbers would overlap its title
+      tickangle: 0, // if rotated along the axis, long numbers would overlap its title
       tickfont: { size: 11 },
       gridcolor: "#e6ebf0",
       zerolinecolor: "#c9d2da",
       showspikes: false,
-      showbackground: false, // it would hide the parts of labels that extend behind it
+      showbackground: false, // a background would hide parts of the labels
     };
   };
   return {

@@ -1,4 +1,4 @@
-"""Loads the dataset of a report from a result of the commands: a folder or a file."""
+"""Loads the dataset of a report from a result of a command, which is a folder or a file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,14 +15,14 @@ from qtraj.path.trihedral import Upright
 from qtraj.viz.drawable import drawable
 
 DATASETS = ("paths.nc", "table.nc")
-"""Datasets that the commands write into their folders."""
+"""Files of datasets that the commands write to their output folders."""
 TUNED = "tuning.toml"
 DOCUMENTS = (".toml", ".json")
 
 
 @dataclass(frozen=True)
 class Source:
-    """The file of a report, its dataset, and the tuned result that belongs to it, or None."""
+    """The file of a report, its dataset, and the corresponding tuned result, or None."""
 
     file: Path
     dataset: xarray.Dataset
@@ -32,10 +32,13 @@ class Source:
 def find(result: Path, frame: Frame | None = None) -> Source:
     """The dataset of a result: a folder, the file of a dataset, or a saved path.
 
-    **Raises:** OSError if the file does not exist or cannot be read; ValueError, naming the file, if it is no result.
+    **Raises:** OSError if the file does not exist or cannot be read; ValueError, which names the file, if it is not a
+    result.
     """
     if not result.exists():
-        raise FileNotFoundError(f"{result}: this result does not exist; 'qtraj tune' writes one into qtraj-out")
+        raise FileNotFoundError(
+            f"{result}: this file or folder does not exist; 'qtraj tune' writes results to qtraj-out"
+        )
     if result.suffix in DOCUMENTS:
         return _saved(result, Upright() if frame is None else frame)
     file = _within(result) if is_folder(result) else result
@@ -46,32 +49,32 @@ def find(result: Path, frame: Frame | None = None) -> Source:
 
 
 def is_folder(result: Path) -> bool:
-    """Whether a result is a folder of files, not a Zarr store."""
+    """Whether a result is a folder of files and not a Zarr store."""
     return result.is_dir() and result.suffix not in SUFFIXES
 
 
 def _within(folder: Path) -> Path:
-    """The one dataset of a folder."""
+    """The file of the only dataset in a folder."""
     files = [folder / name for name in DATASETS if (folder / name).is_file()]
     if not files:
-        names = " nor ".join(DATASETS)
+        names = ", ".join(DATASETS)
         raise ValueError(
-            f"{folder}: this folder contains neither {names}, which qtraj's commands write into their --out"
+            f"{folder}: this folder contains none of the files that qtraj writes to its --out folder: {names}"
         )
     if len(files) > 1:
-        raise ValueError(f"{folder}: this folder contains several results: name one of {', '.join(map(str, files))}")
+        raise ValueError(f"{folder}: this folder contains several results: pass one of {', '.join(map(str, files))}")
     return files[0]
 
 
 def _require_frame(file: Path, dataset: xarray.Dataset, frame: Frame) -> None:
-    """Raise a ValueError if the attitudes of a dataset are those of another frame."""
+    """Raise a ValueError if the attitudes of a dataset belong to another frame."""
     if "position" not in dataset:
-        raise ValueError(f"{file}: --frame belongs to a path, but this result has only attitudes")
+        raise ValueError(f"{file}: --frame needs a path, but this result contains only attitudes")
     actual, requested = dataset.attrs.get("frame", NATURAL), name_of(frame)
     if actual != requested:
         raise ValueError(
-            f"{file}: the attitudes in this dataset are those of the {actual} frame: name the saved path beside it "
-            f"(path.toml, tuning.toml), or run the command that wrote it with --frame {requested}"
+            f"{file}: the attitudes in this dataset belong to the {actual} frame. Pass the saved path in the same "
+            f"folder (path.toml, tuning.toml), or rerun the command that wrote the dataset with --frame {requested}"
         )
 
 
@@ -82,15 +85,15 @@ def _saved(file: Path, frame: Frame) -> Source:
     path = stored if tuned is None else tuned.path
     if not isinstance(path, AbstractHodograph):
         raise ValueError(
-            f"{file}: a saved path or tuning was expected, but the file holds a {type(stored).__name__}: name the "
-            "table.nc beside it"
+            f"{file}: a saved path or tuning was expected, but the file contains type {type(stored).__name__}. Pass "
+            "the table.nc in the same folder."
         )
     dataset = drawable(path if tuned is None else tuned, frame)
     return Source(file, dataset.assign_attrs(title=file.name), tuned)
 
 
 def _tuning(file: Path, dataset: xarray.Dataset) -> Tuned | None:
-    """The tuned result stored beside a dataset, if its path is the path "after" of the dataset; else None."""
+    """The tuned result in the folder of a dataset, if its path is the path "after" of the dataset; otherwise None."""
     if not file.is_file() or "path" not in dataset.dims or "after" not in dataset["path"].values.tolist():
         return None
     try:

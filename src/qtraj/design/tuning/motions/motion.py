@@ -14,7 +14,7 @@ ENDS = ("start", "end")
 VELOCITIES = tuple(f"{end}.{component}" for end in ENDS for component in COMPONENTS)
 
 HEADINGS = tuple(f"{end}.heading" for end in ENDS)
-"""Directions of the horizontal velocity, which may be fixed as well as the variables."""
+"""Directions of the horizontal velocity, which may be fixed like the variables."""
 
 
 class AbstractMotion(eqx.Module):

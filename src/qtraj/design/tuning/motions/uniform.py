@@ -3,6 +3,7 @@
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from qtraj.design.tuning.motions.motion import VELOCITIES, AbstractMotion
@@ -21,11 +22,11 @@ class Uniform(AbstractMotion):
         self, a: Cylindrical, b: Cylindrical, changes: Float[Array, " n"], turn: Scalar, duration: Scalar
     ) -> tuple[Vec3, Vec3]:
         """The initial V_ρ and V_h plus the changes, and V_φ of the constant rate."""
-        rate, angular = turn / duration, jnp.asarray([False, True, False])
-        both = changes.reshape(2, 2) @ jnp.asarray([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], changes.dtype)
-        va = jnp.where(angular, rate * a.radius, a.velocity + both[0])
-        vb = jnp.where(angular, rate * b.radius, b.velocity + both[1])
-        return va, vb
+        rate, angular = turn / duration, np.asarray([[False, True, False]])
+        changed = changes.reshape(2, 2) @ jnp.asarray([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], changes.dtype)
+        radii, initial = jnp.stack([a.radius, b.radius]), jnp.stack([a.velocity, b.velocity])
+        velocities = jnp.where(angular, (rate * radii)[:, None], initial + changed)
+        return velocities[0], velocities[1]
 
     def duration(self, a: Cylindrical, b: Cylindrical, turn: Scalar) -> Scalar:
         """The turn divided by the least-squares rate of both V_φ."""

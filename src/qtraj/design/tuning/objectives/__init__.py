@@ -1,1 +1,1 @@
-"""Objectives of a tuning, which the solution minimises."""
+"""Objective functions for tuning."""

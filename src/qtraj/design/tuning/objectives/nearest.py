@@ -15,11 +15,10 @@ class Nearest(AbstractObjective):
     name: ClassVar[str] = "nearest"
 
     def value(self, problem: Any, z: Float[Array, " n"]) -> Scalar:
-        """The weighted sum [m² s⁻²]; a change of the duration counts relative, times the reference speed."""
+        """The weighted sum [m² s⁻²]; the relative change of the duration is multiplied by the reference speed."""
         duration = problem.time(z)
-        va, vb = problem.velocities(z, duration)
-        changes = jnp.concatenate([va - problem.start.velocity, vb - problem.end.velocity])
-        total = jnp.sum(problem.weights[:6] * changes**2)
+        changes = problem.velocities(z, duration) - problem.initial_velocities
+        total = jnp.sum(problem.weights[:6].reshape(2, 3) * changes**2)
         if problem.motion.is_uniform:
             return total
         return total + problem.weights[6] * ((duration - problem.duration) / problem.duration * problem.speed) ** 2

@@ -10,10 +10,10 @@ from qtraj.foundation.types import Scalar
 
 
 class AbstractObjective(eqx.Module):
-    """A number to minimise, in units of its own.
+    """A number to minimise, in its own units.
 
-    `fixes_duration`: the duration is not a variable. `needs_time_limit`: the objective is bounded only by a limit on
-    the speed. `is_smooth`: the second derivatives exist, which the search "sqp" needs.
+    `fixes_duration`: the duration is not a variable. `needs_time_limit`: the problem needs a limit that bounds the
+    speed. `is_smooth`: the second derivatives exist; the search "sqp" needs them.
     """
 
     name: ClassVar[str]

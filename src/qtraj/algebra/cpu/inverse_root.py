@@ -1,8 +1,8 @@
 """The inverse square root from products and sums only.
 
 A compiler for CPUs considers roots and divisions too expensive to repeat, so it ends a loop at each of them and stores
-all intermediate results. This version starts from an estimate by the bits of the number and applies Newton's
-iteration, which compiles into any loop. Its error is below two units in the last place.
+all intermediate results. This version computes an estimate from the bits of the number and refines it by Newton's
+iteration, which does not end a loop. Its error is below two units in the last place.
 """
 
 from functools import partial
@@ -13,14 +13,12 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from qtraj.path.path_quantity import Division
-
 Numbers = Float[Array, "..."]
 Choice = Bool[Array, "..."] | bool
 
-# For each type: the integer type of the same width; the constant from which half the bits are subtracted, so that the
-# estimate has an error of at most 3.5 % (Lomont 2003, Robertson 2012); and the number of iterations to full precision,
-# where an error e becomes 1.5 e².
+# For each type: the integer type of the same width; the constant from which the bit pattern, shifted right by one, is
+# subtracted, so that the estimate has an error of at most 3.5 % (Lomont 2003, Robertson 2012); and the number of
+# iterations to full precision. Each iteration changes an error e to 1.5 e².
 _ESTIMATE = {"float64": (jnp.int64, 0x5FE6EB50C7B537A9, 4), "float32": (jnp.int32, 0x5F375A86, 3)}
 
 
@@ -66,7 +64,3 @@ def _root(x: Numbers) -> Numbers:
 def _root_jvp(primals: tuple[Numbers], tangents: tuple[Numbers]) -> tuple[Numbers, Numbers]:
     (x,) = primals
     return root(x), 0.5 * (inverse_root(x, x > 0) * tangents[0])
-
-
-DIVISION = Division(lambda numerator, denominator: numerator * inverse_root(denominator) ** 2, inverse_root)
-"""Quotients and inverse roots with positive divisors, for the formulas of path quantities."""

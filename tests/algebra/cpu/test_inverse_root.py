@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from qtraj.batch.cpu.inverse_root import inverse_root, root
+from qtraj.algebra.cpu.inverse_root import inverse_root, root
 
 ULPS = 2
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jax.interpreters import partial_eval
 
-from qtraj.batch.cpu.one_loop import derivatives_in_one_loop, in_one_loop
+from qtraj.algebra.cpu.one_loop import derivatives_in_one_loop, in_one_loop
 
 X = jnp.linspace(0.3, 1.7, 64).reshape(4, 16)
 

@@ -43,7 +43,7 @@ def _reduced(*arrays: Array, joined: str) -> list[Array]:
 
 
 def _transposed(cotangents: Sequence[Any], *arrays: Any, joined: str) -> list[Any]:
-    """The cotangents, joined in one loop if the values were not, and the reverse; symbolic zeros are left out."""
+    """The cotangents, joined in one loop if the values were not, and vice versa; symbolic zeros are omitted."""
     nonzero = [x for x in cotangents if not isinstance(x, ad.Zero)]
     other = "cotangents" if joined == "values" else "values"
     outputs = iter(_identity.bind(*nonzero, joined=other) if nonzero else [])

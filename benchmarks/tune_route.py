@@ -1,0 +1,191 @@
+"""Whole routes tuned: time against the number of segments, and other solvers on the same problem.
+
+`python -m benchmarks.tune_route` tunes drives in bends of 50 to 5 000 segments (curvature, lateral acceleration, speed;
+tube 0.5 m). With `--compare` the problem is also solved by IPOPT (through CasADi, where it is installed), with limits
+at `NODES` instants of each segment and exact derivatives, and by L-BFGS (SciPy) on penalties of increasing weight. The
+limits of each result are then sampled at a million instants.
+"""
+
+import argparse
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import qtraj as qt
+from qtraj.design.tuning_route import basis, constraints, rounds, setup
+from qtraj.design.tuning_route.problem import objective, segments
+
+NAMES = ("curvature", "speed", "lateral_acceleration")
+BOUNDS = (0.022, 9.0, 1.4)
+TUBE = 0.5
+NODES = 41
+SAMPLES = 1_000_000
+
+
+def position(t):
+    """A drive in bends at a changing speed, too fast in some of them."""
+    s = 8 * t - 6 * np.sin(0.15 * t)
+    return np.stack([s, 6 * np.sin(0.06 * s), 0.5 * np.cos(0.02 * s)], axis=-1)
+
+
+def drive(count, h=1e-3):
+    """A route with one segment for each second; both ends satisfy the limits."""
+    t = np.arange(count + 1.0)
+    before, here, after = position(t - h), position(t), position(t + h)
+    fits = np.flatnonzero(_lateral(here, before, after, h)[: -len(t) // 2 - 1 : -1] < 0.5 * BOUNDS[2])
+    n = len(t) - int(fits[0])
+    return qt.Route(t[:n], here[:n], ((after - before) / (2 * h))[:n], ((after - 2 * here + before) / h**2)[:n])
+
+
+def _lateral(here, before, after, h):
+    v, a = (after - before) / (2 * h), (after - 2 * here + before) / h**2
+    return np.linalg.norm(np.cross(v, a), axis=1) / np.linalg.norm(v, axis=1)
+
+
+def problem_of(route):
+    """The arrays that the search works on."""
+    given = setup.parts(route)
+    joints = len(given.h) + 1
+    fixed = np.zeros((joints, 3), bool)
+    fixed[[0, -1]] = True
+    found = setup.problem_of(given, NAMES, np.array(BOUNDS), np.full((joints, 2), TUBE), fixed, "nearest", False)
+    return given, found
+
+
+def sampled(route):
+    """The largest relative violation of each limit among a million samples."""
+    t = np.linspace(0, float(route.duration), SAMPLES)
+    table = qt.evaluate(route, t, NAMES)
+    return {name: float(np.max(table.values[name])) / bound - 1 for name, bound in zip(NAMES, BOUNDS, strict=True)}
+
+
+def with_ipopt(problem, count):
+    """Variables, objective and time of IPOPT, with limits at `NODES` instants of each segment."""
+    import casadi as ca
+
+    z0, z1 = ca.SX.sym("z0", 10), ca.SX.sym("z1", 10)
+    fields = ("ends", "durations", "near", "pace", "axes")
+    data = {name: np.asarray(getattr(problem, name)) for name in fields}
+    sizes = {name: int(np.prod(x.shape[:-1], dtype=int)) for name, x in data.items()}
+    given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+    scale = np.asarray(problem.scale)
+    moves = [z * scale for z in (z0, z1)]
+    h0 = given["durations"]
+    h = h0 + moves[1][9] - moves[0][9]
+    shifts = []
+    for side in range(2):
+        axes = ca.reshape(given["axes"][9 * side : 9 * side + 9], 3, 3)  # a column for each axis
+        shifts += [axes @ moves[side][3 * k : 3 * k + 3] for k in range(3)]
+    ends = ca.reshape(given["ends"], 3, 6).T
+    change = [h**e * shifts[k].T + ((h**e / h0**e) - 1) * ends[k, :] for k, e in enumerate(basis.POWERS)]
+    change = ca.vertcat(*change)
+    y = ends + change
+    near = ca.reshape(given["near"], 6, 6)
+    cost = ca.trace(change.T @ near @ change) + given["pace"] * (h / h0 - 1) ** 2
+    tables = basis.at_nodes(np.linspace(0, 1, NODES)[:-1], 2)
+    rows = []
+    for j in range(NODES - 1):
+        v, a = (ca.DM(tables[k, j]).T @ y / h**k for k in (1, 2))
+        d = ca.DM(tables[0, j]).T @ change
+        c = ca.cross(v, a)
+        square, normal = ca.dot(v, v), ca.dot(c, c)
+        rows += [normal / square**3 / BOUNDS[0] ** 2, square / BOUNDS[1] ** 2, normal / square / BOUNDS[2] ** 2]
+        rows += [(d[0] ** 2 + d[1] ** 2) / TUBE**2, d[2] ** 2 / TUBE**2]
+    one = ca.Function("one", [z0, z1, *given.values()], [cost, ca.vertcat(*rows), h / h0])
+    z = ca.MX.sym("z", 10, count + 1)
+    constant = [x.reshape(-1, x.shape[-1])[:, :count] for x in data.values()]
+    costs, limits, ratios = one.map(count)(z[:, :-1], z[:, 1:], *constant)
+    free = np.asarray(problem.free)[:, : count + 1].T.ravel()
+    nlp = {"x": ca.vec(z), "f": ca.sum2(costs), "g": ca.vertcat(ca.vec(limits), ca.vec(ratios))}
+    options = {"ipopt.print_level": 0, "print_time": False, "ipopt.tol": 1e-8, "ipopt.max_iter": 500}
+    solver = ca.nlpsol("solver", "ipopt", nlp, options)
+    wide = np.where(free > 0, np.inf, 0.0)
+    top = np.concatenate([np.ones(limits.numel()), np.full(count, 10.0)])
+    bottom = np.concatenate([np.full(limits.numel(), -np.inf), np.full(count, 0.1)])
+    start = time.process_time()
+    found = solver(x0=np.zeros(free.size), lbx=-wide, ubx=wide, lbg=bottom, ubg=top)
+    spent = time.process_time() - start
+    values = np.zeros(problem.free.shape)
+    values[:, : count + 1] = np.array(found["x"]).reshape(count + 1, 10).T
+    return values, spent, f"{solver.stats()['return_status']}, {solver.stats()['iter_count']} steps"
+
+
+def with_penalties(problem):
+    """The same of L-BFGS on quadratic penalties at the nodes, with a weight that grows to 1e4."""
+    from scipy.optimize import minimize
+
+    free = np.flatnonzero(np.asarray(problem.free))
+
+    @jax.jit
+    def cost(x, weight):
+        def value(x):
+            z = jnp.zeros(problem.free.size).at[free].set(x).reshape(problem.free.shape)
+            excess = (constraints.values(NAMES, problem, segments(problem, z)) - 1) * problem.used
+            return objective(problem, z) + weight * jnp.sum(jnp.maximum(excess, 0) ** 2)
+
+        return jax.value_and_grad(value)(x)
+
+    x, count = np.zeros(free.size), 0
+    cost(x, 1.0)[0].block_until_ready()
+    start = time.process_time()
+    for weight in (1e1, 1e2, 1e3, 1e4):
+        found = minimize(
+            lambda x, weight=weight: tuple(map(np.asarray, cost(x, weight))),
+            x,
+            jac=True,
+            method="L-BFGS-B",
+            options={"maxiter": 2000, "maxfun": 4000},
+        )
+        x, count = found.x, count + found.nit
+    spent = time.process_time() - start
+    z = np.zeros(problem.free.size)
+    z[free] = x
+    return z.reshape(problem.free.shape), spent, f"{count} steps"
+
+
+def timed(route, limits):
+    """The tuned route, and the wall and processor time [s]."""
+    wall, processor = time.perf_counter(), time.process_time()
+    best = qt.tune_route(route, limits, tube=TUBE)
+    return best, (time.perf_counter() - wall, time.process_time() - processor)
+
+
+def report(name, route, given, problem, z, spent, text):
+    """One line: objective, time, and the violations among the samples."""
+    judged = rounds.judge(route, given, qt.Limits(), np.full((len(given.h) + 1, 2), TUBE), problem, z)
+    value = float(rounds.attained(problem, jnp.asarray(z)))
+    worst = ", ".join(f"{key} {x:+.1e}" for key, x in sampled(judged.route).items())
+    print(f"{name}: objective {value:.8g}, {spent:.2f} s ({text}); largest violations: {worst}", flush=True)
+
+
+def main():
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("segments", type=int, nargs="*", default=[50, 500, 5000])
+    parser.add_argument("--compare", action="store_true")
+    chosen = parser.parse_args()
+    jax.config.update("jax_enable_x64", True)
+    limits = qt.Limits(**dict(zip(NAMES, BOUNDS, strict=True)))
+    for count in chosen.segments:
+        route = drive(count)
+        best, first = timed(route, limits)
+        warm = min(timed(route, limits)[1] for _ in range(3))
+        print(
+            f"{route.segments} segments: first {first[0]:.1f} s, warm {warm[0]:.2f} s (processor {warm[1]:.2f} s); "
+            f"{best.iterations} steps, objective {float(best.objective):.8g}, proved {best.certificate.holds}",
+            flush=True,
+        )
+        print("  largest violations:", ", ".join(f"{k} {v:+.1e}" for k, v in sampled(best.path).items()), flush=True)
+        if chosen.compare:
+            given, problem = problem_of(route)
+            report("  L-BFGS on penalties", route, given, problem, *with_penalties(problem))
+            try:
+                report("  IPOPT", route, given, problem, *with_ipopt(problem, route.segments))
+            except ImportError:
+                print("  IPOPT: CasADi is not installed")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,271 @@
+"""The fastest timing along a path whose shape is given."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.lax import stop_gradient
+from jaxtyping import Array, Float, Int
+
+from qtraj.design.limits import Limits
+from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, Certificate, require_float64
+from qtraj.design.timing.constraints import NAMES
+from qtraj.design.timing.directions import directions
+from qtraj.design.timing.grid import Shape
+from qtraj.design.timing.outcome import Retimed
+from qtraj.design.timing.parts import Part, known_segments, known_zero, of_path, standing_ends
+from qtraj.design.timing.proof import Source, prove
+from qtraj.design.timing.search import Found, Problem, fastest, last_gap, tables
+from qtraj.design.timing.timing import RetimedPath, Timing
+from qtraj.foundation.arrays import concrete, real_scalar
+from qtraj.foundation.outcome import ResultCode
+from qtraj.foundation.types import ArrayInput, Scalar
+from qtraj.path import pieces
+from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.moving_basis import MovingPolynomials
+from qtraj.path.quantity import QUANTITIES
+from qtraj.path.route import Route
+
+KNOTS = 256
+
+MARGIN = 1e-5
+"""Part of the limits that is not used, for what may happen between the nodes at which they are imposed."""
+
+REACHED = 1e-5
+"""Relative difference from a given speed at an end that counts as reached."""
+
+
+def retime(
+    path: AbstractHodograph,
+    limits: Limits,
+    *,
+    start_speed: ArrayInput | None = None,
+    end_speed: ArrayInput | None = None,
+    knots: int = KNOTS,
+    throw: bool = False,
+) -> Retimed:
+    """The fastest timing along `path`, whose shape stays as it is, within `limits`.
+
+    `limits` are those that depend on the timing: `speed`, `acceleration`, `lateral_acceleration`,
+    `longitudinal_acceleration`, `jerk`, `yaw_rate`, `yaw_acceleration` and `angular_rate`. `start_speed` and
+    `end_speed` [m/s]: zero for rest, None for a speed that is free. The squared path speed u̇², u the path's own
+    parameter, is a cubic spline of u with continuous second derivative in `knots` cells, a power of two; more cells
+    come closer to the least time of all. At rest the acceleration begins with a jump, so a limit on the jerk is one on
+    the motion after the start and before the end.
+
+    A route is cut where it stops. Each drive between two stops is timed in at least `knots` cells, from rest to rest,
+    and stops keep their lengths.
+
+    The time is minimised by an interior-point method whose steps cost in proportion to the number of cells, and whose
+    iterates satisfy all limits; without a limit on the jerk the problem is convex. Limits are imposed at two places of
+    each cell, tightened where they are passed between these, and then proved on the whole of each cell if the path has
+    polynomials. `duration` is differentiable in the path and the limits, in forward and reverse mode; batches by
+    `jax.vmap`. A route must be known, but its limits may be traced.
+
+    **Raises:** ValueError for limits that do not depend on the timing or leave the speed unbounded, for a negative
+    speed, for `knots` that are no power of two from 16 on, in float32, for a path that stands still in its own
+    parameter, and for a route whose velocity jumps or that stops within a segment. RuntimeError with `throw` where the
+    result is no success.
+    """
+    require_float64(path)
+    names = _require_limits(limits)
+    _require_knots(knots)
+    given = limits.given()
+    parts, standing = of_path(path, knots, "jerk" in given)
+    if not isinstance(path, Route):
+        _require_regular(path)
+    speeds = tuple(_speed(v, side) for v, side in ((start_speed, "start"), (end_speed, "end")))
+    bounds = {name: jnp.asarray(given.get(name, np.inf), path.duration.dtype) for name in NAMES}
+    retimed = _retimed(path, parts, standing, bounds, speeds, names)
+    return retimed.check() if throw else retimed
+
+
+class _Timed(NamedTuple):
+    """The timing of a part: powers of a, used parts of limits and statuses for each cell; knots; what was found."""
+
+    powers: Float[Array, "cells 4"]
+    usage: Float[Array, "limits cells"]
+    codes: Int[Array, "limits cells"]
+    knots: Float[Array, " cells+1"]
+    found: Found | None
+
+
+def _retimed(
+    path: AbstractHodograph,
+    parts: list[Part],
+    standing: tuple[bool, bool],
+    bounds: dict[str, Scalar],
+    speeds: tuple[Scalar | None, ...],
+    names: tuple[str, ...],
+) -> Retimed:
+    pace = jnp.where(jnp.asarray(standing), 0.0, _paced(path))
+    wanted = jnp.stack([jnp.asarray(np.inf if v is None else v, pace.dtype) for v in speeds])
+    bounded = (pace > 0) & (wanted > 0) & jnp.isfinite(wanted)
+    ratio = jnp.where(bounded, wanted, 1.0) / jnp.where(pace > 0, pace, 1.0)  # finite, for finite derivatives
+    largest = jnp.where(bounded, ratio**2, jnp.inf)
+    rest = tuple(known_zero(v) and not s for v, s in zip(speeds, standing, strict=True))
+    timed = []
+    for k, part in enumerate(parts):
+        first, last = k == 0, k == len(parts) - 1
+        ends = jnp.stack([largest[0] if first else jnp.inf, largest[1] if last else jnp.inf])
+        timed.append(_timed(path, part, bounds, ends, (rest[0] and first, rest[1] and last)))
+    knots = jnp.concatenate([timed[0].knots[:1], *(x.knots[1:] for x in timed)])
+    timing = Timing(jnp.concatenate([x.powers for x in timed]), knots, (rest[0], rest[1]))
+    own = np.array([NAMES.index(name) for name in names])
+    usage = jnp.concatenate([x.usage for x in timed], axis=1)[own] * (1 - MARGIN)
+    codes = jnp.concatenate([x.codes for x in timed], axis=1)[own]
+    searches = [x.found for x in timed if x.found is not None]
+    cells = [part.grid.cells for part in parts if part.grid is not None]
+    errors = jnp.stack([found.error for found in searches])
+    limits = jnp.stack([bounds[name] for name in names])
+    facts = _Facts(usage, codes, limits, pace, wanted, errors, np.array([last_gap(n) for n in cells]))
+    certificate, ends, code = _judged(timing, facts, path.polynomials(), names)
+    time = stop_gradient(timing.duration) + sum(found.sensitivity for found in searches)
+    steps = sum((found.steps for found in searches), jnp.zeros((), jnp.int32))
+    return Retimed(RetimedPath(path, timing), time, certificate, usage, ends, code, steps)
+
+
+class _Facts(NamedTuple):
+    """What the judgement needs: used parts and statuses of limits in all cells, ends, and how the searches ended."""
+
+    usage: Float[Array, "limits cells"]
+    codes: Int[Array, "limits cells"]
+    limits: Float[Array, " limits"]
+    pace: Float[Array, " 2"]
+    wanted: Float[Array, " 2"]
+    errors: Float[Array, " searches"]
+    enough: Float[np.ndarray, " searches"]
+
+
+def _timed(
+    path: AbstractHodograph, part: Part, bounds: dict[str, Scalar], ends: Array, rest: tuple[bool, bool]
+) -> _Timed:
+    dtype = path.duration.dtype
+    start, end = (jnp.asarray(x, dtype) for x in part[:2])
+    grid = part.grid
+    if grid is None:
+        nothing = jnp.zeros((len(NAMES), 1), dtype)
+        unit = jnp.zeros((1, 4), dtype).at[0, 0].set(1.0)
+        return _Timed(unit, nothing, nothing.astype(jnp.int32) + PROVED, jnp.stack([start, end]), None)
+    per_cell = (end - start) / grid.cells
+    inner = {name: bound * (1 - MARGIN) for name, bound in bounds.items()}
+    found = fastest(Problem(Shape(path, start, per_cell), inner, ends), tables(grid, rest))
+    knots = stop_gradient(start + jnp.asarray(grid.knots, dtype) * per_cell)
+    codes = jnp.full((len(NAMES), grid.cells), SAMPLED, jnp.int32)
+    polynomials = source(path)
+    if polynomials is not None:
+        timing = found.powers, jnp.asarray(rest)
+        codes = prove(stop_gradient(polynomials), grid, timing, stop_gradient(bounds)).codes
+    return _Timed(found.powers, found.usage, codes, knots, found)
+
+
+def source(path: AbstractHodograph) -> Source | None:
+    """The polynomials of the segments of a path, with their directions where it stops; None if it has none."""
+    if isinstance(path, Route):
+        segments = known_segments(path)
+        more = pieces.padded_size(segments.durations.size) - segments.durations.size
+        durations = jnp.asarray(np.append(segments.durations, np.ones(more)))
+        found = directions(segments, standing_ends(segments))
+        if found is None:
+            return Source(_in_world(segments.coefficients), durations, None)
+        ahead = _in_world(found.coefficients), np.pad(found.powers, [(0, more), (0, 0)])
+        return Source(_in_world(segments.coefficients), durations, ahead)
+    own = path.polynomials()
+    if own is None:
+        return None
+    x, y, z, angle = jax.tree.map(lambda x: x[..., None], (own.x, own.y, own.z, own.angle))
+    return Source(MovingPolynomials(x, y, z, angle), path.duration[None], None)
+
+
+def _in_world(c: Float[np.ndarray, "segments terms 3"]) -> MovingPolynomials:
+    _, padded = pieces.padded(np.zeros(len(c)), c)  # routes of similar length share an executable
+    x, y, z = (np.array(padded[..., k].T) for k in range(3))
+    x[0], y[0] = 0.0, 0.0  # where a segment starts does not matter, and must not coarsen its unit of length
+    return MovingPolynomials(jnp.asarray(x), jnp.asarray(y), jnp.asarray(z), jnp.zeros((1, x.shape[1])))
+
+
+@eqx.filter_jit
+def _paced(path: AbstractHodograph) -> Float[Array, " 2"]:
+    """|r'| at both ends."""
+    return jnp.stack([jnp.linalg.norm(path.velocity(t)) for t in (jnp.zeros_like(path.duration), path.duration)])
+
+
+@eqx.filter_jit
+def _judged(
+    timing: Timing, facts: _Facts, polynomials: MovingPolynomials | None, names: tuple[str, ...]
+) -> tuple[Certificate, Array, Array]:
+    """The certificate, the speeds at the ends and the code of the result."""
+    certificate = _certificate(timing, facts, polynomials, names)
+    powers, wanted = timing.coefficients, facts.wanted
+    ends = jnp.sqrt(jnp.maximum(jnp.stack([powers[0, 0], jnp.sum(powers[-1])]), 0.0)) * facts.pace
+    missed = jnp.any(jnp.isfinite(wanted) & (ends < wanted * (1 - REACHED)))
+    code = jnp.where(missed, int(ResultCode.end_speed_not_reached), certificate.code)
+    code = jnp.where(jnp.all(facts.errors < facts.enough), code, int(ResultCode.not_converged))
+    return certificate, ends, jnp.where(jnp.isfinite(powers).all(), code, int(ResultCode.not_finite))
+
+
+def _certificate(
+    timing: Timing, facts: _Facts, polynomials: MovingPolynomials | None, names: tuple[str, ...]
+) -> Certificate:
+    cell = jnp.argmax(facts.usage, axis=1)
+    values = jnp.take_along_axis(facts.usage, cell[:, None], axis=1)[:, 0] * facts.limits
+    times = 0.5 * (timing.times[cell] + timing.times[cell + 1])
+    rank = jnp.asarray([0, 1, 3, 2])[facts.codes]  # proved, sampled, undecided, broken
+    whole = jnp.asarray([PROVED, SAMPLED, UNDECIDED, BROKEN])[jnp.max(rank, axis=1)]
+    if polynomials is not None and polynomials.placement is not None:
+        x, y = polynomials.placement.orientation[1:3]
+        vertical = np.array([QUANTITIES[name].upright for name in names])
+        whole = jnp.where(vertical & ((x != 0) | (y != 0)), SAMPLED, whole)
+    over = values > facts.limits
+    whole = jnp.where(over & ((whole == SAMPLED) | (whole == UNDECIDED)), BROKEN, whole)
+    return Certificate(names, whole, times, values, facts.limits)
+
+
+def _require_limits(limits: Limits) -> tuple[str, ...]:
+    names = tuple(limits.given())
+    if unknown := [name for name in names if name not in NAMES]:
+        raise ValueError(
+            f"a timing cannot change {unknown[0]} in the way that retime needs: it takes limits on {', '.join(NAMES)}. "
+            "Call qtraj.certify for the others, which depend on the shape of the path alone."
+        )
+    if not any(QUANTITIES[name].bounds_speed for name in names):
+        raise ValueError(
+            f"without a limit on the speed or an acceleration there is no fastest timing, but {limits!r} was given"
+        )
+    return names
+
+
+def _require_knots(knots: int) -> None:
+    if not isinstance(knots, int) or knots < 16 or knots & (knots - 1):
+        raise ValueError(f"knots must be a power of two from 16 on, such as 256, but {knots!r} was given")
+
+
+def _require_regular(path: AbstractHodograph) -> None:
+    slowest = concrete(_slowest(path))
+    if slowest is not None and not (np.asarray(slowest) > 1e-9).all():
+        raise ValueError(
+            "this path stands still somewhere in its own parameter, where a timing along it is not defined: take the "
+            "parts between its stops, or describe it by another parameter, such as its arc length"
+        )
+
+
+@eqx.filter_jit
+def _slowest(path: AbstractHodograph) -> Scalar:
+    """The lowest speed of the path in its own parameter, relative to the highest."""
+    times = path.duration * jnp.linspace(0.0, 1.0, 257, dtype=path.duration.dtype)
+    speeds = jax.vmap(lambda t: jnp.linalg.norm(path.velocity(t)))(times)
+    return jnp.min(speeds) / jnp.max(speeds)
+
+
+def _speed(v: ArrayInput | None, side: str) -> Scalar | None:
+    if v is None:
+        return None
+    speed = real_scalar(v, f"the speed at the {side}")
+    known = concrete(speed)
+    if known is not None and not (np.isfinite(known) and known >= 0):
+        raise ValueError(f"the speed at the {side} must be at least 0 and finite [m/s], but {v!r} was given")
+    return speed

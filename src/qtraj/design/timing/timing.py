@@ -1,0 +1,226 @@
+"""The relation of a path's own parameter u and time t, u̇² = a(u) with a piecewise cubic, and the path in time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.lax import stop_gradient
+from jaxtyping import Array, Float
+
+from qtraj.foundation.arrays import as_float, one_instant
+from qtraj.foundation.document import storable
+from qtraj.foundation.shown import shown
+from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
+from qtraj.path.hodograph import AbstractHodograph
+
+QUADRATURE = np.polynomial.legendre.leggauss(12)
+"""Of the time within a cell."""
+
+NEWTON_STEPS = 8
+
+
+@storable
+class Timing(eqx.Module):
+    """Time along a path: u̇² = a(u) > 0, a cubic polynomial in each cell between `knots` of the path's parameter u.
+
+    `knots` (n + 1,) increase from 0; `coefficients` (n, 4) are ascending powers of the place in [0, 1] within each
+    cell. `rest` says whether a vanishes at the start and at the end, where the vehicle is at rest. `times` (n + 1,) [s]
+    are those of the knots. `time` and `parameter` are inverse to each other to about 1e-12 of the duration.
+    """
+
+    coefficients: Float[Array, "cells 4"]
+    knots: Float[Array, " cells+1"]
+    rest: tuple[bool, bool] = eqx.field(static=True)
+    times: Float[Array, " cells+1"]
+
+    def __init__(
+        self,
+        coefficients: ArrayInput,
+        knots: ArrayInput,
+        rest: Sequence[bool] = (False, False),
+        times: ArrayInput | None = None,
+    ):
+        self.coefficients, self.knots = as_float(coefficients), as_float(knots)
+        self.rest = (bool(rest[0]), bool(rest[1]))
+        if self.coefficients.shape[-1:] != (4,) or self.knots.shape[-1] != self.coefficients.shape[-2] + 1:
+            raise ValueError(
+                "a timing has coefficients (cells, 4) and one knot more than cells, but arrays of the shapes "
+                f"{self.coefficients.shape} and {self.knots.shape} were given"
+            )
+        self.times = _times(self) if times is None else as_float(times)
+
+    def __repr__(self) -> str:
+        return shown(self, knots="s", coefficients="", times="s")
+
+    @property
+    def duration(self) -> Float[Array, "*batch"]:
+        """The time for the whole path [s]."""
+        return self.times[..., -1]
+
+    def squared_speed(self, u: ScalarLike) -> Scalar:
+        """a(u) = u̇² at one parameter."""
+        cell, place = self._locate(one_instant(u))
+        return jnp.maximum(_horner(self.coefficients[cell], place), 0.0)
+
+    def taylor(self, u: ScalarLike) -> Float[Array, " 4"]:
+        """Taylor coefficients of a about one parameter."""
+        cell, place = self._locate(one_instant(u))
+        c = self.coefficients[cell]
+        shifted = [sum(math.comb(j, k) * c[j] * place ** (j - k) for j in range(k, 4)) for k in range(4)]
+        return jnp.stack(shifted) / (self.knots[cell + 1] - self.knots[cell]) ** jnp.arange(4, dtype=c.dtype)
+
+    def time(self, u: ScalarLike) -> Scalar:
+        """The time [s] at which the parameter is u; outside the knots that of the nearer end."""
+        cell, place = self._locate(one_instant(u))
+        starts, ends = self._kinds(cell)
+        z = _unstretched(place, starts, ends)
+        return self.times[cell] + _elapsed(self._form(cell), self._length(cell), starts, ends, z)
+
+    def parameter(self, t: ScalarLike) -> Scalar:
+        """The parameter at a time [s]; outside [0, duration] that of the nearer end."""
+        t = jnp.clip(one_instant(t), 0.0, self.duration)
+        u = stop_gradient(self._inverted(t))
+        return u + _root(self.squared_speed(u)) * (t - self.time(u))  # derivatives of the inverse
+
+    def _inverted(self, t: Scalar) -> Scalar:
+        cell = jnp.clip(jnp.searchsorted(self.times, t, side="right") - 1, 0, self._cells - 1)
+        since, span = t - self.times[cell], self.times[cell + 1] - self.times[cell]
+        form, length, (starts, ends) = self._form(cell), self._length(cell), self._kinds(cell)
+
+        def newton(_: Any, z: Scalar) -> Scalar:
+            late = _elapsed(form, length, starts, ends, z) - since
+            return jnp.clip(z - late / _pace(form, length, starts, ends, z), 0.0, 1.0)
+
+        z = jax.lax.fori_loop(0, NEWTON_STEPS, newton, since / span)
+        return self.knots[cell] + length * _stretched(z, starts, ends)
+
+    @property
+    def _cells(self) -> int:
+        return self.coefficients.shape[-2]
+
+    def _form(self, cell: Array) -> Array:
+        return self.coefficients[cell]
+
+    def _length(self, cell: Array) -> Array:
+        return self.knots[cell + 1] - self.knots[cell]
+
+    def _kinds(self, cell: Array) -> tuple[Array, Array]:
+        return (cell == 0) & self.rest[0], (cell == self._cells - 1) & self.rest[1]
+
+    def _locate(self, u: Scalar) -> tuple[Array, Scalar]:
+        u = u.astype(self.knots.dtype)
+        cell = jnp.clip(jnp.searchsorted(self.knots, u, side="right") - 1, 0, self._cells - 1)
+        return cell, jnp.clip((u - self.knots[cell]) / (self.knots[cell + 1] - self.knots[cell]), 0.0, 1.0)
+
+
+# In a cell that begins or ends at rest time goes with the square root of the way: there the place is z² from the start,
+# or 1 − (1 − z)² to the end, and time is a smooth function of z.
+
+
+@eqx.filter_jit
+def _times(timing: Timing) -> Float[Array, "*batch cells+1"]:
+    """The times of the knots [s]."""
+    c = jnp.moveaxis(timing.coefficients, -1, 0)
+    length = timing.knots[..., 1:] - timing.knots[..., :-1]
+    k = jnp.arange(c.shape[-1])
+    starts, ends = (k == 0) & timing.rest[0], (k == k.size - 1) & timing.rest[1]
+    passed = jnp.cumsum(_elapsed(c, length, starts, ends, jnp.ones_like(length)), axis=-1)
+    return jnp.concatenate([jnp.zeros_like(passed[..., :1]), passed], axis=-1)
+
+
+def _elapsed(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array:
+    """The time from the beginning of a cell to its place f(z)."""
+    at = (jnp.asarray(QUADRATURE[0], z.dtype) + 1) / 2
+    weights = jnp.asarray(QUADRATURE[1] / 2, z.dtype)
+    c, length, starts, ends = (jnp.asarray(x)[..., None] for x in (c, length, starts, ends))
+    at, weights = (x.reshape(*[1] * z.ndim, -1) for x in (at, weights))
+    return z * jnp.sum(weights * _pace(c, length, starts, ends, at * z[..., None]), axis=-1)
+
+
+def _stretched(z: Array, starts: Array, ends: Array) -> Array:
+    return jnp.where(starts, z**2, jnp.where(ends, z * (2 - z), z))
+
+
+def _unstretched(place: Scalar, starts: Array, ends: Array) -> Scalar:
+    return jnp.where(starts, _root(place), jnp.where(ends, 1 - _root(1 - place), place))
+
+
+def _pace(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array:
+    """dt/dz [s] in a cell with the coefficients `c` (4, …)."""
+    place = _stretched(z, starts, ends)
+    left = 1 - place
+    from_start = c[1] + place * (c[2] + place * c[3])
+    to_end = -(c[1] + 2 * c[2] + 3 * c[3]) + left * (c[2] + 3 * c[3] - left * c[3])
+    rest = jnp.where(starts | ends, 2.0, 1.0)
+    return length * rest * jnp.where(starts, from_start, jnp.where(ends, to_end, _horner(c, place))) ** -0.5
+
+
+@storable
+class RetimedPath(AbstractHodograph):
+    """A path r(u) driven by a timing: r(u(t)), t in seconds from its start.
+
+    It has no polynomials of its own: `retime` proves limits on its timing and on the path together.
+    """
+
+    path: AbstractHodograph
+    timing: Timing
+
+    def __init__(self, path: AbstractHodograph, timing: Timing):
+        self.path, self.timing = path, timing
+
+    def __repr__(self) -> str:
+        return shown(self)
+
+    @property
+    def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The time for the whole path [s]."""
+        return self.timing.duration
+
+    def nodes(self) -> Float[Array, " nodes"]:
+        """The times of the timing's knots [s], between which the path is smooth."""
+        return self.timing.times
+
+    def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
+        """r and its time derivatives up to `order` at one instant, world axes, row k in [m s^-k]."""
+        u = self.timing.parameter(t)
+        change = _increments(self.timing.taylor(u), order)
+        factorials = jnp.asarray([float(math.factorial(k)) for k in range(order + 1)], u.dtype)[:, None]
+        return _composed(self.path.derivatives(u, order) / factorials, change) * factorials
+
+
+def _increments(a: Float[Array, " 4"], order: int) -> list[Scalar]:
+    """Taylor coefficients in time of u − u₀, from u̇ = √a and ü = a'(u)/2."""
+    zero = jnp.zeros_like(a[0])
+    change = [zero, _root(a[0])]
+    for k in range(order - 1):
+        square = sum((change[i] * change[k - i] for i in range(k + 1)), zero)
+        slope = (a[1] if k == 0 else zero) + 2 * a[2] * change[k] + 3 * a[3] * square
+        change.append(slope / (2 * (k + 1) * (k + 2)))
+    return change[: order + 1]
+
+
+def _composed(shape: Float[Array, "orders 3"], change: list[Scalar]) -> Float[Array, "orders 3"]:
+    """Taylor coefficients of Σ shape_j δ^j, truncated, δ = Σ change_k t^k with change_0 = 0."""
+    orders = shape.shape[0]
+    result = jnp.zeros_like(shape).at[0].set(shape[-1])
+    for row in shape[-2::-1]:
+        product = [
+            sum((change[i] * result[k - i] for i in range(1, k + 1)), jnp.zeros_like(row)) for k in range(orders)
+        ]
+        result = jnp.stack(product).at[0].add(row)
+    return result
+
+
+def _horner(c: Array, x: Array) -> Array:
+    return c[0] + x * (c[1] + x * (c[2] + x * c[3]))
+
+
+def _root(x: Array) -> Array:
+    """√x, with derivative 0 where x vanishes."""
+    return jnp.where(x > 0, jnp.sqrt(jnp.where(x > 0, x, 1.0)), 0.0)

@@ -1,0 +1,50 @@
+"""Quintic segments by the states at their ends: values at nodes, and integrals of squared derivatives.
+
+A segment of duration h is r(u) = Σ H_l(u) y_l for 0 ≤ u ≤ 1, with the end data y = (p, hv, h²a) of its start and its
+end in units of length. Derivatives are with respect to u, so that the matrices are the same for all segments.
+"""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy.polynomial import polynomial as power
+
+from qtraj.path import pieces
+
+POWERS = (0, 1, 2, 0, 1, 2)
+"""The power of h in each entry of the end data."""
+
+CELLS = 10
+"""Cells of a segment; limits are constraints at the nodes between them and at the ends."""
+
+FINER = 8
+"""Parts of a cell between which the largest values are sought."""
+
+NODES = np.linspace(0.0, 1.0, CELLS + 1)
+
+FINE_NODES = np.linspace(0.0, 1.0, CELLS * FINER + 1)
+
+
+def lifted(x: Any, dimensions: int) -> Any:
+    """An array with leading axes of length 1 up to a number of dimensions."""
+    return x.reshape((1,) * (dimensions - x.ndim) + x.shape)
+
+
+def _polynomials() -> list[np.ndarray]:
+    """Ascending coefficients of H_l."""
+    data = np.eye(6).reshape(2, 3, 6)
+    return list(pieces.hermite(np.ones(1), data)[0].T)
+
+
+def at_nodes(nodes: np.ndarray, order: int) -> Float[np.ndarray, "{order}+1 nodes 6"]:
+    """Derivatives of H_l with respect to u, from 0 to `order`."""
+    rows = [[power.polyval(nodes, power.polyder(c, k)) for c in _polynomials()] for k in range(order + 1)]
+    return np.moveaxis(np.array(rows), 1, 2)
+
+
+def gram(order: int) -> Any:
+    """The matrix (6, 6) of ∫ H_l⁽ᵏ⁾ H_m⁽ᵏ⁾ du over the segment for k = `order`."""
+    x, weights = np.polynomial.legendre.leggauss(8)
+    values = at_nodes((x + 1) / 2, order)[order]
+    return np.einsum("j,jl,jm->lm", weights / 2, values, values)

@@ -1,0 +1,59 @@
+"""Symmetric block-tridiagonal systems by elimination along the chain, in O(blocks).
+
+Each block is eliminated by Gauss–Jordan steps without pivoting, which are exact for positive definite matrices: the
+pivots are positive there, and their signs say whether the matrix is. Blocks are small, so the steps are products of
+whole arrays rather than calls of a linear algebra library, which take longer.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+
+class Chain(NamedTuple):
+    """Blocks on the diagonal, and those below it: `lower[i]` couples block i + 1 (rows) to block i (columns)."""
+
+    diagonal: Float[Array, "n b b"]
+    lower: Float[Array, "n-1 b b"]
+
+
+def solve(chain: Chain, right: Float[Array, "n b"]) -> tuple[Float[Array, "n b"], Bool[Array, ""]]:
+    """The solution, and whether the matrix is positive definite (to rounding; otherwise the solution is useless)."""
+    size = right.shape[1]
+    below = jnp.concatenate([chain.lower, jnp.zeros_like(chain.diagonal[:1])])
+    after = jnp.concatenate([chain.diagonal[1:], jnp.eye(size, dtype=right.dtype)[None]])
+    rest = jnp.concatenate([right[1:], jnp.zeros_like(right[:1])])
+
+    def eliminate(carry, row):
+        block, value = carry
+        down, following, known = row
+        table = jnp.concatenate([block, down.T, value[:, None]], axis=1)
+        positive = jnp.asarray(True)
+        for k in range(size):
+            pivot = table[k, k]
+            positive &= pivot > 0
+            line = table[k] / pivot
+            table = (table - table[:, k : k + 1] * line[None]).at[k].set(line)
+        factor, reduced = table[:, size : 2 * size], table[:, 2 * size]
+        block = following - jnp.sum(down[:, :, None] * factor[None], axis=1)
+        value = known - jnp.sum(down * reduced[None], axis=1)
+        return (block, value), (factor, reduced, positive)
+
+    def substitute(later, row):
+        factor, reduced = row
+        found = reduced - jnp.sum(factor * later[None], axis=1)
+        return found, found
+
+    _, (factors, reduced, positive) = jax.lax.scan(eliminate, (chain.diagonal[0], right[0]), (below, after, rest))
+    _, found = jax.lax.scan(substitute, jnp.zeros_like(right[0]), (factors, reduced), reverse=True)
+    return found, jnp.all(positive)
+
+
+def product(chain: Chain, x: Float[Array, "n b"]) -> Float[Array, "n b"]:
+    """The matrix times a vector."""
+    own = jnp.sum(chain.diagonal * x[:, None], axis=2)
+    up = jnp.sum(chain.lower * x[:-1, None], axis=2)
+    down = jnp.sum(chain.lower * x[1:, :, None], axis=1)
+    return own.at[1:].add(up).at[:-1].add(down)

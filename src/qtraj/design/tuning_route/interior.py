@@ -1,0 +1,243 @@
+"""A primal-dual interior-point method for routes, in one compiled loop.
+
+The constraints g(z) + s = 0, s ≥ 0 are kept by a logarithmic barrier with the parameter μ → 0 (Nocedal and Wright,
+*Numerical Optimization*, chapter 19; Wächter and Biegler, *Math. Program.* 106, 2006, sections 2 and 3). Second
+derivatives are exact; where they are not positive definite, a multiple of the identity is added. A line search on the
+merit function f − μΣ ln s + ν Σ|g + s| ensures progress.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from qtraj.design.tuning_route import basis
+from qtraj.design.tuning_route.constraints import Names, values
+from qtraj.design.tuning_route.newton import Iterate, Linear, Rows, Step, excess_of, linearise, newton, used
+from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
+from qtraj.foundation.types import Scalar
+
+TOLERANCE = 1e-7
+"""The largest residual of the optimality conditions at the end."""
+
+LEAST_SLACK = 0.1
+"""Slacks at the start, at least."""
+
+SHIFT, MOST_SHIFT = 1e-6, 1e10
+"""The first and the largest multiple of the identity that is added."""
+
+HALVINGS = 14
+
+SUFFICIENT = 1e-4
+
+CAP = 1e10
+"""Multipliers stay within this factor of μ/s."""
+
+LEAST_MARGIN = 0.5
+
+RENEWED, RENEWALS = 1e-2, 15
+"""Margins are renewed whenever the barrier parameter decreases below this, so often at most."""
+
+FREE = 4
+"""From this renewal on margins only decrease, so that they converge."""
+
+SETTLED = 1e-6
+"""Margins that change less are kept from then on."""
+
+
+class Search(NamedTuple):
+    """The state of the loop; `done` if the tolerance is reached, `stuck` if no step makes progress."""
+
+    at: Iterate
+    mu: Scalar
+    shift: Scalar
+    penalty: Scalar
+    error: Scalar
+    steps: Int[Array, ""]
+    renewals: Int[Array, ""]
+    done: Bool[Array, ""]
+    stuck: Bool[Array, ""]
+
+
+def start(names: Names, problem: RouteProblem, z: Float[Array, "10 joints"], margins: Any, mu: Any) -> Iterate:
+    """An iterate at the variables `z`: slacks from the constraints, multipliers from the slacks."""
+    excess = excess_of(names, problem, segments(problem, z), margins)
+    count = used(problem)
+    slacks = jax.tree.map(lambda g, u: jnp.where(u > 0, jnp.maximum(-g, LEAST_SLACK), 1.0), excess, count)
+    return Iterate(z, slacks, jax.tree.map(lambda s, u: u * mu / s, slacks, count), margins)
+
+
+def _size(x: Any) -> Scalar:
+    return jnp.max(jnp.stack([jnp.max(jnp.abs(leaf)) for leaf in jax.tree.leaves(x)]))
+
+
+def _error(problem: RouteProblem, at: Iterate, linear: Linear, mu: Any) -> Scalar:
+    count = used(problem)
+    gaps = jax.tree.map(lambda g, s, u: (g + s) * u, linear.excess, at.slacks, count)
+    products = jax.tree.map(lambda s, m, u: (s * m - mu) * u, at.slacks, at.multipliers, count)
+    mean = sum(jnp.sum(m) for m in at.multipliers) / jnp.maximum(sum(jnp.sum(u) for u in count), 1.0)
+    scale = jnp.maximum(mean, 1.0)
+    return jnp.maximum(jnp.maximum(_size(linear.residual) / scale, _size(gaps)), _size(products) / scale)
+
+
+def refreshed(names: Names, problem: RouteProblem, z: Float[Array, "10 joints"], margins: Any) -> Any:
+    """Margins such that the constraint at each node bounds the peaks in the half cells beside it.
+
+    They are the ratios of the values at the nodes to those of the peaks, at the present variables; the latter from
+    parabolas through the values on a finer grid. Slopes, on which the value between nodes is larger than at one of
+    them but not than at both, need no margin.
+    """
+    s = segments(problem, z)
+    fine = values(names, problem, s, fine=True)
+    middle, before, after = fine[:, 1:-1], fine[:, :-2], fine[:, 2:]
+    bend = before - 2 * middle + after
+    rise = 0.125 * (after - before) ** 2 / jnp.where(bend < 0, -bend, 1.0)
+    inside = (bend < 0) & (jnp.abs(after - before) <= -2 * bend)
+    peak = jnp.pad(jnp.where(inside, middle + rise, 0.0), ((0, 0), (1, 1), (0, 0)))
+    reach = basis.FINER // 2 + 1
+    padded = jnp.pad(peak, ((0, 0), (reach, reach), (0, 0)))
+    shifted = [padded[:, k : k + basis.CELLS * basis.FINER + 1 : basis.FINER] for k in range(2 * reach + 1)]
+    own = fine[:, :: basis.FINER]
+    largest = _joined(jnp.maximum(own, jnp.max(jnp.stack(shifted), axis=0)), problem.used)
+    safe = largest > 1e-3
+    ratio = jnp.where(safe, own / jnp.where(safe, largest, 1.0), 1.0)
+    # Only where the limit is nearly attained does the ratio matter; elsewhere it would shut out useful values.
+    return jnp.where(largest > 0.8 * margins.max(), jnp.maximum(ratio, LEAST_MARGIN), 1.0)
+
+
+def _joined(largest: Array, used: Array) -> Array:
+    """The largest values near nodes, with those near nodes that do not count given to neighbours that do.
+
+    The end of a segment counts as the start of the next one, unless the limit may jump there; where neither counts,
+    because the joint is fixed, the next node inside the segment stands for it.
+    """
+    before = jnp.pad(largest[:, -1, :-1] * (1 - used[:, -1, :-1]), ((0, 0), (1, 0)))
+    after = jnp.pad(used[:, 0, 1:], ((0, 0), (0, 1)))
+    alone = largest[:, -1] * (1 - used[:, -1]) * (1 - after)
+    largest = largest.at[:, -2].max(alone).at[:, 1].max(largest[:, 0] * (1 - used[:, 0]))
+    return largest.at[:, 0].max(before)
+
+
+def _merit(problem: RouteProblem, z: Any, excess: Rows, slacks: Rows, mu: Any, penalty: Any) -> Scalar:
+    count = used(problem)
+    barrier = sum(jnp.sum(u * jnp.log(s)) for u, s in zip(count, slacks, strict=True))
+    gap = sum(jnp.sum(u * jnp.abs(g + s)) for u, g, s in zip(count, excess, slacks, strict=True))
+    return objective(problem, z) - mu * barrier + penalty * gap
+
+
+def _shifted_step(names: Names, problem: RouteProblem, search: Search, linear: Linear) -> tuple[Step, Scalar]:
+    """The Newton step with the first shift, of an increasing sequence, for which the matrix is positive definite."""
+
+    def again(carry: tuple[Step, Scalar, Scalar]) -> Any:
+        step, shift, _ = carry
+        return ~step.positive & (shift < MOST_SHIFT)
+
+    def attempt(carry: tuple[Step, Scalar, Scalar]) -> Any:
+        _, _, shift = carry
+        following = jnp.where(shift > 0, shift * 8.0, jnp.maximum(SHIFT, search.shift / 3))
+        return newton(names, problem, search.at, linear, search.mu, shift), shift, following
+
+    zero = jnp.zeros_like(search.mu)
+    none = Step(search.at.z, search.at.slacks, search.at.multipliers, zero, zero, zero > 0)
+    step, shift, _ = jax.lax.while_loop(again, attempt, (none, zero, zero))
+    return step, shift
+
+
+def _longest(values: Rows, changes: Rows, keep: Any) -> Scalar:
+    """The largest part of a step, at most 1, that keeps positive numbers above a small part of themselves."""
+    parts = [
+        jnp.min(jnp.where(d < 0, -keep * v / jnp.where(d < 0, d, -1.0), 1.0))
+        for v, d in zip(values, changes, strict=True)
+    ]
+    return jnp.minimum(1.0, jnp.minimum(*parts))
+
+
+def _moved(tree: Any, change: Any, part: Any) -> Any:
+    return jax.tree.map(lambda x, d: x + part * d, tree, change)
+
+
+def _iteration(names: Names, problem: RouteProblem, search: Search, factor: Any, least: Any) -> Search:
+    at, count = search.at, used(problem)
+    linear = linearise(names, problem, at)
+    error = _error(problem, at, linear, 0.0)
+    done = (error <= jnp.maximum(TOLERANCE, 10 * least)) & (search.mu <= least)
+    close = _error(problem, at, linear, search.mu) <= 10 * search.mu
+    renew = close & (search.mu < RENEWED) & (search.renewals < RENEWALS)
+    margins = jax.lax.cond(renew, lambda: refreshed(names, problem, at.z, at.margins) * factor, lambda: at.margins)
+    margins = jnp.where(search.renewals >= FREE, jnp.minimum(margins, at.margins), margins)
+    # With new margins the constraints jump by this; smaller slacks would block the way.
+    jump = jnp.max(jnp.abs(margins - at.margins) * problem.used)
+    settled = jump <= SETTLED
+    margins = jnp.where(settled, at.margins, margins)
+    renewals = jnp.where(renew, jnp.where(settled, RENEWALS, search.renewals + 1), search.renewals)
+    smaller = jnp.maximum(least, jnp.minimum(0.2 * search.mu, search.mu**1.5))
+    smaller = jnp.maximum(smaller, jnp.where(renew & ~settled, jnp.minimum(0.3 * jump, search.mu), 0.0))
+    mu = jnp.where(close, smaller, search.mu)
+    nodes = linear.excess.nodes + (at.margins - margins) * problem.used
+    linear = linear._replace(excess=linear.excess._replace(nodes=nodes))
+    at = at._replace(margins=margins)
+    search = search._replace(at=at, mu=mu)
+    step, shift = _shifted_step(names, problem, search, linear)
+
+    gap = sum(jnp.sum(u * jnp.abs(g + s)) for u, g, s in zip(count, linear.excess, at.slacks, strict=True))
+    needed = (step.slope + 0.5 * step.curvature) / (0.9 * jnp.where(gap > 0, gap, 1.0))
+    penalty = jnp.where(gap > 1e-14, jnp.maximum(search.penalty, needed), search.penalty)
+    slope = step.slope - penalty * gap
+    keep = jnp.maximum(0.99, 1.0 - mu)
+    longest = _longest(at.slacks, step.slacks, keep)
+    initial = _merit(problem, at.z, linear.excess, at.slacks, mu, penalty)
+
+    def trial(part: Any) -> tuple[Array, Rows, Scalar]:
+        z, slacks = at.z + part * step.z, _moved(at.slacks, step.slacks, part)
+        excess = excess_of(names, problem, segments(problem, z), margins)
+        slacks = jax.tree.map(reset, slacks, excess, at.slacks, count)
+        return z, slacks, _merit(problem, z, excess, slacks, mu, penalty)
+
+    def reset(slack: Array, g: Array, before: Array, u: Array) -> Array:
+        """The slack of a satisfied constraint is its distance: of all slacks it has the smallest merit."""
+        exact = -g > jnp.maximum(mu / penalty, 0.01 * before)
+        return jnp.where(u > 0, jnp.where(exact, -g, slack), 1.0)
+
+    def fails(carry: Any) -> Any:
+        part, (_, _, merit), k = carry
+        bound = initial + SUFFICIENT * part * slope + 1e-13 * jnp.abs(initial)
+        return ~(merit <= bound) & (k <= HALVINGS)
+
+    def shorter(carry: Any) -> Any:
+        part, _, k = carry
+        part = jnp.where(k > 0, 0.5 * part, part)
+        return part, trial(part), k + 1
+
+    unknown = (at.z, at.slacks, jnp.full_like(mu, jnp.inf))
+    _, (z, slacks, merit), tried = jax.lax.while_loop(fails, shorter, (longest, unknown, 0))
+    failed = (tried > HALVINGS) | ~jnp.isfinite(merit) | ~step.positive
+    dual = _longest(at.multipliers, step.multipliers, keep)
+    multipliers = _moved(at.multipliers, step.multipliers, dual)
+    multipliers = jax.tree.map(
+        lambda m, s, u: u * jnp.clip(m, mu / (CAP * s), CAP * mu / s), multipliers, slacks, count
+    )
+    stopped = done | failed
+    kept = jax.tree.map(lambda a, b: jnp.where(stopped, a, b), search.at, Iterate(z, slacks, multipliers, margins))
+    return Search(
+        kept, mu, shift, penalty, error, search.steps + jnp.where(stopped, 0, 1), renewals, done, failed & ~done
+    )
+
+
+def solve(
+    names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu: Any, least: Any, most: Any, renewals: Any
+) -> Search:
+    """The search from an iterate, with the barrier parameter from `mu` to `least`, in at most `most` steps.
+
+    `names` are the limits in the order of their squares. Margins are multiplied by `factor`, below 1, and were renewed
+    `renewals` times before.
+    """
+    one = jnp.ones_like(problem.durations[0])
+    first = Search(
+        at, mu * one, 0 * one, one, jnp.inf * one, 0 * jnp.asarray(most), jnp.asarray(renewals), one < 0, one < 0
+    )
+
+    def running(search: Search) -> Any:
+        return ~search.done & ~search.stuck & (search.steps < most)
+
+    return jax.lax.while_loop(running, lambda search: _iteration(names, problem, search, factor, least), first)

@@ -1,0 +1,160 @@
+"""Rounds of searches until every limit and the tube are proved on every segment that may change.
+
+A search satisfies the limits at nodes, with margins for larger values between them (`refreshed`). The certificate then
+judges whole segments; where a proof is missing, the margins shrink a little and the search continues from its solution.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from qtraj.design.limits import Limits
+from qtraj.design.proof.certificate import PROVED
+from qtraj.design.proof.route import certify_route
+from qtraj.design.proof.route_certificate import RouteCertificate
+from qtraj.design.tuning_route import interior
+from qtraj.design.tuning_route.constraints import Names
+from qtraj.design.tuning_route.interior import FREE, Search
+from qtraj.design.tuning_route.newton import Iterate, Rows, excess_of, used
+from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
+from qtraj.design.tuning_route.setup import Parts, same_terms
+from qtraj.design.tuning_route.tube import Displacement
+from qtraj.path import pieces
+from qtraj.path.route import Route, from_segments
+
+ROUNDS = 10
+"""Searches, at most."""
+
+BARRIER, LEAST = 0.1, 1e-9
+"""The barrier parameter at the start and at the end of a search; the objective is then at most `LEAST` times the number
+of constraints above its minimum."""
+
+AGAIN = (1e-7, 1e-3)
+"""At the start of a further search it is the largest relative violation between the nodes, within these bounds."""
+
+SAFETY = 2e-6
+"""The squares stay below their margins by this part, in each further round by twice as much."""
+
+
+class Judged(NamedTuple):
+    """A route with its proofs: of the limits, and of the horizontal and vertical distance (segments, 2)."""
+
+    route: Route
+    certificate: RouteCertificate
+    within: np.ndarray
+    distances: np.ndarray
+
+
+class Found(NamedTuple):
+    """The variables and what is known of their route; `proved` on all segments that may change."""
+
+    z: Any
+    judged: Judged
+    proved: bool
+    steps: int
+
+
+@eqx.filter_jit
+def _search(names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu: Any, most: Any, renewals: Any) -> Search:
+    return interior.solve(names, problem, at, factor, mu, LEAST, most, renewals)
+
+
+@eqx.filter_jit
+def _prepared(names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu: Any) -> Iterate:
+    """The iterate for the next search: new margins, and slacks that suit the multipliers."""
+    margins = jnp.minimum(at.margins, interior.refreshed(names, problem, at.z, at.margins) * factor)
+    excess = excess_of(names, problem, segments(problem, at.z), margins)
+
+    def slack(g: Any, m: Any, u: Any) -> Any:
+        return jnp.where(u > 0, jnp.maximum(-g, mu / jnp.maximum(m, 1e-3)), 1.0)
+
+    count = used(problem)
+    slacks = jax.tree.map(slack, excess, at.multipliers, count)
+    multipliers = jax.tree.map(lambda s, u: u * mu / s, slacks, count)
+    return Iterate(at.z, Rows(*slacks), Rows(*multipliers), margins)
+
+
+@eqx.filter_jit
+def attained(problem: RouteProblem, z: Any) -> Any:
+    """The objective in the units of `tune_route`; of "fastest" without the segments that stay as they are."""
+    return objective(problem, z) * problem.unit
+
+
+def solved(
+    route: Route, given: Parts, names: Names, limits: Limits, tube: np.ndarray, problem: RouteProblem, most: int
+) -> Found:
+    """The tuned route; `tube` (n + 1, 2) are the half-widths at the joints [m]."""
+    n, count = problem.durations.shape[0], len(given.h)
+    moving = np.asarray(problem.moving)[:count] > 0
+    bounds = np.sqrt(np.asarray(problem.squares))
+    factor = np.ones((len(names) + 2, 1, n))
+    at, mu, steps, k = _start(names, problem), BARRIER, 0, 0
+    while True:
+        safe = jnp.asarray(factor * (1 - SAFETY * 2.0**k))
+        if k:
+            at = _prepared(names, problem, at, safe, np.asarray(mu, float))
+        search = _search(
+            names, problem, at, safe, np.asarray(mu, float), *map(np.asarray, (most - steps, min(k, 1) * FREE))
+        )
+        at, steps = search.at, steps + int(search.steps)
+        judged = judge(route, given, limits, tube, problem, np.asarray(at.z))
+        open_ = unproved(judged, names, moving)
+        found = Found(at.z, judged, not open_.any(), steps)
+        if found.proved or k == ROUNDS or steps >= most or not np.isfinite(judged.distances).all():
+            return found
+        values = [judged.certificate.segments.worst[name][1] for name in names]
+        above = np.stack([*(np.array(values) / bounds[:, None]), *(judged.distances / tube[:-1]).T])
+        above = np.clip(np.nan_to_num(above, nan=1.0), 1.0, 1.02)
+        mu = float(np.clip(np.max(np.where(open_, above - 1, 0.0)), *AGAIN))
+        factor[:, 0, :count] *= np.where(open_, above, 1.0) ** -2
+        k += 1
+    return None
+
+
+@eqx.filter_jit
+def _start(names: Names, problem: RouteProblem) -> Iterate:
+    z = jnp.zeros_like(problem.free)
+    return interior.start(names, problem, z, jnp.ones_like(problem.used), BARRIER)
+
+
+def judge(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem, z: np.ndarray) -> Judged:
+    """The route at the variables `z`, with its proofs."""
+    c, h = changed(given, problem, z)
+    starts = np.append(0.0, np.cumsum(h))
+    h = np.diff(starts)
+    new = from_segments(starts[:-1], c, np.asarray(starts[-1]), np.asarray(route.origin))
+    displacement = Displacement(np.asarray(new.coefficients)[: len(h)], h, given.c, given.h)
+    return Judged(new, certify_route(new, limits), displacement.within(tube), displacement.largest())
+
+
+def unproved(judged: Judged, names: Names, moving: np.ndarray) -> np.ndarray:
+    """Which limits (then both distances) lack a proof, on which segments that may change."""
+    codes = np.asarray(judged.certificate.segments.codes)
+    order = [judged.certificate.names.index(name) for name in names]
+    return np.concatenate([codes[:, order].T != PROVED, ~judged.within.T]) & moving
+
+
+def changed(given: Parts, problem: RouteProblem, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients and durations at the variables `z`; segments that stay as they are keep theirs exactly."""
+    states, h = states_at(given, problem, z)
+    c = pieces.hermite(h, states)
+    c, old = same_terms(c, given.c)
+    still = np.asarray(problem.moving)[: len(h)] == 0
+    c[still] = old[still]
+    return c, h
+
+
+def states_at(given: Parts, problem: RouteProblem, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The states of the joints (n + 1, 3, 3) and the durations (n,)."""
+    count = len(given.h)
+    move = (z * np.asarray(problem.scale)[:, None])[:, : count + 1]
+    axes = np.asarray(problem.axes)[..., :count]
+    axes = np.concatenate([axes[0], axes[1][..., -1:]], axis=-1)
+    shifts = np.einsum("kan,acn->nkc", move[:9].reshape(3, 3, -1), axes)
+    longer = np.asarray(problem.moving)[:count] * np.diff(move[9])
+    return given.states + shifts, given.h + longer

@@ -1,0 +1,101 @@
+"""Proofs that a route stays within a tube about another one, segment by segment, at equal fractions of the segments.
+
+The squares of the half-width minus those of the distance are polynomials of a degree up to 14 on each segment. Their
+Bernstein coefficients bound them from below; segments without a proof are halved. Everything here is NumPy.
+"""
+
+from math import comb
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from qtraj.design.tuning_route.setup import same_terms
+
+DEPTH = 26
+"""Halvings of a segment, at most."""
+
+ROUNDINGS = 64
+"""Roundings in each coefficient, generously counted."""
+
+
+class Displacement:
+    """The displacement of a route's segments from another's, as polynomials in the fraction u.
+
+    `c` (n, terms, 3) [m]: ascending coefficients in u. `error` (n,) [m]: a bound on their rounding at any u.
+    """
+
+    def __init__(self, new: np.ndarray, h_new: np.ndarray, old: np.ndarray, h_old: np.ndarray):
+        """Coefficients (n, terms, 3) in time since the start of each segment, and durations (n,), of both routes."""
+        powers = np.arange(max(new.shape[1], old.shape[1]))[None, :, None]
+        ours, theirs = (
+            c * h[:, None, None] ** powers for c, h in zip(same_terms(new, old), (h_new, h_old), strict=True)
+        )
+        self.c = ours - theirs
+        size = np.abs(self.c[:, 0]).max(axis=1) + (np.abs(ours) + np.abs(theirs))[:, 1:].sum(axis=1).max(axis=1)
+        self.error = ROUNDINGS * np.finfo(float).eps * size
+
+    def largest(self, count: int = 65) -> Float[np.ndarray, "n 2"]:
+        """The largest horizontal and vertical distances [m] at `count` instants of each segment."""
+        powers = np.linspace(0, 1, count)[:, None] ** np.arange(self.c.shape[1])
+        d = np.einsum("fk,nkc->nfc", powers, self.c)
+        return np.stack([np.hypot(d[..., 0], d[..., 1]).max(axis=1), np.abs(d[..., 2]).max(axis=1)], axis=1)
+
+    def within(self, tube: Float[np.ndarray, "joints 2"]) -> Bool[np.ndarray, "n 2"]:
+        """Whether the horizontal and the vertical distance are proved to be at most the half-widths [m]."""
+        width = np.stack([tube[:-1], tube[1:] - tube[:-1]], axis=1)
+        level = _square(self.c[:, :, 0]) + _square(self.c[:, :, 1])
+        found = []
+        for k, square in enumerate((level, _square(self.c[:, :, 2]))):
+            slack = -square
+            slack[:, :3] += _square(width[:, :, k])
+            most = np.abs(self.c).sum(axis=(1, 2))
+            error = 6 * self.error * (most + self.error) + ROUNDINGS * np.finfo(float).eps * (
+                most**2 + np.abs(width[:, :, k]).sum(axis=1) ** 2
+            )
+            found.append(_positive(_bernstein(slack), error))
+        return np.stack(found, axis=1)
+
+
+def _square(c: np.ndarray) -> np.ndarray:
+    """The squares of polynomials (n, terms)."""
+    found = np.zeros((len(c), 2 * c.shape[1] - 1))
+    for k in range(c.shape[1]):
+        found[:, k : k + c.shape[1]] += c[:, k : k + 1] * c
+    return found
+
+
+def _bernstein(c: np.ndarray) -> np.ndarray:
+    """Bernstein coefficients on [0, 1] of polynomials (n, terms)."""
+    degree = c.shape[1] - 1
+    table = np.array(
+        [[comb(j, k) / comb(degree, k) if k <= j else 0.0 for k in range(degree + 1)] for j in range(degree + 1)]
+    )
+    return c @ table.T
+
+
+def _positive(b: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Whether polynomials with Bernstein coefficients (n, terms) are at least `error` (n,) on [0, 1]."""
+    proved = np.ones(len(b), bool)
+    index = np.arange(len(b))
+    for _ in range(DEPTH):
+        open_ = b.min(axis=1) < error[index]
+        # Coefficients at the ends are values: one below the error refutes, or cannot be decided.
+        lost = open_ & (np.minimum(b[:, 0], b[:, -1]) < error[index])
+        proved[index[lost]] = False
+        kept = open_ & proved[index]
+        if not kept.any():
+            return proved
+        left, right = _halves(b[kept])
+        b, index = np.concatenate([left, right]), np.concatenate([index[kept]] * 2)
+    proved[index] = False
+    return proved
+
+
+def _halves(b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """De Casteljau's division at the middle."""
+    left, right, row = [b[:, 0]], [b[:, -1]], b
+    for _ in range(b.shape[1] - 1):
+        row = 0.5 * (row[:, :-1] + row[:, 1:])
+        left.append(row[:, 0])
+        right.append(row[:, -1])
+    return np.stack(left, axis=1), np.stack(right[::-1], axis=1)

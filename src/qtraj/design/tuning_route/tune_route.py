@@ -1,0 +1,202 @@
+"""`tune_route`: a whole route, changed within limits and a tube."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from qtraj.design.limits import Limits
+from qtraj.design.proof.certificate import require_float64
+from qtraj.design.tuning_route import rounds
+from qtraj.design.tuning_route.problem import RouteProblem
+from qtraj.design.tuning_route.setup import Parts, parts, problem_of
+from qtraj.design.tuning_route.tuned_route import TunedRoute
+from qtraj.foundation.outcome import ResultCode
+from qtraj.foundation.types import ArrayInput
+from qtraj.path.quantity import quantity
+from qtraj.path.route import Route
+
+OBJECTIVES = ("nearest", "smoothest", "fastest")
+
+UNSUITABLE = ("torsion", "angular_rate", "angular_acceleration")
+"""Limits on the natural trihedral, which does not exist on straights."""
+
+INFEASIBLE = 1e-6
+"""A relative violation that remains shows that the limits cannot be satisfied."""
+
+
+def tune_route(
+    route: Route,
+    limits: Limits,
+    tube: ArrayInput | tuple[ArrayInput, ArrayInput] = 0.5,
+    objective: str = "nearest",
+    fixed: ArrayInput | None = None,
+    *,
+    max_steps: int = 300,
+    throw: bool = False,
+) -> TunedRoute:
+    """Change a `route` so that it satisfies `limits` everywhere and stays within a tube about the given one.
+
+    The positions of the joints (across the path), their velocities and accelerations, and the durations of the
+    segments change together. `tube` [m]: the half-width; a pair is (horizontal, vertical), each a number or one for
+    each joint, linear between them. The distance is that at equal fractions of corresponding segments.
+
+    `objective`:
+
+    - "nearest" [m²]: the mean over the given route of |δr|² + (1 s)²|δr'|² + (1 s)⁴|δr''|² + (1 s)²(v δh/h)², where δ
+      are the changes at equal fractions of a segment, with derivatives in the given time, v the given speed and δh the
+      change of the segment's duration h;
+    - "smoothest" [m²/s⁵]: ∫|r⃛|²dt, with the duration of the route, or of each part between stops, unchanged;
+    - "fastest" [s]: the duration, for which some limit must bound the speed.
+
+    `fixed`: which states of the joints keep their values, bool (n,) or (n, 3) for position, velocity and acceleration
+    apart; by default those of both ends, so that a tuned `window` joins the rest without a jump in position, heading or
+    curvature. A joint's time changes even if its state is fixed. Segments that touch a stop stay as they are.
+
+    The method is a primal-dual interior-point method with exact second derivatives, whose cost grows with the number of
+    segments (Wächter and Biegler 2006). It satisfies the limits at eleven instants of each segment, with margins for
+    larger values between them; `certify` then judges whole segments, and the margins shrink until everything is proved.
+    The result has quintic segments and a continuous acceleration, whatever the given route has.
+
+    The result is not differentiable in the arguments, but its route is a path like any other.
+
+    **Raises:** ValueError for another path, a route inside jit, grad or vmap or in float32, an unknown objective, a
+    limit on the natural trihedral (which does not exist on straights), "fastest" without a limit that bounds the speed,
+    half-widths that are not positive, or a wrong shape. RuntimeError with `throw` if the limits are not proved.
+    """
+    _require_route(route, limits)
+    names = _names(limits, objective)
+    given = parts(route)
+    joints = len(given.h) + 1
+    widths, held = _widths(tube, joints), _fixed(fixed, joints)
+    bounds = np.array([float(np.asarray(limits.given()[name])) for name in names])
+    problem = problem_of(given, names, bounds, widths, held, objective, objective == "smoothest")
+    found = rounds.Found(*_unchanged(route, given, limits, widths, problem))
+    moving = np.asarray(problem.moving)[: joints - 1] > 0
+    smooth = not np.any(np.asarray(problem.offset)) and not np.any(np.abs(np.asarray(route.jumps())) > 1e-9)
+    if moving.any() and not (objective == "nearest" and smooth and found.proved):
+        found = rounds.solved(route, given, names, limits, widths, problem, max_steps)
+    result = _result(route, given, problem, found, names, moving, objective)
+    return result.check() if throw else result
+
+
+def _unchanged(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem) -> tuple:
+    """The given route itself, judged."""
+    z = jnp.zeros_like(problem.free)
+    judged = rounds.judge(route, given, limits, tube, problem, np.asarray(z))
+    count = len(given.h)
+    open_ = rounds.unproved(judged, tuple(limits.given()), np.asarray(problem.moving)[:count] > 0)
+    return z, judged, not open_.any(), 0
+
+
+def _result(
+    route: Route,
+    given: Parts,
+    problem: RouteProblem,
+    found: rounds.Found,
+    names: tuple[str, ...],
+    moving: np.ndarray,
+    objective: str,
+) -> TunedRoute:
+    judged = found.judged
+    states, h = rounds.states_at(given, problem, np.asarray(found.z))
+    return TunedRoute(
+        judged.route,
+        judged.certificate,
+        np.sum(h) if objective == "fastest" else rounds.attained(problem, found.z),
+        judged.distances,
+        judged.within.all(axis=1),
+        states[:, 0] - given.states[:, 0],
+        np.sum(h - given.h),
+        ~moving,
+        _code(found, names, moving),
+        found.steps,
+    )
+
+
+def _code(found: rounds.Found, names: tuple[str, ...], moving: np.ndarray) -> ResultCode:
+    certificate = found.judged.certificate
+    if found.proved:
+        if certificate.holds:
+            return ResultCode.successful
+        undefined = all(certificate.status[name] in ("proved", "undefined") for name in names)
+        return ResultCode.undefined_at_stops if undefined else ResultCode.broken_at_stops
+    if not np.isfinite(found.judged.distances).all():
+        return ResultCode.not_finite
+    values = [certificate.segments.worst[name][1][moving] for name in names]
+    bounds = [certificate.worst[name][2] for name in names]
+    above = max((float(np.nanmax(v)) / float(b) - 1 for v, b in zip(values, bounds, strict=True)), default=0.0)
+    return ResultCode.route_infeasible if above > INFEASIBLE else ResultCode.not_converged
+
+
+def _require_route(route: Any, limits: Any) -> None:
+    if not isinstance(route, Route):
+        raise ValueError(
+            f"a Route was expected, but a {type(route).__name__} was given. Tune a SpiralHelix by tune; "
+            "Route.from_path converts it."
+        )
+    if not isinstance(limits, Limits):
+        raise ValueError(f"Limits were expected, but a {type(limits).__name__} was given")
+    if route.duration.ndim or any(isinstance(x, Tracer) for x in jax.tree.leaves((route, limits))):
+        raise ValueError(
+            "one route whose numbers are known can be tuned: call tune_route outside jit, grad and vmap, once for each "
+            "route"
+        )
+    require_float64(route)
+
+
+def _names(limits: Limits, objective: str) -> tuple[str, ...]:
+    names = tuple(limits.given())
+    wrong = [name for name in names if name in UNSUITABLE]
+    if wrong:
+        raise ValueError(
+            f"{', '.join(wrong)} belong to the natural trihedral, which does not exist on the straight parts of a "
+            "route. Limit curvature, yaw_rate or yaw_acceleration instead."
+        )
+    if objective not in OBJECTIVES:
+        raise ValueError(f"the objective must be one of {', '.join(OBJECTIVES)}, but {objective!r} was given")
+    if objective == "fastest" and not any(quantity(name).bounds_speed for name in names):
+        raise ValueError(
+            "the fastest route needs a limit that bounds the speed, such as speed, acceleration, lateral_acceleration "
+            "or yaw_rate"
+        )
+    return names
+
+
+def _widths(tube: Any, joints: int) -> np.ndarray:
+    """The half-widths (joints, 2) [m]."""
+    pair = tube if isinstance(tube, tuple) else (tube, tube)
+    if len(pair) != 2:
+        raise ValueError(f"the tube is one half-width or a pair (horizontal, vertical), but {len(pair)} were given")
+    columns = []
+    for value in pair:
+        width = np.asarray(value, float)
+        if width.shape not in ((), (joints,)):
+            raise ValueError(
+                f"a half-width of the tube must be a number or have shape ({joints},), one for each joint, but an "
+                f"array of shape {width.shape} was given"
+            )
+        columns.append(np.broadcast_to(width, (joints,)))
+    widths = np.stack(columns, axis=1)
+    if not (np.isfinite(widths).all() and (widths > 0).all()):
+        raise ValueError("the half-widths of the tube must be positive and finite [m]")
+    return widths
+
+
+def _fixed(fixed: Any, joints: int) -> np.ndarray:
+    """Which states are fixed (joints, 3)."""
+    if fixed is None:
+        held = np.zeros((joints, 3), bool)
+        held[[0, -1]] = True
+        return held
+    given = np.asarray(fixed)
+    if given.dtype != bool or given.shape not in ((joints,), (joints, 3)):
+        raise ValueError(
+            f"fixed must be bool of shape ({joints},) or ({joints}, 3), for each joint or its position, velocity and "
+            f"acceleration, but an array of {given.dtype} of shape {given.shape} was given"
+        )
+    return np.broadcast_to(given.reshape(joints, -1), (joints, 3)).copy()

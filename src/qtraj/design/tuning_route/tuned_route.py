@@ -1,0 +1,134 @@
+"""The result of `tune_route`."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from qtraj.design.proof.certificate import PROVED
+from qtraj.design.proof.route_certificate import RouteCertificate
+from qtraj.foundation import document
+from qtraj.foundation.arrays import as_array, as_float
+from qtraj.foundation.document import storable
+from qtraj.foundation.outcome import FAILURES, AbstractOutcome, ResultCode
+from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.result import extent
+from qtraj.foundation.types import ArrayInput, Scalar
+from qtraj.path.route import Route
+
+
+@storable
+class TunedRoute(AbstractOutcome):
+    """The result of `tune_route`.
+
+    - `path`: the tuned `Route`, with quintic segments and as many joints as the given one.
+    - `certificate`: the findings on the limits, on the whole route and on each segment.
+    - `distance` (segments, 2) [m]: the largest horizontal and vertical distance from the given route on each segment.
+      `within` (segments,): whether both are proved to be at most the half-widths of the tube.
+    - `displacement` (n, 3) [m]: the change of the joints' positions, world axes.
+    - `delay` [s]: the change of the duration.
+    - `kept` (segments,): the segments that touch a stop; they stay as they are.
+    - `objective`: the attained value, in its own units. `iterations`: the steps of all searches.
+    """
+
+    path: Route
+    certificate: RouteCertificate
+    objective: Scalar
+    distance: Float[Array, "segments 2"]
+    within: Bool[Array, " segments"]
+    displacement: Float[Array, "n 3"]
+    delay: Scalar
+    kept: Bool[Array, " segments"]
+    code: Int[Array, ""]
+    iterations: Int[Array, ""]
+
+    def __init__(
+        self,
+        path: Route,
+        certificate: RouteCertificate,
+        objective: ArrayInput,
+        distance: ArrayInput,
+        within: ArrayInput,
+        displacement: ArrayInput,
+        delay: ArrayInput = 0.0,
+        kept: ArrayInput = (),
+        code: ArrayInput = ResultCode.successful,
+        iterations: ArrayInput = 0,
+    ):
+        self.path, self.certificate, self.objective = path, certificate, as_float(objective)
+        self.distance = as_float(np.reshape(np.asarray(distance, float), (-1, 2)))
+        self.within = as_array(np.reshape(np.asarray(within, bool), -1), bool)
+        self.displacement, self.delay = as_float(displacement), as_float(delay)
+        known = np.reshape(np.asarray(kept, bool), -1)
+        self.kept = as_array(known if known.size else np.zeros(len(self.within), bool), bool)
+        self.code = as_array(int(np.asarray(code)), np.int32)
+        self.iterations = as_array(int(np.asarray(iterations)), np.int32)
+
+    @property
+    def converged(self) -> bool:
+        """Whether every limit and the tube are proved on every segment that may change."""
+        return bool(np.asarray(self.code) < FAILURES)
+
+    def explain(self, at: tuple[int, ...]) -> str:
+        """The result in words: what is proved, where not, and what to do."""
+        code = ResultCode(int(np.asarray(self.code)))
+        away = np.asarray(self.distance).max(axis=0, initial=0.0)
+        texts = [code.text] if code != ResultCode.successful else ["every limit is proved on every segment."]
+        open_ = self.unproved()
+        if open_:
+            texts.append(f"Without a proof: {'; '.join(open_)}.")
+        texts.append(
+            f"The route moves by at most {away[0]:.3g} m horizontally and {away[1]:.3g} m vertically, and takes "
+            f"{float(self.delay):+.3g} s."
+        )
+        return " ".join(texts)
+
+    def unproved(self) -> list[str]:
+        """The limits without a proof, in words: on how many segments, and the worst of them."""
+        parts, found = self.certificate.segments, []
+        codes = np.asarray(parts.codes)
+        for k, name in enumerate(self.certificate.names):
+            count = int(np.sum(codes[:, k] != PROVED))
+            if count:
+                kept = int(np.sum((codes[:, k] != PROVED) & np.asarray(self.kept)))
+                stops = f", {kept} of them at stops" if kept else ""
+                found.append(f"{name} on {count} segments{stops} ({self.certificate.describe(name)})")
+        if not np.all(self.within):
+            found.append(f"the tube on {int(np.sum(~np.asarray(self.within)))} segments")
+        return found
+
+    def record(self) -> Record:
+        """The route, the findings, distances and displacements as labelled quantities."""
+        path, findings = self.path.record(), self.certificate.record()
+        name = ResultCode(int(np.asarray(self.code))).name
+        variables = {
+            "objective": Quantity(self.objective, "", "attained value of the objective, in its own units"),
+            "outcome": Quantity(np.asarray(name, dtype=str), "", "result of the tuning"),
+            "code": Quantity(self.code, "1", "result code of the tuning"),
+            "iterations": Quantity(self.iterations, "1", "steps of all searches"),
+            "delay": Quantity(self.delay, "s", "change of the duration"),
+            "distance": Quantity(
+                self.distance, "m", "largest distance from the given route on a segment", ("segment", "direction")
+            ),
+            "within": Quantity(self.within, "", "whether the tube is proved on a segment", ("segment",)),
+            "kept": Quantity(self.kept, "", "whether a segment touches a stop and stays as it is", ("segment",)),
+            "displacement": Quantity(
+                self.displacement, "m", "change of the joints' positions, world axes", ("joint", "world")
+            ),
+            **findings.variables,
+            **path.variables,
+        }
+        directions = np.array(["horizontal", "vertical"])
+        coordinates = {"direction": Quantity(directions, "", "of a distance", ("direction",)), **findings.coordinates}
+        steps = extent(self.iterations)
+        summary = f"{name}, objective {extent(self.objective)}, {steps} steps; {findings.summary}"
+        return Record(summary, variables, coordinates, findings.attributes)
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Write the result to a TOML or JSON file, without loss of precision; `qtraj.load` reads it."""
+        document.save(self, file)
+
+    def __str__(self) -> str:
+        return f"{self.result}\n{self.certificate}"

@@ -1,0 +1,136 @@
+"""The natural and the upright frame in components: the axes τ, n, b, their rates, and where they exist.
+
+These formulas are defined only here, for one instant or for many: components are arrays of any shape. They avoid
+square roots, divisions and branches, at each of which a compiler for CPUs would split the loop over the instants. Where
+a frame does not exist, `defined` is false, and all values and derivatives are finite.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from qtraj.algebra import hamilton, quaternion, rotation
+from qtraj.algebra.cpu import cos_sin, inverse_root, root
+from qtraj.path.components import Triple, cross, dot, rotated_z, scaled, select
+from qtraj.path.frenet import Invariants, natural_acceleration, natural_rate, upright_rates
+from qtraj.path.placement import Placement
+from qtraj.path.regularity import has_natural_frame, has_tangent, has_upright_frame
+
+Quaternion = tuple[Array, Array, Array, Array]
+
+STEEP = 0.75
+"""If the squared vertical component of a unit tangent is larger, fallback axes refer to world x instead of world z."""
+
+FORWARD, UP = (1, 0, 0), (0, 0, 1)
+"""World axes; integers 0 and 1 cost nothing (`algebra.sparse`)."""
+
+
+class FrameComponents(NamedTuple):
+    """A frame on a path: its axes in the path's moving basis, its rate and acceleration in its own axes."""
+
+    axes: tuple[Triple, Triple, Triple]
+    rate: Triple
+    acceleration: Triple
+    defined: Array
+
+
+class Basis:
+    """The moving basis of a path: R_z(angle) in the axes of a placement, or the world axes.
+
+    The arrays of the placement have the axes of the angle, or axes of length 1, in front.
+    """
+
+    def __init__(self, angle: Array | None = None, placement: Placement | None = None):
+        self.rotating, self.placed = angle is not None, placement is not None
+        if angle is not None:
+            cos, sin = self.half = cos_sin(0.5 * angle)
+            self.cos, self.sin = 1 - 2 * sin**2, 2 * sin * cos
+        if angle is not None and placement is not None:
+            self.origin = triple(placement.origin.astype(angle.dtype))
+            unit = jnp.vectorize(quaternion.unit, signature="(q)->(q)")(placement.orientation.astype(angle.dtype))
+            self.orientation = tuple(unit[..., k] for k in range(4))
+            # Its rows are the placement's axes in the world.
+            dcm = jnp.vectorize(rotation.to_dcm, signature="(q)->(i,j)")(unit)
+            self.columns, self.rows = ([triple(m[..., k, :]) for k in range(3)] for m in (dcm, dcm.mT))
+
+    def world(self, v: Triple) -> Triple:
+        """World components of a free vector."""
+        if self.rotating:
+            v = rotated_z(v, self.cos, self.sin)
+        return (dot(self.rows[0], v), dot(self.rows[1], v), dot(self.rows[2], v)) if self.placed else v
+
+    def local(self, v: Triple) -> Triple:
+        """Components in the moving basis of a free vector given in world axes."""
+        if self.placed:
+            v = dot(self.columns[0], v), dot(self.columns[1], v), dot(self.columns[2], v)
+        return rotated_z(v, self.cos, -self.sin) if self.rotating else v
+
+    def world_quaternion(self, q: Quaternion) -> Quaternion:
+        """The quaternion to world axes from `q`, which maps to the moving basis."""
+        if self.rotating:
+            cos, sin = self.half
+            q = hamilton.product((cos, 0, 0, sin), q)
+        return hamilton.product(self.orientation, q) if self.placed else q
+
+    def invariants(self, rows: list[Triple], vehicle: Any = None) -> Invariants:
+        """The invariants of derivatives in this basis, with the world's vertical and the parameters of a vehicle."""
+        return Invariants(rows, self.local(UP) if self.placed else None, vehicle, root)
+
+
+def natural(i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
+    """The natural trihedral (paper S, errata corrected) of a path with these invariants and this duration [s]."""
+    exists = has_natural_frame(i, duration)
+    # 1/v and 1/|c| are 0 where there is no trihedral, so all products with them are 0 there.
+    inv_cross_norm = inverse_root(i.N, exists)
+    arguments = (i, inverse_root(i.S, exists), inv_cross_norm, i.T * inv_cross_norm**2)
+    rate, acceleration = natural_rate(*arguments), natural_acceleration(*arguments)
+    zero = jnp.zeros_like(i.S)
+    axes = _axes(basis, i.r[1], scaled(i.c, inv_cross_norm), exists)
+    return FrameComponents(axes, (rate[0], zero, rate[1]), (acceleration[0], zero, acceleration[1]), exists)
+
+
+def upright(i: Invariants, basis: Basis, duration: Array, up: Triple) -> FrameComponents:
+    """The upright frame of a path with these invariants; `up` is the unit vertical, world axes."""
+    up = basis.local(up)
+    i = Invariants(i.r, up)
+    exists = has_upright_frame(i, duration)
+    rate, acceleration = upright_rates(i, inverse_root(i.S, exists), inverse_root(i.H, exists))
+    return FrameComponents(_axes(basis, i.r[1], up, ~_vanishes(i.H)), rate, acceleration, exists)
+
+
+def curvature(i: Invariants, duration: Array) -> Array:
+    """κ [1/m]; 0 where the path stops."""
+    return root(i.N) * inverse_root(i.S, has_tangent(i, duration)) ** 3
+
+
+def torsion(i: Invariants, duration: Array) -> Array:
+    """χ [1/m]; 0 where the path is straight or stops."""
+    return i.T * inverse_root(i.N, has_natural_frame(i, duration)) ** 2
+
+
+def triple(v: Array) -> Triple:
+    """The components of vectors (…, 3)."""
+    return v[..., 0], v[..., 1], v[..., 2]
+
+
+def filled(row: Triple, zero: Array) -> Triple:
+    """The row with `zero` in place of the integer 0."""
+    return tuple(zero if isinstance(x, int) else x for x in row)  # type: ignore[return-value]
+
+
+def _axes(basis: Basis, r1: Triple, across: Triple, exists: Any) -> tuple[Triple, Triple, Triple]:
+    """τ, n along `across` × τ, and b; where `exists` is false, n is level, or near a vertical τ along world x."""
+    S, forward, up = dot(r1, r1), basis.local(FORWARD), basis.local(UP)
+    stopped = _vanishes(S)
+    tangent = select(stopped, forward, scaled(r1, inverse_root(S, ~stopped)))
+    reference = select(dot(up, tangent) ** 2 > STEEP, forward, up)
+    x, y, z = scaled(tangent, dot(reference, tangent))
+    # n from c × τ, then b = τ × n: orthonormal to round-off even where c has lost most of its digits.
+    direction = cross(select(exists, across, (reference[0] - x, reference[1] - y, reference[2] - z)), tangent)
+    normal = scaled(direction, inverse_root(dot(direction, direction)))
+    return tangent, normal, cross(tangent, normal)
+
+
+def _vanishes(square: Array) -> Array:
+    return square < float(jnp.finfo(square.dtype).tiny)

@@ -1,0 +1,278 @@
+"""The fastest timing along a path: closed forms, dense samples, finite differences, routes with stops."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.interpolate import PPoly
+
+import qtraj as qt
+from qtraj.design.timing.grid import uniform
+from qtraj.design.timing.proof import prove
+from qtraj.design.timing.retime import source
+from qtraj.path.values import value
+
+KNOTS = 128
+CORNER = qt.SpiralHelix.hermite(
+    qt.BoundaryState([30.0, 0, 0], [0, 10.0, 1]), qt.BoundaryState([0, 45.0, 8], [-12.0, 2, 0]), 6.0
+)
+COMFORT = {
+    "speed": 20.0,
+    "acceleration": 4.0,
+    "lateral_acceleration": 3.0,
+    "longitudinal_acceleration": 2.5,
+    "jerk": 2.0,
+    "yaw_rate": 1.0,
+}
+
+
+def helix(radius, angle, height, duration):
+    """A spiral-helix with four coefficients of each kind, as `CORNER` has: all share their executables."""
+    rows = [np.pad(np.array(c, float), (0, 4 - len(c))) for c in (radius, angle, height)]
+    return qt.SpiralHelix(rows[0], rows[1], rows[2], duration)
+
+
+STRAIGHT = helix([10.0, 5.0], [0.3], [2.0, 1.0], 20.0)  # 102.0 m along one line
+LENGTH = 20.0 * 26**0.5
+CIRCLE = helix([30.0], [0.0, 0.1], [0.0], 20.0)
+SPIRAL = helix([20.0], [0.0, 0.2], [0.0, 3.0], 10.0)
+
+
+def retimed(path, ends=(None, None), **limits):
+    return qt.retime(path, qt.Limits(**limits), start_speed=ends[0], end_speed=ends[1], knots=KNOTS, throw=True)
+
+
+def largest(path, name, samples=20_001):
+    """The largest of dense samples of a quantity, from the derivatives of the retimed path."""
+    times = jnp.linspace(0.0, path.duration, samples)[1:-1]
+    return float(jnp.max(jax.jit(jax.vmap(lambda t: value(path, t, name)))(times)))
+
+
+def test_a_straight_line_is_driven_with_a_trapezoid_of_speed():
+    timed = retimed(STRAIGHT, (0.0, 0.0), speed=9.0, longitudinal_acceleration=2.0)
+    assert np.isclose(timed.duration, 9 / 2 + LENGTH / 9, rtol=1e-4)
+    assert timed.certificate.holds
+    short = retimed(STRAIGHT, (0.0, 0.0), speed=90.0, longitudinal_acceleration=2.0)
+    assert np.isclose(short.duration, 2 * (LENGTH / 2) ** 0.5, rtol=1e-4)
+    (first, last) = timed.intervals("speed", part=0.999)[0]
+    assert first == pytest.approx(4.5, abs=0.3)
+    assert last == pytest.approx(LENGTH / 9, abs=0.3)
+
+
+def test_the_jerk_rounds_the_corners_of_the_speed():
+    """Constant acceleration A from rest, then jerk −J until the speed V, and the same backwards at the end."""
+    V, A, J = 9.0, 2.0, 1.0
+    timed = retimed(STRAIGHT, (0.0, 0.0), speed=V, longitudinal_acceleration=A, jerk=J)
+    v1, s = V - A * A / (2 * J), A / J
+    way = v1**2 / (2 * A) + v1 * s + A * s**2 / 2 - J * s**3 / 6
+    assert np.isclose(timed.duration, 2 * (v1 / A + s) + (LENGTH - 2 * way) / V, rtol=2e-4)
+    assert timed.certificate.holds
+    assert largest(timed.path, "jerk") <= J
+
+
+def test_a_circle_from_rest_with_a_total_acceleration():
+    """With w = v², (w'/2)² + (w/R)² = A²: w = A·R·sin(2s/R) until the whole acceleration is lateral."""
+    R, A, length = 30.0, 3.0, 60.0
+    timed = retimed(CIRCLE, (0.0, None), acceleration=A)
+    reached = R * np.pi / 4
+    rising = quad(lambda s: 2 * (A * R * np.sin(2 * s * s / R)) ** -0.5 * s, 0, reached**0.5)[0]
+    assert np.isclose(timed.duration, rising + (length - reached) / (A * R) ** 0.5, rtol=2e-4)
+    assert timed.certificate.holds
+
+
+@pytest.mark.parametrize(("limits", "speed"), [({"lateral_acceleration": 2.0}, 7.0), ({"yaw_rate": 0.3}, 9.0)])
+def test_a_helix_is_driven_with_a_constant_speed(limits, speed):
+    curvature = 20 * 0.04 / (16 + 9)
+    bound = {
+        "lateral_acceleration": lambda a: (a / curvature) ** 0.5,
+        "yaw_rate": lambda w: w / (0.2 / 5.0 * 4.0 / 5.0),
+    }
+    ((name, limit),) = limits.items()
+    expected = min(bound[name](limit), speed)
+    timed = retimed(SPIRAL, speed=speed, **limits)
+    assert np.isclose(timed.duration, 10.0 * 5.0 / expected, rtol=1e-5)
+    assert timed.certificate.holds
+
+
+@pytest.fixture(scope="module")
+def comfortable():
+    return retimed(CORNER, (0.0, 6.0), **COMFORT)
+
+
+def test_dense_samples_agree_with_the_certificate(comfortable):
+    assert comfortable.certificate.holds
+    for name, limit in COMFORT.items():
+        reached = largest(comfortable.path, name)
+        assert reached <= limit * (1 + 1e-9)
+        assert reached == pytest.approx(comfortable.certificate.worst[name][1], rel=2e-3)
+    assert largest(comfortable.path, "longitudinal_acceleration") > 0.999 * COMFORT["longitudinal_acceleration"]
+
+
+def test_a_timing_that_breaks_a_limit_between_nodes_is_not_proved(comfortable):
+    """The proof does not depend on the search: a slightly faster timing is broken."""
+    timing, polynomials = comfortable.timing, source(CORNER)
+    assert polynomials is not None
+    bounds = {name: jnp.asarray(COMFORT.get(name, np.inf)) for name in (*COMFORT, "yaw_acceleration", "angular_rate")}
+    for factor, broken in ((1.0, False), (1.002, True)):
+        own = timing.coefficients * factor, jnp.asarray(timing.rest)
+        found = prove(polynomials, uniform(KNOTS), own, bounds).whole()
+        assert bool(jnp.any(found == 2)) == broken
+
+
+def test_speeds_at_the_ends(comfortable):
+    assert comfortable.speeds == pytest.approx([0.0, 6.0], rel=1e-5)
+    path = comfortable.path
+    assert jnp.linalg.norm(path.velocity(0.0)) == 0
+    assert jnp.linalg.norm(path.velocity(path.duration)) == pytest.approx(6.0, rel=1e-5)
+    assert jnp.allclose(path.position(0.0), CORNER.position(0.0))
+    assert jnp.allclose(path.position(path.duration), CORNER.position(CORNER.duration))
+
+
+def test_parameter_and_time_are_inverse(comfortable):
+    timing = comfortable.timing
+    u = jnp.linspace(0.0, CORNER.duration, 1001)
+    times = jax.vmap(timing.time)(u)
+    assert jnp.all(jnp.diff(times) > 0)
+    assert jnp.allclose(jax.vmap(timing.parameter)(times), u, rtol=0, atol=1e-11)
+    assert times[-1] == pytest.approx(float(comfortable.duration), rel=1e-12)
+
+
+def test_derivatives_of_the_retimed_path(comfortable):
+    path, t = comfortable.path, 3.21
+    rows = path.derivatives(t, 4)
+    for order in range(4):
+        step = 1e-4
+        change = (path.derivatives(t + step, order)[order] - path.derivatives(t - step, order)[order]) / (2 * step)
+        assert jnp.allclose(change, rows[order + 1], rtol=1e-5, atol=1e-6)
+
+
+def test_a_speed_that_cannot_be_reached_is_told():
+    timed = qt.retime(CORNER, qt.Limits(**COMFORT), start_speed=0.0, end_speed=50.0, knots=KNOTS)
+    assert timed.code == qt.ResultCode.end_speed_not_reached
+    assert not timed.converged
+    assert "m/s at the end" in timed.result
+    assert timed.certificate.holds
+    with pytest.raises(RuntimeError, match="cannot be had within the limits"):
+        timed.check()
+
+
+def test_gradients_of_the_least_time():
+    """On a trapezoid of speed, T = V/A + L/V; on a helix T = L√(κ/A). The path counts too: its turning changes L, κ."""
+
+    def straight(values):
+        limits = qt.Limits(speed=values[0], longitudinal_acceleration=values[1])
+        return qt.retime(STRAIGHT, limits, start_speed=0.0, end_speed=0.0, knots=KNOTS).duration
+
+    def turning(values):
+        path = qt.SpiralHelix(SPIRAL.radius, SPIRAL.angle.at[1].set(values[0]), SPIRAL.height, SPIRAL.duration)
+        return qt.retime(path, qt.Limits(lateral_acceleration=values[1]), knots=KNOTS).duration
+
+    V, A = 9.0, 2.0
+    assert jax.grad(straight)(jnp.array([V, A])) == pytest.approx([1 / A - LENGTH / V**2, -V / A**2], rel=1e-3)
+    at, step = np.array([0.2, 2.0]), 1e-3
+    changes = step * np.eye(2)
+    slopes = [(turning(at + change) - turning(at - change)) / (2 * step) for change in changes]
+    assert jax.grad(turning)(jnp.asarray(at)) == pytest.approx(np.array(slopes), rel=2e-5)
+
+
+def test_a_batch_of_paths():
+    paths = jax.vmap(lambda k: qt.SpiralHelix(CORNER.radius * k, CORNER.angle, CORNER.height, CORNER.duration))(
+        jnp.array([1.0, 1.1])
+    )
+    limits = qt.Limits(speed=20.0, lateral_acceleration=3.0, longitudinal_acceleration=2.5)
+    many = jax.vmap(lambda path: qt.retime(path, limits, knots=KNOTS))(paths)
+    one = qt.retime(jax.tree.map(lambda x: x[1], paths), limits, knots=KNOTS)
+    assert many.duration[1] == pytest.approx(float(one.duration), rel=1e-7)
+    assert many.certificate.holds.tolist() == [True, True]
+    assert many.to_xarray()["usage"].dims == ("batch", "limit", "cell")
+    assert repr(many).startswith("Retimed(2 paths, ")
+
+
+def test_a_retimed_path_is_a_path(comfortable, tmp_path):
+    path = comfortable.path
+    path.save(tmp_path / "path.json")
+    again = qt.load(tmp_path / "path.json")
+    assert jnp.array_equal(again.derivatives(2.5, 3), path.derivatives(2.5, 3))
+    table = qt.evaluate(path, [0.5, 2.0], ("speed", "curvature"))
+    assert table.speed[1] == pytest.approx(float(jnp.linalg.norm(path.velocity(2.0))))
+    attitude = qt.FrameProgram(path, qt.Upright())(2.0)
+    assert jnp.linalg.norm(attitude.rate) < 1.0
+    assert path.length() == pytest.approx(float(CORNER.length()), rel=1e-8)
+
+
+def test_a_curve_is_only_sampled():
+    curve = qt.Curve(lambda t: jnp.stack([10 * jnp.cos(t), 10 * jnp.sin(t), 0 * t]), 3.0)
+    timed = qt.retime(curve, qt.Limits(lateral_acceleration=2.5), knots=KNOTS)
+    assert timed.certificate.status == {"lateral_acceleration": "sampled"}
+    assert timed.code == qt.ResultCode.limits_sampled
+    assert timed.duration == pytest.approx(30.0 / 5.0, rel=1e-5)
+
+
+# Routes
+
+
+def winding():
+    """A drive of 12 segments through a double bend."""
+    t = np.arange(13.0)
+    rows = [
+        [8 * t, 4 * np.sin(0.6 * t), 0.2 * t],
+        [8 + 0 * t, 2.4 * np.cos(0.6 * t), 0.2 + 0 * t],
+        [0 * t, -1.44 * np.sin(0.6 * t), 0 * t],
+    ]
+    return qt.Route(t, *(np.array(row).T for row in rows))
+
+
+def stopping():
+    """Up to a stop, a wait of 5 s, and on; the velocity and the acceleration vanish at the stop."""
+    position = [[-12.0, 0, 0], [0, 0, 0], [0, 0, 0], [12, 1, 0.5]]
+    velocity = [[6.0, 0.3, 0], [0, 0, 0], [0, 0, 0], [6, 0.5, 0.2]]
+    return qt.Route([0.0, 3, 8, 11], position, velocity, np.zeros((4, 3)))
+
+
+def test_a_route_is_proved_on_every_segment():
+    limits = qt.Limits(speed=14.0, lateral_acceleration=2.0, longitudinal_acceleration=1.5, jerk=1.0)
+    timed = qt.retime(winding(), limits, start_speed=5.0, knots=KNOTS, throw=True)
+    assert timed.certificate.holds
+    assert timed.speeds[0] == pytest.approx(5.0, rel=1e-5)
+    for name, limit in limits.given().items():
+        assert largest(timed.path, name) <= limit * (1 + 1e-9)
+
+
+def test_stops_keep_their_lengths():
+    limits = qt.Limits(speed=7.0, longitudinal_acceleration=2.0, jerk=3.0)
+    timed = qt.retime(stopping(), limits, knots=KNOTS)
+    timing = timed.timing
+    assert timing.time(8.0) - timing.time(3.0) == pytest.approx(5.0, rel=1e-12)
+    middle = float(timing.time(5.0))
+    assert jnp.linalg.norm(timed.path.velocity(middle)) == 0
+    assert timed.certificate.holds
+    assert largest(timed.path, "jerk") <= 3.0 * (1 + 1e-9)
+    assert timed.duration < 11.0 + 5.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"limits": qt.Limits(speed=5.0, curvature=1.0)}, "in the way that retime needs"),
+        ({"limits": qt.Limits(longitudinal_acceleration=1.0)}, "no fastest timing"),
+        ({"limits": qt.Limits(speed=5.0), "knots": 100}, "power of two"),
+        ({"limits": qt.Limits(speed=5.0), "start_speed": -1.0}, "at least 0"),
+    ],
+)
+def test_bad_input_is_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        qt.retime(CORNER, **arguments)
+
+
+def test_a_path_that_stands_is_refused():
+    standing = helix([10.0, 0.0, 1.0], [0.0], [0.0], 2.0)
+    with pytest.raises(ValueError, match="stands still somewhere"):
+        qt.retime(standing, qt.Limits(speed=5.0), knots=KNOTS)
+
+
+def test_a_route_with_a_kink_is_refused():
+    states = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0]])
+    kinked = qt.Route.from_piecewise(PPoly(np.stack([np.diff(states, axis=0), states[:-1]]), [0.0, 1, 2]))
+    with pytest.raises(ValueError, match="the velocity of the route jumps at 1 s"):
+        qt.retime(kinked, qt.Limits(speed=5.0), knots=KNOTS)

@@ -1,0 +1,293 @@
+"""Routes tuned within limits and a tube: derivatives, optima of another solver, proofs against dense samples."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+import qtraj as qt
+from qtraj.design.tuning_route import chain, newton, rounds, setup
+from qtraj.design.tuning_route.interior import RENEWALS
+from qtraj.design.tuning_route.problem import objective, segments
+from qtraj.design.tuning_route.tube import Displacement
+
+NAMES = ("curvature", "speed", "lateral_acceleration")
+BOUNDS = (0.0212, 9.5, 1.4)
+LIMITS = qt.Limits(**dict(zip(NAMES, BOUNDS, strict=True)))
+TUBE = 0.5
+ORIGIN = np.array([623425.5, 4848821.0, 153.0])
+
+
+def position(t):
+    s = 8 * t - 6 * np.sin(0.15 * t)
+    return np.stack([s, 6 * np.sin(0.06 * s), 0.5 * np.cos(0.02 * s)], axis=-1)
+
+
+def drive(count=14, start=7.0, h=1e-3):
+    """A drive in bends at a changing speed, which is too fast in some of them."""
+    t = start + np.arange(count + 1.0)
+    before, here, after = position(t - h), position(t), position(t + h)
+    return qt.Route(t, here + ORIGIN, (after - before) / (2 * h), (after - 2 * here + before) / h**2)
+
+
+def problem_of(route, kind="nearest", bounds=BOUNDS):
+    given = setup.parts(route)
+    joints = len(given.h) + 1
+    fixed = np.zeros((joints, 3), bool)
+    fixed[[0, -1]] = True
+    found = setup.problem_of(
+        given, NAMES, np.array(bounds), np.full((joints, 2), TUBE), fixed, kind, kind == "smoothest"
+    )
+    return given, found
+
+
+@pytest.fixture(scope="module")
+def route():
+    return drive()
+
+
+@pytest.fixture(scope="module")
+def tuned(route):
+    return qt.tune_route(route, LIMITS, tube=TUBE)
+
+
+def seen(route, names, count=100_001):
+    """The largest values at many instants."""
+    t = np.linspace(0, float(route.duration), count)
+    return {name: float(np.max(qt.evaluate(route, t, (name,)).values[name])) for name in names}
+
+
+def test_the_chain_is_solved_as_a_dense_matrix():
+    rng = np.random.default_rng(0)
+    n, b = 5, 10
+    lower = rng.normal(size=(n - 1, b, b))
+    dense = np.zeros((n * b, n * b))
+    for i in range(n - 1):
+        dense[(i + 1) * b : (i + 2) * b, i * b : (i + 1) * b] = lower[i]
+    dense = dense + dense.T
+    diagonal = np.stack([(m := rng.normal(size=(b, b))) @ m.T + 12 * np.eye(b) for _ in range(n)])
+    for i in range(n):
+        dense[i * b : (i + 1) * b, i * b : (i + 1) * b] = diagonal[i]
+    known = np.linalg.eigvalsh(dense)[0]
+    right = rng.normal(size=(n, b))
+    for shift, positive in ((1 - known, True), (-known - 0.5, False)):
+        whole = chain.Chain(jnp.asarray(diagonal + shift * np.eye(b)), jnp.asarray(lower))
+        found, good = jax.jit(chain.solve)(whole, jnp.asarray(right))
+        assert bool(good) == positive
+        if positive:
+            expected = np.linalg.solve(dense + shift * np.eye(n * b), right.ravel()).reshape(n, b)
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
+            np.testing.assert_allclose(chain.product(whole, found), right, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("kind", ["nearest", "smoothest", "fastest"])
+def test_derivatives_are_those_of_automatic_differentiation(route, kind):
+    _, problem = problem_of(route, kind)
+    rng = np.random.default_rng(1)
+    count = newton.used(problem)
+    z = jnp.asarray(rng.normal(0, 0.05, problem.free.shape)) * problem.free
+    multipliers = jax.tree.map(lambda u: u * jnp.asarray(rng.uniform(0.1, 1, u.shape)), count)
+    slacks = jax.tree.map(lambda u: jnp.asarray(rng.uniform(0.1, 1, u.shape)), count)
+    margins = jnp.ones_like(problem.used)
+
+    @jax.jit
+    def known(z, direction):
+        def constraints(z):
+            return newton.excess_of(NAMES, problem, segments(problem, z), margins)
+
+        def lagrangian(z):
+            return objective(problem, z) + sum(jnp.sum(m * g) for m, g in zip(multipliers, constraints(z), strict=True))
+
+        gradient, bent = jax.jvp(jax.grad(lagrangian), (z,), (direction,))
+        _, change = jax.jvp(constraints, (z,), (direction,))
+        pull = jax.vjp(constraints, z)[1](jax.tree.map(lambda m, s, c: m / s * c, multipliers, slacks, change))[0]
+        return gradient * problem.free, (bent + pull) * problem.free
+
+    linear = jax.jit(newton.linearise, static_argnums=0)(
+        NAMES, problem, newton.Iterate(z, slacks, multipliers, margins)
+    )
+    direction = jnp.asarray(rng.normal(size=z.shape)) * problem.free
+    gradient, product = known(z, direction)
+    np.testing.assert_allclose(linear.residual, gradient, rtol=0, atol=1e-10 * np.abs(gradient).max())
+    found = chain.product(linear.hessian, direction.T).T
+    np.testing.assert_allclose(found, product, rtol=0, atol=1e-10 * np.abs(product).max())
+
+
+@pytest.mark.parametrize("kind", ["nearest", "smoothest"])
+def test_the_optimum_at_the_nodes_is_that_of_slsqp(kind):
+    """The same sampled problem, with constant margins, by SciPy."""
+    bounds = (0.0212, 9.5, 1.4 if kind == "nearest" else 1.6)
+    given, problem = problem_of(drive(4, 15.0), kind, bounds)
+    at = rounds._start(NAMES, problem)
+    one = jnp.ones_like(problem.used[:, :1])
+    search = rounds._search(NAMES, problem, at, one, np.asarray(0.1), np.asarray(300), np.asarray(RENEWALS))
+    assert search.done
+    free = np.flatnonzero(np.asarray(problem.free))
+    rows = np.flatnonzero(np.asarray(problem.used))
+
+    def placed(x):
+        return jnp.zeros(problem.free.size).at[free].set(x).reshape(problem.free.shape)
+
+    def cost(x):
+        return objective(problem, placed(x))
+
+    def slack(x):
+        excess = newton.excess_of(NAMES, problem, segments(problem, placed(x)), jnp.ones_like(problem.used))
+        return -excess.nodes.ravel()[rows]
+
+    value, jacobian = jax.jit(jax.value_and_grad(cost)), jax.jit(jax.jacfwd(slack))
+    slack = jax.jit(slack)
+    constraint = {"type": "ineq", "fun": lambda x: np.asarray(slack(x)), "jac": lambda x: np.asarray(jacobian(x))}
+    found = minimize(
+        lambda x: tuple(map(np.asarray, value(x))),
+        np.zeros(free.size),
+        jac=True,
+        constraints=[constraint],
+        method="SLSQP",
+        options={"maxiter": 500, "ftol": 1e-12},
+    )
+    assert found.success
+    ours = float(objective(problem, search.at.z))
+    assert ours == pytest.approx(found.fun, rel=1e-5, abs=1e-6)
+    assert np.min(slack(np.asarray(search.at.z).ravel()[free])) > -1e-9
+    assert ours > 1e-3
+    assert len(given.h) == 4
+
+
+def test_limits_are_proved_and_hold_at_dense_samples(route, tuned):
+    assert not qt.certify(route, LIMITS).met
+    assert tuned.converged, str(tuned)
+    assert tuned.certificate.holds
+    assert np.all(tuned.within)
+    assert tuned.result.startswith("every limit is proved on every segment.")
+    values = seen(tuned.path, NAMES)
+    assert all(values[name] <= bound * (1 + 1e-12) for name, bound in zip(NAMES, BOUNDS, strict=True))
+    assert values["lateral_acceleration"] > 0.999 * 1.4, "the nearest route makes use of its limits"
+
+
+def test_the_tube_holds_at_equal_fractions(route, tuned):
+    u = np.linspace(0, 1, 1001)
+    times = [np.asarray(r.times) for r in (route, tuned.path)]
+    old, new = (
+        np.asarray(qt.evaluate(r, (t[:-1, None] + u * np.diff(t)[:, None]).ravel(), ("position",)).position)
+        for r, t in zip((route, tuned.path), times, strict=True)
+    )
+    level = np.linalg.norm((new - old)[:, :2], axis=1).reshape(-1, len(u)).max(axis=1)
+    assert level.max() <= TUBE
+    np.testing.assert_allclose(level, np.asarray(tuned.distance)[:, 0], rtol=0, atol=1e-3)
+
+
+def test_the_ends_stay_and_the_joints_have_no_jump(route, tuned):
+    old, new = (np.asarray(r.joints()) for r in (route, tuned.path))
+    np.testing.assert_allclose(new[[0, -1]], old[[0, -1]], rtol=0, atol=1e-9)
+    assert np.abs(np.asarray(tuned.path.jumps())).max() < 1e-9
+    np.testing.assert_allclose(new[:, 0] - old[:, 0], tuned.displacement, rtol=0, atol=1e-9)
+    assert float(tuned.delay) == pytest.approx(float(tuned.path.duration - route.duration), abs=1e-9)
+
+
+def test_objectives_differ_as_they_should(route, tuned):
+    bound = qt.Limits(curvature=0.0212, speed=9.5, lateral_acceleration=1.6)
+    smooth = qt.tune_route(route, bound, tube=(0.8, 0.1), objective="smoothest")
+    quick = qt.tune_route(route, LIMITS, objective="fastest")
+    assert smooth.converged, str(smooth)
+    assert quick.converged, str(quick)
+    assert float(smooth.path.duration) == pytest.approx(float(route.duration), abs=1e-9)
+    assert np.asarray(smooth.distance).max(axis=0)[1] <= 0.1
+    assert float(quick.objective) == pytest.approx(float(quick.path.duration), rel=1e-9)
+    assert float(quick.path.duration) < float(tuned.path.duration)
+    jerks = [float(x) for x in (_jerk(smooth.path), _jerk(route))]
+    assert float(smooth.objective) == pytest.approx(jerks[0], rel=1e-6)
+
+
+def _jerk(route):
+    t = np.asarray(route.times)
+    nodes, weights = np.polynomial.legendre.leggauss(6)
+    h = np.diff(t)[:, None]
+    at = t[:-1, None] + h * (nodes + 1) / 2
+    jerk = np.asarray(qt.evaluate(route, at.ravel(), ("jerk_magnitude",)).values["jerk_magnitude"]).reshape(at.shape)
+    return np.sum(h / 2 * weights * jerk**2)
+
+
+def test_a_tuned_window_joins_the_rest(route):
+    times = np.asarray(route.times)
+    window = route.window(times[6], times[12])
+    tuned = qt.tune_route(window, LIMITS)
+    assert tuned.converged, str(tuned)
+    whole = route.window(0.0, times[6]) + tuned.path + route.window(times[12], times[-1])
+    assert whole.segments == route.segments
+    assert np.abs(np.asarray(whole.jumps())).max() < 1e-8
+
+
+def test_segments_at_a_stop_stay_as_they_are():
+    x = np.array([0.0, 7, 13, 17, 18.5, 18.5, 18.5, 20, 24, 31, 39])
+    v = np.array([7.0, 7, 5, 3, 0, 0, 0, 3, 5.5, 7.5, 8])
+    a = np.array([0.0, -1, -2, -2.5, 0, 0, 0, 2, 2, 1, 0])
+    zero = 0 * x
+    states = [np.stack([c, zero, zero], axis=1) for c in (x, v, a)]
+    route = qt.Route(np.arange(11.0), *states)
+    tuned = qt.tune_route(route, qt.Limits(curvature=0.1, speed=7.0 + 1.2, lateral_acceleration=2.0))
+    kept = np.asarray(tuned.kept)
+    np.testing.assert_array_equal(np.flatnonzero(kept), [3, 4, 5, 6])
+    assert tuned.code in (qt.ResultCode.undefined_at_stops, qt.ResultCode.successful)
+    same = np.asarray(tuned.path.coefficients)[:10][kept] == np.asarray(route.coefficients)[:10][kept]
+    assert same.all()
+
+
+def test_a_route_within_its_limits_is_not_changed(route):
+    generous = qt.Limits(curvature=1.0, speed=20.0, lateral_acceleration=9.0)
+    tuned = qt.tune_route(route, generous)
+    assert tuned.converged
+    assert int(tuned.iterations) == 0
+    assert float(tuned.objective) == 0
+    np.testing.assert_array_equal(np.asarray(tuned.distance), 0)
+
+
+def test_limits_out_of_reach_are_reported(route):
+    tuned = qt.tune_route(route, qt.Limits(curvature=0.022, speed=5.0, lateral_acceleration=1.4), max_steps=60)
+    assert tuned.code == qt.ResultCode.route_infeasible
+    assert "Widen the tube" in tuned.result
+    assert "speed on" in tuned.result
+    with pytest.raises(RuntimeError, match="no route was found within the tube"):
+        tuned.check()
+
+
+def test_the_result_is_stored(tuned, tmp_path):
+    tuned.save(tmp_path / "tuned.toml")
+    again = qt.load(tmp_path / "tuned.toml")
+    assert again.result == tuned.result
+    for a, b in zip(jax.tree.leaves(tuned), jax.tree.leaves(again), strict=True):
+        np.testing.assert_array_equal(np.asarray(a), np.asarray(b))
+    assert "successful, objective" in repr(tuned)
+
+
+@pytest.mark.parametrize(("peak", "inside"), [(0.4999999, True), (0.5000001, False)])
+def test_the_tube_is_proved_or_not_at_a_peak_between_samples(peak, inside):
+    """A displacement peak·(4u(1 − u))² sideways is largest at the middle only."""
+    bump = peak * np.array([0.0, 0, 16, -32, 16, 0])
+    old = np.zeros((3, 6, 3))
+    old[:, 1, 0] = 8.0
+    new = old.copy()
+    new[1, :, 1] += bump
+    found = Displacement(new, np.ones(3), old, np.ones(3))
+    expected = np.ones((3, 2), bool)
+    expected[1, 0] = inside
+    np.testing.assert_array_equal(found.within(np.full((4, 2), 0.5)), expected)
+    assert found.largest()[1, 0] == pytest.approx(peak, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"limits": qt.Limits(torsion=0.1)}, "natural trihedral"),
+        ({"objective": "best"}, "nearest, smoothest, fastest"),
+        ({"objective": "fastest", "limits": qt.Limits(curvature=0.1)}, "bounds the speed"),
+        ({"tube": 0.0}, "must be positive"),
+        ({"tube": np.ones(3)}, r"shape \(15,\)"),
+        ({"fixed": [0, 14]}, "fixed must be bool"),
+        ({"route": qt.SpiralHelix([10.0], [0.0, 0.4], [0.0], 2.0)}, "Route.from_path"),
+    ],
+)
+def test_wrong_arguments_are_refused(route, change, match):
+    with pytest.raises(ValueError, match=match):
+        qt.tune_route(**({"route": route, "limits": LIMITS} | change))
