@@ -110,8 +110,8 @@ def test_a_recording_alone_is_fitted_without_limits(qtraj, tmp_path):
     [
         ("[fit]\nsmoothing = 1.0\ntolerance = 0.1\n", "smoothing and tolerance were both given: give one of them"),
         ("[tune]\ntube = 1.0\n", "[tune] needs limits: add a table [limits]"),
-        ("[fit]\nspacing = 0\n", "the key 'fit.spacing' holds 0, but expected a positive finite number"),
-        ('[purpose]\nspeed = "slow"\n', "[limits] has no 'speed' that could have a purpose"),
+        ("[fit]\nspacing = 0\n", "the key 'fit.spacing' has the value 0, but expected a positive finite number"),
+        ('[purpose]\nspeed = "slow"\n', "there is no limit 'speed' in [limits]"),
         ("[limits]\ncurvatur = 1.0\n", "unknown key 'limits.curvatur'; did you mean 'curvature'?"),
     ],
 )

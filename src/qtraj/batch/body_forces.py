@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import jax.numpy as jnp
+
 from qtraj.path.components import Triple, add_vectors, cross
 from qtraj.path.vehicle import RoadParameters, Vehicle
 
@@ -15,7 +17,7 @@ def path_force(road: RoadParameters, derivatives: list[Triple], up: Triple, spee
 
 def turning_moment(vehicle: Vehicle, rate: Triple, acceleration: Triple) -> Triple:
     """Jε + ω×Jω [N m] in the vehicle's axes."""
-    J: Any = vehicle.inertia.astype(rate[0].dtype)
+    J: Any = jnp.asarray(vehicle.inertia, rate[0].dtype)
 
     def momentum(v: Triple) -> Triple:
         x, y, z = (J[k, 0] * v[0] + J[k, 1] * v[1] + J[k, 2] * v[2] for k in range(3))

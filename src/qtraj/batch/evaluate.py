@@ -152,12 +152,15 @@ def _require_vehicle(names: Sequence[str], vehicle: Vehicle | None) -> None:
     """Raise a ValueError for outputs that need a vehicle, or its inertia, where there is none."""
     for name in names:
         needs = CHANNELS[name].needs
-        if needs and require_vehicle(vehicle, f"the output {name!r}").mass.ndim:
+        if not needs:
+            continue
+        used = require_vehicle(vehicle, f"the output {name!r}")
+        if used.mass.ndim:
             raise ValueError(
-                f"the output {name!r} takes one vehicle, but its mass has the shape {vehicle.mass.shape}: "
-                "evaluate the paths of each vehicle by themselves"
+                f"the output {name!r} accepts one vehicle, but its mass has the shape {used.mass.shape}: "
+                "evaluate the paths of each vehicle separately"
             )
-        if needs == INERTIA and vehicle.inertia is None:
+        if needs == INERTIA and used.inertia is None:
             raise ValueError(f"the output {name!r} needs an inertia: pass vehicle=Vehicle(mass=..., inertia=...)")
 
 

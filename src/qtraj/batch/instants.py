@@ -8,6 +8,7 @@ Arrays are (paths, instants). Where a frame does not exist, the numbers are the 
 """
 
 from functools import cached_property
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -51,7 +52,8 @@ class Instants:
         axes: str = BODY,
         vehicle: Vehicle | None = None,
     ):
-        self.frame, self.t, self.axes, self.vehicle = frame, t, axes, vehicle
+        self.frame, self.t, self.axes = frame, t, axes
+        self.vehicle: Any = vehicle  # None only if no output needs it
         polynomials = eqx.filter_vmap(lambda path: path.polynomials())(paths)
         if polynomials is None:
             self.basis, rows = Basis(), _world_derivatives(paths, t)
@@ -81,7 +83,7 @@ class Instants:
         return self.basis.invariants(self.rows, self._road)
 
     @property
-    def _road(self) -> RoadParameters | None:
+    def _road(self) -> Any:
         if self.vehicle is None:
             return None
         parameters = self.vehicle.parameters(self.duration.dtype)

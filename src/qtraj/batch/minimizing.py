@@ -81,7 +81,7 @@ def _along(
     return {name: formulas[name]() for name in names}
 
 
-def _forces(path: AbstractHodograph, vehicle: Vehicle, times: Array, quaternions: Array, axes: str) -> Array:
+def _forces(path: AbstractHodograph, vehicle: Any, times: Array, quaternions: Array, axes: str) -> Array:
     """The force that moves a vehicle along a path, in the frame's axes or the world's."""
 
     def at(t: Array, q: Array) -> Array:
@@ -93,7 +93,7 @@ def _forces(path: AbstractHodograph, vehicle: Vehicle, times: Array, quaternions
     return jax.vmap(at)(times, quaternions)
 
 
-def _moment(at: Attitude, vehicle: Vehicle, axes: str) -> Array:
+def _moment(at: Attitude, vehicle: Any, axes: str) -> Array:
     """The moment that turns a vehicle with a frame, in the frame's axes or the world's."""
     moment = torque(at, vehicle.inertia)
     return moment if axes == BODY else quaternion.rotate(at.quaternion, moment)

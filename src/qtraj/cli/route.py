@@ -45,7 +45,7 @@ def route(
     Stops, straight parts and gaps are allowed. Every limit of the scenario is proved or disproved on every segment.
     With a table [tune] the route changes within a tube until all limits are proved. Writes a dataset (paths.nc), the
     route, the fit and the findings (route.json, fit.json, certificate.json), the tuning (tuning.json), a map and plots
-    (route.png, route.svg), and a page for the browser (report.html). Exit code 1 if a limit is not proved.
+    (route.png, route.svg), and an HTML report (report.html). Exit code 1 if a limit is not proved.
     """
     with terminal.guarded():
         outcome = run(recording, out)
@@ -53,7 +53,7 @@ def route(
 
 
 def run(file: Path | None, out: Path) -> Outcome:
-    """Fit, check, tune and write.
+    """Fit the route, check its limits, tune it and write the results.
 
     **Raises:** OSError or ValueError for bad input, before anything is written.
     """
@@ -85,7 +85,7 @@ def run(file: Path | None, out: Path) -> Outcome:
 
 
 class Findings(NamedTuple):
-    """The fitted route, the findings on its limits, and the tuned route; None for what was not asked."""
+    """The fitted route, its certificate and the tuned route; None without limits, or without tuning."""
 
     task: "RouteTask"
     certificate: "RouteCertificate | None" = None
@@ -137,7 +137,7 @@ def _writers(findings: Findings, dataset: "xarray.Dataset") -> dict[str, Writer]
     from qtraj.io.dataset import write_netcdf
 
     def draw(target: Path) -> None:
-        from qtraj.viz.figures import route_figure, save  # here, so that matplotlib is loaded last
+        from qtraj.viz.figures import route_figure, save  # imported last, because matplotlib loads slowly
 
         save(route_figure(dataset), target)
 
@@ -173,7 +173,7 @@ def summary(fitted: "FittedRoute") -> dict[str, Any]:
 
 
 def _show(console: Console, content: dict[str, Any], findings: Findings) -> None:
-    """The outcome, readable at 80 columns."""
+    """Print the results, readable at 80 columns."""
     task, certificate, tuned = findings
     layout.print_scenario(console, content["scenario"])
     layout.heading(console, "Route against the recording")
@@ -220,7 +220,7 @@ def _show_limits(console: Console, title: str, certificate: "RouteCertificate") 
     from qtraj.path.quantity import quantity
 
     layout.heading(console, title)
-    table = layout.plain_table("limit", right=("largest", "limit", "at [s]", "segments broken"), last=("",))
+    table = layout.plain_table("limit", right=("largest", "limit", "at [s]", "segments violated"), last=("",))
     status = certificate.segments.status
     for finding in certificate.findings():
         unit = symbol(quantity(finding.name).unit) or "-"

@@ -103,9 +103,9 @@ class Vehicle(eqx.Module):
 
     def parameters(self, dtype: Any = None) -> RoadParameters:
         """The numbers that the formulas use, (*batch) each: NumPy arrays where the fields are known."""
-        known = concrete(self.mass) is not None and concrete(self.bank) is not None
-        xp: Any = np if known else jnp
         fields = (self.mass, self.gravity, self.drag_area, self.air_density, self.rolling_resistance, self.bank)
+        is_concrete = all(concrete(x) is not None for x in (*fields, self.friction))
+        xp: Any = np if is_concrete else jnp
         dtype = self.mass.dtype if dtype is None else dtype
         mass, gravity, area, density, rolling, bank = (xp.asarray(x, dtype) for x in fields)
         inverse = 1 / xp.asarray(self.friction, dtype)

@@ -42,7 +42,7 @@ class RouteFitPart(Part):
 
 
 class RouteTunePart(Part):
-    """How the route may change until its limits are satisfied; without this table it is only checked."""
+    """How the route may change; without this table its limits are only checked."""
 
     tube: Positive = key(
         "largest distance from the fitted route, horizontally and vertically", "a positive finite number [m]", 0.5

@@ -226,7 +226,7 @@ def _squares(
 
     def on_road(s: Array) -> Array:
         i = evaluate(s, 2, True)
-        i.vehicle = RoadParameters(*(x[None] for x in vehicle))
+        i.vehicle = jax.tree.map(lambda x: x[None], vehicle)
         i.compute()
         return jax.lax.switch(entry.place, [partial(of, x, i) for x in ROAD_QUANTITIES] + [partial(_no_load, i)])
 

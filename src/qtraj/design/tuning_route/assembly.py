@@ -73,8 +73,8 @@ def constraints_first(
     slopes = jnp.sum(slopes * weights[None, :-2], axis=1)
     rows = jnp.moveaxis(slopes[:-1].reshape(order, 3, -1, n), 1, 2).reshape(-1, 3 * n)
     near = weights[-2:] / problem.tube
-    pulls = 2 * away * jnp.stack([near[0], near[0], near[1]])
-    away = jnp.moveaxis(pulls, 0, 1).reshape(-1, 3 * n)
+    weighted = 2 * away * jnp.stack([near[0], near[0], near[1]])
+    away = jnp.moveaxis(weighted, 0, 1).reshape(-1, 3 * n)
     ends = jnp.matmul(table.reshape(-1, 6).T, rows) + jnp.matmul(place.T, away)
     return Local(ends.reshape(6, 3, n), jnp.sum(slopes[-1], axis=0))
 

@@ -42,7 +42,7 @@ RENEWED, RENEWALS = 1e-2, 15
 FREE = 4
 """From this renewal on margins only decrease, so that they converge."""
 
-SETTLED = 1e-6
+SETTLED = 5e-6
 """Margins that change less are kept from then on."""
 
 

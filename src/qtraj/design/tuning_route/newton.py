@@ -89,8 +89,8 @@ def linearise(names: Names, problem: RouteProblem, at: Iterate) -> Linear:
 
     def local(problem: RouteProblem, s: Segments, weights: Rows, stiffness: Rows) -> _Local:
         expansion = expand(names, problem, s, weights.nodes)
-        own, pulls = assembly.objective_first(problem, s), _first(problem, expansion, weights)
-        first = jax.tree.map(jnp.add, own, pulls)
+        own, weighted = assembly.objective_first(problem, s), _first(problem, expansion, weights)
+        first = jax.tree.map(jnp.add, own, weighted)
         second = assembly.constraints_second(problem, expansion, weights.nodes, stiffness.nodes)
         low, high = stiffness.bounds
         second = second._replace(h=second.h + low / problem.shortest**2 + high / problem.longest**2)
@@ -123,7 +123,7 @@ def _first(problem: RouteProblem, at: Expansion | Linear, weights: Rows) -> Loca
     return found._replace(h=found.h - low / problem.shortest + high / problem.longest)
 
 
-def pulled(problem: RouteProblem, linear: Linear, weights: Rows) -> Float[Array, "10 joints"]:
+def constraint_gradient(problem: RouteProblem, linear: Linear, weights: Rows) -> Float[Array, "10 joints"]:
     """The gradient of the weighted sum of the constraints."""
     s = linear.segments
     return assembly.gradient(problem, assembly.segment_gradient(problem, s, _first(problem, linear, weights)))
@@ -152,7 +152,7 @@ def newton(names: Names, problem: RouteProblem, at: Iterate, linear: Linear, mu:
     count = used(problem)
     gaps = jax.tree.map(lambda g, s, u: (g + s) * u, linear.excess, at.slacks, count)
     target = jax.tree.map(lambda m, s, g, u: u * (mu + m * g) / s, at.multipliers, at.slacks, gaps, count)
-    right = -(linear.gradient + pulled(problem, linear, target))
+    right = -(linear.gradient + constraint_gradient(problem, linear, target))
     free = problem.free.T
     whole = chain.Chain(
         linear.hessian.diagonal + shift * free[:, :, None] * jnp.eye(free.shape[1])[None], linear.hessian.lower

@@ -37,7 +37,7 @@ of constraints above its minimum."""
 AGAIN = (1e-7, 1e-3)
 """At the start of a further search it is the largest relative violation between the nodes, within these bounds."""
 
-SAFETY = 2e-6
+SAFETY = 1e-5
 """The squares stay below their margins by this part, in each further round by twice as much."""
 
 
