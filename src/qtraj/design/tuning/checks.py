@@ -100,7 +100,7 @@ def require_well_posed(
 
 
 def _data(problem: Problem, turn: Scalar | None, limits: Limits, corridor: Array | None, has_placement: bool) -> _Data:
-    parts = (problem.start, problem.end, problem.duration, problem.speed, problem.scale, problem.turn)
+    parts = (problem.start, problem.end, problem.duration, problem.speed, problem.scale, problem.turn, problem.road)
     user_limits = named_limits(limits, corridor)
     if any(concrete(leaf) is None for leaf in jax.tree.leaves((parts, turn, user_limits))):
         return _Data(problem, turn, user_limits, has_placement, jnp)

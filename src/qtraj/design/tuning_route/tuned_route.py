@@ -112,8 +112,8 @@ class TunedRoute(AbstractOutcome):
             "distance": Quantity(
                 self.distance, "m", "largest distance from the given route on a segment", ("segment", "direction")
             ),
-            "within": Quantity(self.within, "", "whether the tube is proved on a segment", ("segment",)),
-            "kept": Quantity(self.kept, "", "whether a segment touches a stop and stays as it is", ("segment",)),
+            "within": Quantity(self.within, "1", "whether the tube is proved on a segment", ("segment",)),
+            "kept": Quantity(self.kept, "1", "whether a segment touches a stop and stays as it is", ("segment",)),
             "displacement": Quantity(
                 self.displacement, "m", "change of the joints' positions, world axes", ("joint", "world")
             ),
