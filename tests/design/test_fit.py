@@ -294,7 +294,7 @@ def test_bends_that_cancel_raise(velocities):
 
 def test_two_real_bends_raise_and_the_larger_is_reported():
     drive = read_track(DATA / "boreas_bends.csv")
-    with pytest.raises(ValueError, match=r"holds 2 bends.*the largest, from about .* s, turns by -10") as caught:
+    with pytest.raises(ValueError, match=r"contains 2 bends.*the largest, from about .* s, turns by -10") as caught:
         fit(drive)
     start, end = map(float, re.findall(r"about (\S+) to (\S+) s", str(caught.value))[0])
     assert fit(drive.window(start, end)).residual.horizontal_rms < 1.0
