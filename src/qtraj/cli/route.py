@@ -79,8 +79,8 @@ def run(file: Path | None, out: Path) -> Outcome:
         }
         watch.say("writing")
         content["files"] = [str(written) for written in write_all(out, _writers(findings, dataset))]
-    last = certificate if tuned is None else tuned.certificate
-    failed = not bool(fitted.successful) or (last is not None and not last.met)
+    checked = certificate if tuned is None else tuned
+    failed = not bool(fitted.successful) or (checked is not None and not bool(checked.successful))
     return Outcome(content, lambda console: _show(console, content, findings), failed)
 
 

@@ -24,6 +24,7 @@ NOTES, FAILURES, ILL_POSED = 10, 20, 60
 """The first codes of successes with a note, of failures, and of problems that cannot be solved as posed."""
 
 
+@enum.unique  # two codes with one number would share the first one's text
 class ResultCode(enum.IntEnum):
     """The outcome of a solve; `.text` describes it and gives advice."""
 
@@ -124,7 +125,7 @@ class ResultCode(enum.IntEnum):
     )
 
     end_speed_not_reached = (
-        FAILURES + 12,
+        FAILURES + 14,
         "a given speed at an end cannot be had within the limits. Give a lower speed there, or raise the limits.",
     )
 
