@@ -129,8 +129,7 @@ def run(
         watch.say("writing")
         about = provenance(loaded) | {"law": content["law"]["kind"], "result": content["result"]}
         about["closed_form"] = "applies" if verdict.applies else f"does not apply: {verdict.reason}"
-        if saturation is not None:
-            about["saturation"] = saturation
+        about |= {} if limit is None else {"saturation": actuator.saturation}
         dataset = to_dataset(table.record(), about)
         if limit is not None:
             dataset["command"].attrs["limit"] = limit
