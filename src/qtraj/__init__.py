@@ -127,6 +127,7 @@ if TYPE_CHECKING:  # for type checkers and editors; `as` marks a name as public
         Upright as Upright,
         trihedral as trihedral,
     )
+    from qtraj.path.vehicle import Vehicle as Vehicle
 
 _HOMES = {
     "qtraj.batch.evaluate": ("evaluate",),
@@ -208,6 +209,7 @@ _HOMES = {
     "qtraj.path.thrust_aligned": ("ThrustAligned",),
     "qtraj.path.track": ("Track",),
     "qtraj.path.trihedral": ("Natural", "Trihedral", "Upright", "trihedral"),
+    "qtraj.path.vehicle": ("Vehicle",),
 }
 """The module of each public name; the same as in the imports above, for use at run time."""
 

@@ -7,14 +7,15 @@ import pytest
 
 import qtraj as qt
 from qtraj.design.tuning import constraints
-from qtraj.design.tuning.curves import curve_derivatives, reference_cubics
+from qtraj.design.tuning.curves import curve_derivatives
 from qtraj.design.tuning.expansions import expansions, slopes
-from qtraj.design.tuning.model import make_setting
+from qtraj.design.tuning.model import make_setting, setting
 from qtraj.design.tuning.motions.registry import MOTIONS
 from qtraj.design.tuning.objectives.registry import OBJECTIVES
 from qtraj.design.tuning.problem import pose
 from qtraj.design.tuning.sensitivity import constraint
 from qtraj.path.quantity import QUANTITIES
+from qtraj.path.vehicle import RoadParameters
 
 START = qt.BoundaryState([20.0, 0.0, 0.0], [-3.0, 7.0, 0.3])
 END = qt.BoundaryState([0.0, 28.0, 1.5], [-9.8, -3.0, 0.1])
@@ -22,11 +23,13 @@ AXIS = qt.Placement([1.0, -2.0, 0.5], [0.99, 0.02, -0.03, 0.1])
 LIMIT = jnp.asarray(1.7)
 INDEX = {name: np.uint32(k) for k, name in enumerate(QUANTITIES)} | {"corridor": np.uint32(constraints.CORRIDOR_INDEX)}
 PLACES = jnp.asarray([0.0, 0.3, 1.0])
+VEHICLE = qt.Vehicle(2.0, drag_area=0.7, rolling_resistance=0.02, friction=(0.7, 0.5), bank=0.2)
+ROAD = RoadParameters(*map(jnp.asarray, VEHICLE.parameters()))
 
 
 def make_problem(motion, placement=None, objective="nearest"):
     duration = 4.0 if objective == "smoothest" else None
-    problem = pose(START, END, OBJECTIVES[objective], MOTIONS[motion], duration, 0, placement)
+    problem = pose(START, END, OBJECTIVES[objective], MOTIONS[motion], duration, 0, placement, road=ROAD)
     return problem, 0.01 * jnp.asarray(np.random.default_rng(5).normal(size=problem.size))
 
 
@@ -44,7 +47,12 @@ def test_values_match_the_definition(motion, placement):
 @pytest.mark.parametrize(
     ("motion", "placement", "objective", "names"),
     [
-        ("hermite", AXIS, "nearest", ["curvature", "angular_acceleration", "yaw_acceleration", "corridor"]),
+        (
+            "hermite",
+            AXIS,
+            "nearest",
+            ["curvature", "angular_acceleration", "yaw_acceleration", "corridor", "friction", "power"],
+        ),
         *(
             pytest.param(motion, placement, objective, list(INDEX), marks=pytest.mark.slow)
             for motion, placement, objective in [
@@ -61,7 +69,7 @@ def test_derivatives_match_the_definition(motion, placement, objective, names):
     @jax.jit
     def compute(index):
         at, derivatives = curve_derivatives(problem, z, problem.slopes(z)[0])
-        here = constraints.Setting(at, problem.slopes(z)[1], problem.axes, reference_cubics(problem))
+        here = setting(problem, at, problem.slopes(z)[1])
         arguments = here, derivatives, index, LIMIT, PLACES
         return tuple(constraints.of_one_path(function)(*arguments) for function in (expansions, slopes))
 

@@ -390,6 +390,7 @@ def test_functions_return_results():
         qt.RouteCertificate,
         qt.FittedRoute,
         qt.Retimed,
+        qt.TunedRoute,
     }
     wanted |= {
         qt.ArmMotion,

@@ -12,9 +12,9 @@ def mul(a: Any, b: Any) -> Any:
     """a·b; the integer 0 if a factor is the integer 0, and the other factor if one is the integer 1."""
     if is_zero(a) or is_zero(b):
         return 0
-    if _is_one(a):
+    if is_one(a):
         return b
-    return a if _is_one(b) else a * b
+    return a if is_one(b) else a * b
 
 
 def add(terms: Sequence[Any]) -> Any:
@@ -40,5 +40,6 @@ def is_zero(x: Any) -> bool:
     return isinstance(x, int) and x == 0
 
 
-def _is_one(x: Any) -> bool:
+def is_one(x: Any) -> bool:
+    """Whether `x` is the integer 1, a factor that changes nothing."""
     return isinstance(x, int) and x == 1

@@ -9,6 +9,7 @@ from qtraj.batch.instants import Instants
 from qtraj.path.channel import CHANNELS
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame
+from qtraj.path.vehicle import Vehicle
 
 Channels = dict[str, tuple[Array, ...]]
 """The components of each output by its name, each (paths, instants)."""
@@ -17,12 +18,12 @@ Channels = dict[str, tuple[Array, ...]]
 def channels(
     paths: AbstractHodograph,
     t: Float[Array, "rows instants"],
-    frame: tuple[AbstractFrame, str],
+    frame: tuple[AbstractFrame, str, Vehicle | None],
     names: tuple[str, ...],
 ) -> Channels:
     """The named outputs of a stack of paths (every array with a leading axis) at `t` [s], one row or one for each.
 
-    `frame`: a frame, and the axes of its rate and acceleration.
+    `frame`: a frame, the axes of its rate and acceleration, and the vehicle if there is one.
     """
     at, shape = Instants(paths, t, *frame), (paths.duration.shape[0], t.shape[1])
 

@@ -18,12 +18,13 @@ from qtraj.batch.task import Task
 from qtraj.foundation.arrays import as_float
 from qtraj.foundation.types import ArrayInput
 from qtraj.motion.programs.rotation_minimizing import Frame, RotationMinimizing, require_initial
-from qtraj.path.channel import CHANNELS
+from qtraj.path.channel import CHANNELS, INERTIA
 from qtraj.path.driving import default_frame
 from qtraj.path.frame_axes import MINIMIZING
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.rate_axes import BODY, require_axes
 from qtraj.path.trihedral import AbstractFrame
+from qtraj.path.vehicle import Vehicle, require_vehicle
 
 DEFAULT_OUTPUTS = ("position", "velocity", "acceleration", "quaternion", "curvature", "torsion", "rate")
 
@@ -39,6 +40,7 @@ def evaluate(
     devices: Sequence[Any] | None = None,
     reuse: Table | None = None,
     axes: str = BODY,
+    vehicle: Vehicle | None = None,
 ) -> Any:
     """Evaluate one path, or a stack of paths from `jax.vmap`, at `times` [s], shared (n,) or per path (b, n).
 
@@ -49,7 +51,11 @@ def evaluate(
     The labels of `to_xarray()` depend on it: tangent, normal, binormal, or forward, left, up. The sign of a quaternion
     is arbitrary at each instant; with `continuous=True` it is continuous in time.
 
-    `axes` are the axes of `rate` and `angular_acceleration`: "body", the frame's own, or "inertial", the world's.
+    `axes` are the axes of `rate`, `angular_acceleration`, `force` and `moment`: "body", the frame's own, or "inertial",
+    the world's.
+
+    `vehicle` is needed for the outputs `force`, `moment` (with an inertia), `longitudinal_force`, `lateral_force`,
+    `normal_load`, `friction` and `power`.
 
     `reduce` "max", "min", "integral" (trapezoidal rule) or "mean" returns a `Reduced` over the instants instead, and
     stores no samples. `devices` are the devices to use, by default all local ones for large inputs. `reuse` is the
@@ -60,8 +66,8 @@ def evaluate(
     forward and reverse mode.
 
     **Raises:** ValueError for an input that is not a path, unknown outputs, components, axes or reductions, times that
-    are neither (n,) nor (b, n), a table to reuse with other shapes or outputs, or a rotation-minimizing frame with
-    `reduce` or `reuse`.
+    are neither (n,) nor (b, n), outputs that need a vehicle without one, a table to reuse with other shapes or outputs,
+    or a rotation-minimizing frame with `reduce` or `reuse`.
     """
     require_axes(axes)
     task = Task(
@@ -74,6 +80,7 @@ def evaluate(
     )
     if frame is not None and not isinstance(frame, AbstractFrame | RotationMinimizing):
         raise ValueError(f"a frame such as Natural() or Upright() was expected, but {frame!r} was given")
+    _require_vehicle(task.names, vehicle)
     instants = as_float(times)
     count = paths.duration.shape[0] if task.batched else 1
     rows = (count,) if task.batched else ()
@@ -83,9 +90,9 @@ def evaluate(
     if instants.shape[-1] == 0:
         raise ValueError("times must have at least one instant")
     if isinstance(frame, RotationMinimizing):
-        return _minimizing(task, paths, frame, instants, reuse, devices)
+        return _minimizing(task, paths, frame, instants, reuse, devices, vehicle)
     frame = default_frame(paths) if frame is None else frame
-    work = (paths, frame)
+    work = (paths, frame, vehicle if any(CHANNELS[name].needs for name in task.names) else None)
     traced = any(isinstance(x, Tracer) for x in (*jax.tree.leaves(work), instants))
     values = run(
         task,
@@ -108,6 +115,7 @@ def _minimizing(
     instants: Any,
     reuse: Table | None,
     devices: Sequence[Any] | None,
+    vehicle: Vehicle | None,
 ) -> Table:
     """The table with a rotation-minimizing frame, whose attitude is integrated along each path."""
     if task.reduce is not None or reuse is not None:
@@ -119,9 +127,11 @@ def _minimizing(
         require_initial(paths, frame.initial)
     names = tuple(name for name in task.names if name not in FRAME_OUTPUTS)
     other_outputs = (
-        evaluate(paths, instants, names, components=task.components, devices=devices).values if names else {}
+        evaluate(paths, instants, names, components=task.components, devices=devices, vehicle=vehicle).values
+        if names
+        else {}
     )
-    values = other_outputs | frame_outputs(task, paths, frame, instants)
+    values = other_outputs | frame_outputs(task, paths, frame, instants, vehicle)
     ordered = {name: values[name] for name in task.names}
     form: Any = {"batched": task.batched, "components": task.components, "frame": MINIMIZING, "axes": task.axes}
     return Table(time=instants, **ordered, **form)
@@ -136,6 +146,22 @@ def _names(outputs: Sequence[str]) -> tuple[str, ...]:
     if unknown := [name for name in names if name not in CHANNELS]:
         raise ValueError(f"unknown output {unknown[0]!r}; the known outputs are {', '.join(CHANNELS)}")
     return names
+
+
+def _require_vehicle(names: Sequence[str], vehicle: Vehicle | None) -> None:
+    """Raise a ValueError for outputs that need a vehicle, or its inertia, where there is none."""
+    for name in names:
+        needs = CHANNELS[name].needs
+        if not needs:
+            continue
+        used = require_vehicle(vehicle, f"the output {name!r}")
+        if used.mass.ndim:
+            raise ValueError(
+                f"the output {name!r} accepts one vehicle, but its mass has the shape {used.mass.shape}: "
+                "evaluate the paths of each vehicle separately"
+            )
+        if needs == INERTIA and used.inertia is None:
+            raise ValueError(f"the output {name!r} needs an inertia: pass vehicle=Vehicle(mass=..., inertia=...)")
 
 
 def _batched(paths: AbstractHodograph) -> bool:

@@ -27,7 +27,7 @@ from qtraj.path.channel import CHANNELS
 def run(
     task: Task, work: Any, times: Array, devices: Sequence[Any] | None, traced: bool, old: dict[str, Array] | None
 ) -> Any:
-    """Results by name, or values and times of a reduction, for `work`: a path or stack, and a frame.
+    """Results by name, or values and times of a reduction, for `work`: a path or stack, a frame, and a vehicle or None.
 
     `times` are (instants,) or (paths, instants). The compiled code adds the leading axis without a copy.
     """
@@ -214,10 +214,10 @@ def _finished(task: Task, parts: Any, times: Array) -> Any:
 
 
 def _stacked(task: Task, work: Any) -> Any:
-    """The paths, with a leading axis, and the frame with the axes of its rates."""
-    paths, frame = work
+    """The paths, with a leading axis, and the frame with the axes of its rates, and the vehicle."""
+    paths, frame, vehicle = work
     lead = lambda x: jnp.asarray(x)[None] if eqx.is_array_like(x) else x  # noqa: E731
-    return (paths if task.batched else jax.tree.map(lead, paths)), (frame, task.axes)
+    return (paths if task.batched else jax.tree.map(lead, paths)), (frame, task.axes, vehicle)
 
 
 def _worker(paths: Any, frame: Any, names: tuple[str, ...]) -> Any:

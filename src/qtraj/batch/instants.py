@@ -8,6 +8,7 @@ Arrays are (paths, instants). Where a frame does not exist, the numbers are the 
 """
 
 from functools import cached_property
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -17,14 +18,16 @@ from jaxtyping import Array, Float
 
 from qtraj.algebra import hamilton, polynomial
 from qtraj.algebra.cpu import derivatives_in_one_loop, inverse_root, root
-from qtraj.path.components import Triple, add_vectors, scaled
-from qtraj.path.frame_components import Basis, FrameComponents, Quaternion, curvature, filled, torsion, triple
+from qtraj.batch.body_forces import path_force, turning_moment
+from qtraj.path.components import Triple, add_vectors, dot, scaled
+from qtraj.path.frame_components import UP, Basis, FrameComponents, Quaternion, curvature, filled, torsion, triple
 from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials, in_moving_basis
-from qtraj.path.quantity import Division, PathQuantity
+from qtraj.path.path_quantity import Division, PathQuantity
 from qtraj.path.rate_axes import BODY
 from qtraj.path.trihedral import AbstractFrame
+from qtraj.path.vehicle import RoadParameters, Vehicle
 
 Times = Float[Array, "rows instants"]
 
@@ -41,8 +44,16 @@ class Instants:
     Vectors are triples of arrays. Each output is computed at its first use.
     """
 
-    def __init__(self, paths: AbstractHodograph, t: Times, frame: AbstractFrame, axes: str = BODY):
+    def __init__(
+        self,
+        paths: AbstractHodograph,
+        t: Times,
+        frame: AbstractFrame,
+        axes: str = BODY,
+        vehicle: Vehicle | None = None,
+    ):
         self.frame, self.t, self.axes = frame, t, axes
+        self.vehicle: Any = vehicle  # None only if no output needs it
         polynomials = eqx.filter_vmap(lambda path: path.polynomials())(paths)
         if polynomials is None:
             self.basis, rows = Basis(), _world_derivatives(paths, t)
@@ -64,12 +75,34 @@ class Instants:
 
     def path_quantity(self, entry: PathQuantity) -> Array:
         """The value of a path quantity."""
-        return root(entry.squared(self.invariants, DIVISION))
+        return entry.value(self.invariants, DIVISION)
 
     @cached_property
     def invariants(self) -> Invariants:
         """The invariants of the path, with the world's vertical."""
-        return self.basis.invariants(self.rows)
+        return self.basis.invariants(self.rows, self._road)
+
+    @property
+    def _road(self) -> Any:
+        if self.vehicle is None:
+            return None
+        parameters = self.vehicle.parameters(self.duration.dtype)
+        return RoadParameters(*(jnp.asarray(x) for x in parameters))
+
+    @property
+    def force(self) -> Triple:
+        """The force that moves the vehicle along the path [N], in the requested axes."""
+        force = path_force(self._road, self.rows, self.basis.local(UP), root(self.invariants.S))
+        if self.axes != BODY:
+            return self.basis.world(force)
+        tangent, normal, binormal = (dot(axis, force) for axis in self._frame.axes)
+        return tangent, normal, binormal
+
+    @property
+    def moment(self) -> Triple:
+        """The moment that turns the vehicle with the frame [N m], in the requested axes."""
+        frame = self._frame
+        return self._in_axes(turning_moment(self.vehicle, frame.rate, frame.acceleration))
 
     @property
     def speed(self) -> Array:

@@ -10,29 +10,38 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from qtraj.algebra import rotation
+from qtraj.algebra import quaternion, rotation
+from qtraj.algebra.vector import norm
 from qtraj.batch.task import Task
+from qtraj.motion.attitude import Attitude
+from qtraj.motion.dynamics import torque
 from qtraj.motion.programs.frame_program import FrameProgram
 from qtraj.motion.programs.rotation_minimizing import RotationMinimizing
 from qtraj.path.frenet import Invariants
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.rate_axes import BODY
 from qtraj.path.regularity import has_tangent
+from qtraj.path.vehicle import Vehicle
 
-FRAME_OUTPUTS = ("dcm", "quaternion", "gibbs", "rate", "angular_acceleration", "defined")
+FRAME_OUTPUTS = ("dcm", "quaternion", "gibbs", "rate", "angular_acceleration", "force", "moment", "defined")
 """The outputs that depend on the frame."""
 
 
 def frame_outputs(
-    task: Task, paths: AbstractHodograph, frame: RotationMinimizing, times: Float[Array, "*rows n"]
+    task: Task,
+    paths: AbstractHodograph,
+    frame: RotationMinimizing,
+    times: Float[Array, "*rows n"],
+    vehicle: Vehicle | None = None,
 ) -> dict[str, Array]:
     """The outputs of the task that depend on the frame; the quaternion's sign is continuous on each path."""
     names = tuple(name for name in FRAME_OUTPUTS if name in task.names)
     if not names:
         return {}
     if not task.batched:
-        return _ordered(task, _along(FrameProgram(paths, frame), times, names, task.axes), 1)
+        return _ordered(task, _along(FrameProgram(paths, frame), times, names, task.axes, vehicle), 1)
     rows = jnp.broadcast_to(times, (paths.duration.shape[0], times.shape[-1]))
-    return _ordered(task, _many(paths, frame, rows, names, task.axes), 2)
+    return _ordered(task, _many(paths, frame, rows, names, task.axes, vehicle), 2)
 
 
 def _ordered(task: Task, values: dict[str, Array], lead: int) -> dict[str, Array]:
@@ -44,13 +53,20 @@ def _ordered(task: Task, values: dict[str, Array], lead: int) -> dict[str, Array
 
 @eqx.filter_jit
 def _many(
-    paths: AbstractHodograph, frame: RotationMinimizing, times: Array, names: tuple[str, ...], axes: str
+    paths: AbstractHodograph,
+    frame: RotationMinimizing,
+    times: Array,
+    names: tuple[str, ...],
+    axes: str,
+    vehicle: Vehicle | None,
 ) -> dict[str, Any]:
-    return eqx.filter_vmap(lambda path, t: _along(FrameProgram(path, frame), t, names, axes))(paths, times)
+    return eqx.filter_vmap(lambda path, t: _along(FrameProgram(path, frame), t, names, axes, vehicle))(paths, times)
 
 
 @eqx.filter_jit
-def _along(program: FrameProgram, times: Float[Array, " n"], names: tuple[str, ...], axes: str) -> dict[str, Any]:
+def _along(
+    program: FrameProgram, times: Float[Array, " n"], names: tuple[str, ...], axes: str, vehicle: Vehicle | None
+) -> dict[str, Any]:
     at = jax.vmap(lambda t: program.at(t, axes))(times)
     formulas = {
         "dcm": lambda: jax.vmap(rotation.to_dcm)(at.quaternion),
@@ -58,9 +74,29 @@ def _along(program: FrameProgram, times: Float[Array, " n"], names: tuple[str, .
         "gibbs": lambda: jax.vmap(rotation.to_gibbs)(at.quaternion),
         "rate": lambda: at.rate,
         "angular_acceleration": lambda: at.acceleration,
+        "force": lambda: _forces(program.path, vehicle, times, at.quaternion, axes),
+        "moment": lambda: jax.vmap(lambda a: _moment(a, vehicle, axes))(jax.vmap(program)(times)),
         "defined": lambda: jax.vmap(lambda t: _defined(program.path, t))(times),
     }
     return {name: formulas[name]() for name in names}
+
+
+def _forces(path: AbstractHodograph, vehicle: Any, times: Array, quaternions: Array, axes: str) -> Array:
+    """The force that moves a vehicle along a path, in the frame's axes or the world's."""
+
+    def at(t: Array, q: Array) -> Array:
+        r, p = path.derivatives(t, 2), vehicle.parameters()
+        up = jnp.asarray([0.0, 0.0, 1.0], r.dtype)
+        force = p.mass * (r[2] + p.gravity * up + p.drag * norm(r[1]) * r[1])
+        return force if axes != BODY else quaternion.rotate(quaternion.conjugate(q), force)
+
+    return jax.vmap(at)(times, quaternions)
+
+
+def _moment(at: Attitude, vehicle: Any, axes: str) -> Array:
+    """The moment that turns a vehicle with a frame, in the frame's axes or the world's."""
+    moment = torque(at, vehicle.inertia)
+    return moment if axes == BODY else quaternion.rotate(at.quaternion, moment)
 
 
 def _defined(path: AbstractHodograph, t: Array) -> Array:

@@ -19,13 +19,20 @@ from qtraj.scenario import KINDS
 if TYPE_CHECKING:
     from qtraj.design.fitting.fitted import Fitted
     from qtraj.path.spiral_helix import SpiralHelix
+    from qtraj.path.vehicle import Vehicle
     from qtraj.scenario.reader import ScenarioFile
 
 OUTPUTS = ("position", "velocity", "acceleration", "speed", "curvature", "torsion", "quaternion", "rate", "defined")
+FORCES = ("longitudinal_force", "lateral_force", "normal_load", "friction", "power")
+"""Further outputs of a scenario with a vehicle."""
+
+FORCES_TITLE = "t [s], forces F between tyres and road [N], use of the grip, power P of the drive [W]"
+
 SAMPLES = 25
 MAX_INSTANTS = 1_000_000
 """Larger numbers of instants are rejected as probable mistakes."""
 
+ROAD = {"time": ["t"], **dict(zip(FORCES, (["|F_τ|"], ["|F_n|"], ["F_b"], ["friction"], ["P"]), strict=True))}
 MOTION = {"time": ["t"], "position": ["x", "y", "z"], "speed": ["speed"], "curvature": ["κ"], "torsion": ["χ"]}
 
 
@@ -47,8 +54,9 @@ def evaluate(
     """Tabulate a path: time, position, speed, curvature, torsion, attitude and rate.
 
     The path of a scenario is not tuned. Attitude and rate belong to the upright frame, unless --frame selects another;
-    the quaternion is scalar first, body to world. Outputs requested by --also are added to the files and to the JSON
-    output. Exit code 1 if the path does not follow its recording.
+    the quaternion is scalar first, body to world. With a table [vehicle] the output includes forces, friction and
+    power. Outputs requested by --also are added to the files and to the JSON output. Exit code 1 if the path does not
+    follow its recording.
     """
     with terminal.guarded():
         outcome = run(scenario, samples, step, out, also, frame or FrameName.upright)
@@ -78,10 +86,11 @@ def run(
 
         if out is not None:
             check_folder(out)
-        loaded, path, fitted = _path(file)
+        loaded, path, fitted, vehicle = _path(file)
+        also = [*also, *(() if vehicle is None else FORCES)]
         times = instants(float(path.duration), samples, step)
         watch.say("evaluating")
-        table = evaluate(path, times, (*OUTPUTS, *also), frame.frame(), continuous=True)
+        table = evaluate(path, times, (*OUTPUTS, *also), frame.frame(), continuous=True, vehicle=vehicle)
         bends = np.asarray(evaluate(path, times, ("defined",)).defined)
         content = header("evaluate", loaded) | {
             "fit": None if fitted is None else facts(fitted),
@@ -104,16 +113,16 @@ def run(
     return Outcome(content, lambda console: _show(console, content), loose)
 
 
-def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | None"]:
-    """The scenario of a file, its path, and the fit of the path; a saved path has no scenario and no fit."""
+def _path(file: Path) -> tuple["ScenarioFile[Any]", "SpiralHelix", "Fitted | None", "Vehicle | None"]:
+    """The scenario of a file, its path, the fit of the path, and the vehicle; a saved path has only itself."""
     from qtraj.io.saved import is_saved, saved_path
     from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
 
     if is_saved(file):
-        return ScenarioFile[Any](file, None, content_hash(file.read_bytes())), saved_path(file), None
+        return ScenarioFile[Any](file, None, content_hash(file.read_bytes())), saved_path(file), None, None
     loaded = read_scenario(file, "path")
     task = KINDS["path"].build(loaded)
-    return loaded, task.path, task.fitted
+    return loaded, task.path, task.fitted, task.limits.vehicle
 
 
 def instants(duration: float, samples: int | None, step: float | None) -> np.ndarray:
@@ -155,6 +164,11 @@ def _show(console: Console, content: dict[str, Any]) -> None:
     for title, block in (
         ("t [s], position [m], speed [m/s], curvature κ and torsion χ [1/m]", MOTION),
         (f"t [s], quaternion λ and rate ω [rad/s] of the {frame} frame", attitude),
+        *(
+            [("t [s], forces on the road F [N], use of the grip, power P [W]", ROAD)]
+            if set(FORCES) <= set(columns)
+            else []
+        ),
     ):
         layout.heading(console, title)
         console.print(layout.numbers_table(columns, block, exists))

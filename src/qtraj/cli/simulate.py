@@ -105,7 +105,6 @@ def run(
         table = history[np.searchsorted(history.times, task.times)]
         actuator = task.actuator or Actuator()
         limit = None if actuator.limit is None else np.asarray(actuator.limit).tolist()
-        saturation = None if limit is None else actuator.saturation
         content = header("simulate", loaded) | {
             "program": {
                 "description": loaded.scenario.program.describe(task.program),
@@ -119,7 +118,7 @@ def run(
             },
             "duration": float(task.times[-1]),
             "command_limit": limit,
-            "saturation": saturation,
+            "saturation": None if limit is None else actuator.saturation,
             "verdict": plain(verdict.record()),
             **_without_feedback(history),
             "finished": bool(history.solution.successful),
@@ -130,8 +129,7 @@ def run(
         watch.say("writing")
         about = provenance(loaded) | {"law": content["law"]["kind"], "result": content["result"]}
         about["closed_form"] = "applies" if verdict.applies else f"does not apply: {verdict.reason}"
-        if saturation is not None:
-            about["saturation"] = saturation
+        about |= {} if limit is None else {"saturation": actuator.saturation}
         dataset = to_dataset(table.record(), about)
         if limit is not None:
             dataset["command"].attrs["limit"] = limit

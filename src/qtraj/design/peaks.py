@@ -20,6 +20,7 @@ from qtraj.foundation.types import Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.quantity import quantity
 from qtraj.path.values import value
+from qtraj.path.vehicle import Vehicle, require_vehicle
 
 NEWTON_STEPS = 4
 CELLS = 1025
@@ -30,16 +31,16 @@ PathFunction = Callable[[AbstractHodograph, Scalar], Scalar]
 
 
 @eqx.filter_jit
-def peak(path: AbstractHodograph, name: str) -> tuple[Scalar, Scalar]:
+def peak(path: AbstractHodograph, name: str, vehicle: Vehicle | None = None) -> tuple[Scalar, Scalar]:
     """Time [s] and value of the maximum of one path quantity (a field of `Limits`) over the whole path.
 
     The search refines 1025 cells of time, or four cells of every segment of a route, by Newton's method. The value can
     be differentiated with respect to the path (envelope theorem).
 
-    **Raises:** ValueError for an unknown name.
+    **Raises:** ValueError for an unknown name, or a quantity that needs a `vehicle` without one.
     """
-    quantity(name)
-    return maximum(lambda path, t: value(path, t, name), path, CELLS)
+    road = require_vehicle(vehicle, f"the quantity {name}").parameters() if quantity(name).needs_vehicle else None
+    return maximum(lambda path, t: value(path, t, name, road), path, CELLS)
 
 
 def cell_peaks(f: PathFunction, path: AbstractHodograph, cells: int) -> Float[Array, " n"]:

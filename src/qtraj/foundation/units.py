@@ -9,6 +9,9 @@ from functools import cache
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 FACTOR = re.compile(r"([^\W\d_]+)(-?\d+)?")
 
+DERIVED = {"N": {"kg": 1, "m": 1, "s": -2}, "W": {"kg": 1, "m": 2, "s": -3}}
+"""Units that have a name of their own, in base units."""
+
 
 @cache
 def powers(unit: str) -> dict[str, int]:
@@ -22,6 +25,16 @@ def powers(unit: str) -> dict[str, int]:
         if match is None:
             raise ValueError(f"{unit!r} is not a unit: write factors with their exponents, such as 'm s-2'")
         exponents[match[1]] = exponents.get(match[1], 0) + int(match[2] or 1)
+    return exponents
+
+
+@cache
+def base_powers(unit: str) -> dict[str, int]:
+    """The exponent of each base unit: "N" is {"kg": 1, "m": 1, "s": -2}."""
+    exponents: dict[str, int] = {}
+    for name, power in powers(unit).items():
+        for base, k in DERIVED.get(name, {name: 1}).items():
+            exponents[base] = exponents.get(base, 0) + k * power
     return exponents
 
 
@@ -40,7 +53,7 @@ def spelled(exponents: dict[str, int]) -> str:
 
 def per_time(unit: str) -> int:
     """The exponent k of 1/s: a path driven in half the time has 2^k times the value."""
-    return -powers(unit).get("s", 0)
+    return -base_powers(unit).get("s", 0)
 
 
 def integrated(unit: str) -> str:

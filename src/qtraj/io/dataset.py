@@ -23,7 +23,7 @@ from qtraj.foundation.arrays import as_float
 from qtraj.foundation.provenance import provenance_attributes
 from qtraj.foundation.record import variable_attributes
 from qtraj.motion.programs.rotation_minimizing import Frame
-from qtraj.path.channel import CHANNELS
+from qtraj.path.channel import CHANNELS, outputs_with
 from qtraj.path.driving import default_frame
 from qtraj.path.frame_axes import framed, labels_of
 from qtraj.path.hodograph import AbstractHodograph
@@ -31,6 +31,7 @@ from qtraj.path.quantity import QUANTITIES, quantity
 from qtraj.path.route import Route
 from qtraj.path.track import Track, elapsed_times, to_float64
 from qtraj.path.trihedral import AbstractFrame, Upright
+from qtraj.path.vehicle import Vehicle
 
 SAMPLES = 513
 """Default number of samples of each path."""
@@ -76,7 +77,9 @@ def path_dataset(
     if not paths or samples < 2:
         raise ValueError(f"expected at least one path and at least 2 samples, but got {len(paths)} and {samples}")
     progress = np.linspace(0.0, 1.0, samples)
-    tables = [_table(path, progress, _frame(path, track) if frame is None else frame) for path in paths.values()]
+    vehicle = None if limits is None else limits.vehicle
+    frames = [_frame(path, track) if frame is None else frame for path in paths.values()]
+    tables = [_table(path, progress, own, vehicle) for path, own in zip(paths.values(), frames, strict=True)]
     columns = [_columns(path, table) for path, table in zip(paths.values(), tables, strict=True)]
     name_of_frame = tables[0].frame
     variables: dict[str, Any] = {}
@@ -159,11 +162,11 @@ def _frame(path: AbstractHodograph, track: Track | None) -> AbstractFrame:
     return default_frame(path) if track is None or isinstance(path, Route) else Upright()
 
 
-def _table(path: AbstractHodograph, progress: np.ndarray, frame: Frame) -> Table:
-    """All outputs of one path."""
+def _table(path: AbstractHodograph, progress: np.ndarray, frame: Frame, vehicle: Vehicle | None) -> Table:
+    """All outputs of one path; forces only with a vehicle."""
     duration = np.asarray(path.duration)
     times = as_float(duration * progress.astype(duration.dtype))
-    return evaluate(path, times, outputs=tuple(CHANNELS), frame=frame, continuous=True)
+    return evaluate(path, times, outputs_with(vehicle), frame, continuous=True, vehicle=vehicle)
 
 
 def _columns(path: AbstractHodograph, table: Table) -> dict[str, tuple[tuple[str, ...], np.ndarray, Any]]:
@@ -172,10 +175,11 @@ def _columns(path: AbstractHodograph, table: Table) -> dict[str, tuple[tuple[str
         "time": (("sample",), np.asarray(table.time), variable_attributes("s", "time from the start of the path")),
         "duration": ((), np.asarray(path.duration), variable_attributes("s", "duration of the path")),
     }
-    for name, entry in CHANNELS.items():
+    for name, values in table.values.items():
+        entry = CHANNELS[name]
         columns[name] = (
             ("sample", *entry.axes),
-            np.asarray(table.values[name]),
+            np.asarray(values),
             variable_attributes(entry.unit, entry.meaning),
         )
     return columns

@@ -53,6 +53,7 @@ HOMES = (
     "qtraj.path.thrust_aligned",
     "qtraj.path.track",
     "qtraj.path.trihedral",
+    "qtraj.path.vehicle",
 )
 """The modules with classes that can be stored."""
 

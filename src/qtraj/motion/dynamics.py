@@ -7,11 +7,12 @@ axes [kg m²]. Gravity is the vector g⃗ (3,) [m/s²] in world axes, or a numbe
 import jax.numpy as jnp
 import numpy as np
 
+from qtraj.algebra.inertia import inertia_matrix
 from qtraj.algebra.vector import norm
-from qtraj.foundation.arrays import as_float, concrete, real_vector, require_finite, require_positive
+from qtraj.foundation.arrays import as_float, real_vector, require_finite, require_positive
 from qtraj.foundation.record import Quantity, Record
 from qtraj.foundation.result import AbstractResult, batch_prefix, extent
-from qtraj.foundation.types import ArrayInput, Mat3, Scalar, ScalarLike, Vec3
+from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike, Vec3
 from qtraj.motion.attitude import Attitude, require_body_axes
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.trihedral import AbstractFrame, Natural, Upright, trihedral
@@ -26,9 +27,6 @@ __all__ = [
     "rotational_power",
     "torque",
 ]
-
-SYMMETRY = 1e-6
-"""Asymmetry of an inertia tensor, relative to its largest entry, that counts as round-off from a file."""
 
 NO_CONTACT = "infinite if the normal force is not positive"
 """Suffix of the description of a friction demand."""
@@ -65,26 +63,6 @@ def rotational_power(attitude: Attitude, inertia: ArrayInput) -> Scalar:
     **Raises:** ValueError in the same cases as `torque`.
     """
     return torque(attitude, inertia) @ attitude.rate
-
-
-def inertia_matrix(inertia: ArrayInput) -> Mat3:
-    """An inertia as a (3, 3) tensor [kg m²].
-
-    **Raises:** ValueError for another shape, or a concrete value that is not symmetric and positive definite.
-    """
-    J = as_float(inertia)
-    if J.shape not in ((), (3,), (3, 3)):
-        raise ValueError(f"an inertia must be a scalar, (3,) or (3, 3), but shape {J.shape} was given")
-    J = J if J.ndim == 2 else jnp.diag(jnp.broadcast_to(J, (3,)))
-    require_finite(J, "the inertia")
-    value = concrete(J)
-    if value is not None:
-        symmetric = np.abs(value - value.T).max() <= SYMMETRY * np.abs(value).max()
-        if not symmetric or not (np.linalg.eigvalsh(value) > 0).all():
-            raise ValueError(
-                f"an inertia must be symmetric with positive principal moments, but {value.tolist()} was given"
-            )
-    return J
 
 
 def forces(

@@ -10,21 +10,29 @@ from typing import Any
 
 from qtraj.foundation import record
 from qtraj.path.frame_axes import labels_of
-from qtraj.path.quantity import QUANTITIES, PathQuantity
+from qtraj.path.path_quantity import PathQuantity
+from qtraj.path.quantity import QUANTITIES
 
 SIZES = {axis: len(names) for axis, names in labels_of("").items()}
 """The number of components along each axis."""
 
 
+VEHICLE, INERTIA = "vehicle", "inertia"
+
+
 @dataclass(frozen=True)
 class Channel:
-    """An output: `axes` are the axes of its components, and `formula` computes it from `batch.instants.Instants`."""
+    """An output: `axes` are the axes of its components, and `formula` computes it from `batch.instants.Instants`.
+
+    `needs` is what it needs beside the path and the frame: "", "vehicle" or "inertia".
+    """
 
     name: str
     unit: str
     meaning: str
     axes: tuple[str, ...]
     formula: Callable[[Any], Any]
+    needs: str = ""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -37,7 +45,10 @@ class Channel:
 
 
 def _scalar(entry: PathQuantity, formula: Callable[[Any], Any] | None = None) -> Channel:
-    return Channel(entry.variable, entry.unit, entry.meaning, (), formula or (lambda at: at.path_quantity(entry)))
+    needs = VEHICLE if entry.needs_vehicle else ""
+    return Channel(
+        entry.variable, entry.unit, entry.meaning, (), formula or (lambda at: at.path_quantity(entry)), needs
+    )
 
 
 _ENTRIES = (
@@ -72,6 +83,22 @@ _ENTRIES = (
         lambda at: at.acceleration,
     ),
     Channel(
+        "force",
+        "N",
+        "force that moves the vehicle along the path, against inertia, gravity and drag, body axes",
+        ("body",),
+        lambda at: at.force,
+        VEHICLE,
+    ),
+    Channel(
+        "moment",
+        "N m",
+        "moment that turns the vehicle with the frame, body axes",
+        ("body",),
+        lambda at: at.moment,
+        INERTIA,
+    ),
+    Channel(
         "defined",
         "1",
         "whether the frame exists; where it does not, its numbers are finite fallback values",
@@ -83,3 +110,13 @@ _ENTRIES = (
 CHANNELS: dict[str, Channel] = {entry.name: entry for entry in _ENTRIES}
 """The outputs by name, in the order in which they are displayed."""
 CHANNELS |= {x.variable: _scalar(x) for x in QUANTITIES.values() if x.variable not in CHANNELS}
+
+
+def outputs_with(vehicle: Any) -> tuple[str, ...]:
+    """The names of the outputs that can be evaluated with this vehicle, or without one for None."""
+    has = {
+        "",
+        *(() if vehicle is None else (VEHICLE,)),
+        *(() if getattr(vehicle, INERTIA, None) is None else (INERTIA,)),
+    }
+    return tuple(name for name, entry in CHANNELS.items() if entry.needs in has)

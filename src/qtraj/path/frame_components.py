@@ -73,9 +73,9 @@ class Basis:
             q = hamilton.product((cos, 0, 0, sin), q)
         return hamilton.product(self.orientation, q) if self.placed else q
 
-    def invariants(self, rows: list[Triple]) -> Invariants:
-        """The invariants of derivatives in this basis, with world z as the vertical."""
-        return Invariants(rows, self.local(UP) if self.placed else None)
+    def invariants(self, rows: list[Triple], vehicle: Any = None) -> Invariants:
+        """The invariants of derivatives in this basis, with the world's vertical and the parameters of a vehicle."""
+        return Invariants(rows, self.local(UP) if self.placed else None, vehicle, root)
 
 
 def natural(i: Invariants, basis: Basis, duration: Array) -> FrameComponents:

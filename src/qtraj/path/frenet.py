@@ -5,23 +5,57 @@ accept: vectors (3,), triples of arrays over many instants, polynomials. The der
 basis; formulas with the vertical take it as `up`, or use the third axis.
 """
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
+import jax.numpy as jnp
+
 from qtraj.path.components import cross, dot
+from qtraj.path.contact import Contact
 
 
-class Invariants:
+def safe_root(x: Any) -> Any:
+    """√x, with derivative 0 where x is 0."""
+    zero = x <= 0
+    return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, x)))
+
+
+class Invariants(Contact):
     """Scalar products of r', r'', r''' and r'''' (paper S), each computed at its first use.
 
     With c = r'×r'' and c' = r'×r''': speed² = S, curvature² = N/S³, torsion = T/N. With the vertical: V is the climb
     rate, H the square of the horizontal speed, P = c·up.
     """
 
-    def __init__(self, derivatives: Any, up: Any = None):
-        """`derivatives[k]` is the k-th derivative, k ≥ 1; `up` is the vertical, by default the third axis."""
+    def __init__(
+        self,
+        derivatives: Any,
+        up: Any = None,
+        vehicle: Any = None,
+        root: Callable[[Any], Any] = safe_root,
+        pace: Any = 1,
+    ):
+        """`derivatives[k]` is the k-th derivative, k ≥ 1; `up` is the vertical, by default the third axis.
+
+        `vehicle` are the `RoadParameters` for quantities that need them, and `root` is the square root of numbers. If
+        `derivatives[1]` has only the direction of the velocity, `pace` is the velocity over it.
+        """
         self.r = derivatives
         self.up = up
+        self.vehicle = vehicle
+        self.root = root
+        self.pace = pace
+
+    @cached_property
+    def v(self) -> Any:
+        """The speed √S."""
+        return self.root(self.S)
+
+    @cached_property
+    def h(self) -> Any:
+        """The horizontal speed √H."""
+        return self.root(self.H)
 
     @cached_property
     def c(self) -> Any:

@@ -5,133 +5,38 @@ ratio of polynomials in the invariants of `frenet`. `Limits`, scenarios, tables,
 use this registry.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
-
-from qtraj.foundation import units
 from qtraj.path.frenet import natural_acceleration, yaw
-
-Formula = Callable[[Any], Any]
-"""A function of `Invariants`, for any numeric type."""
-
-
-class Division(NamedTuple):
-    """A way to divide numbers: the quotient of two, and 1/√x, both for positive divisors."""
-
-    quotient: Callable[[Any, Any], Any]
-    inverse_root: Callable[[Any], Any]
-
-
-PLAIN = Division(lambda numerator, denominator: numerator / denominator, lambda x: x**-0.5)
-
-
-@dataclass(frozen=True)
-class PathQuantity:
-    """A nonnegative quantity along a path, whose square is numerator/denominator.
-
-    The quantity exists where `divisor` is not zero: "speed" (S), "cross_norm" (N) or "level" (H). `square` is another
-    form of the same ratio for floating-point numbers, used where numerator and denominator would overflow or lose
-    digits. `output` is the name in tables and datasets, if a vector already has the quantity's name. `bounds_speed`: a
-    limit on the quantity also bounds the speed on every path.
-    """
-
-    name: str
-    symbol: str
-    unit: str
-    order: int
-    meaning: str
-    numerator: Formula
-    denominator: Formula | None = None
-    divisor: str | None = None
-    square: Callable[[Any, Division], Any] | None = None
-    output: str = ""
-    upright: bool = False
-    bounds_speed: bool = False
-
-    @property
-    def variable(self) -> str:
-        """The name of the quantity as an output of `qtraj.evaluate`."""
-        return self.output or self.name
-
-    @property
-    def label(self) -> str:
-        """The unit as it is displayed; "-" for a dimensionless number."""
-        return units.symbol(self.unit) or "-"
-
-    @property
-    def length(self) -> int:
-        """The exponent of metres in the unit."""
-        return units.powers(self.unit).get("m", 0)
-
-    @property
-    def per_time(self) -> int:
-        """The exponent of 1/s in the unit."""
-        return units.per_time(self.unit)
-
-    def squared(self, i: Any, by: Division = PLAIN) -> Any:
-        """The squared quantity in floating point, at one instant or an array of instants; `inf` at a pole."""
-        if self.square is not None:
-            return self.square(i, by)
-        numerator = self.numerator(i)
-        return numerator if self.denominator is None else ratio(numerator, self.denominator(i), by)
-
-
-def ratio(numerator: Any, denominator: Any, by: Division = PLAIN) -> Any:
-    """The quotient; 0/0 is 0, and other quotients by 0 are infinite, with zero gradient. NaN stays NaN."""
-    return _ratio(jnp.asarray(numerator), jnp.asarray(denominator), by)
-
-
-@partial(jax.jit, static_argnames="by")
-def _ratio(numerator: Any, denominator: Any, by: Division) -> Any:
-    zero = denominator <= 0
-    quotient = by.quotient(numerator, jnp.where(zero, 1.0, denominator))
-    return jnp.where(zero, jnp.where(numerator > 0, jnp.inf, 0.0 * numerator), quotient)
-
-
-def _square(x: Any) -> Any:
-    return x * x
-
-
-def _cube(x: Any) -> Any:
-    return x * (x * x)
+from qtraj.path.path_quantity import Division, PathQuantity, cubed, inverse_root, ratio, squared
+from qtraj.path.road_quantities import ROAD_QUANTITIES
 
 
 def _rate_square(i: Any, by: Division) -> Any:
-    return i.S * ratio(_square(i.T), _square(i.N), by) + ratio(i.N, _square(i.S), by)
+    return i.S * ratio(squared(i.T), squared(i.N), by) + ratio(i.N, squared(i.S), by)
 
 
 def _acceleration_square(i: Any, by: Division) -> Any:
     """|ε⁰|²; zero where the trihedral does not exist."""
-    inv_speed, inv_cross_norm = (_inverse_root(x, by) for x in (i.S, i.N))
+    inv_speed, inv_cross_norm = (inverse_root(x, by) for x in (i.S, i.N))
     along, across = natural_acceleration(i, inv_speed, inv_cross_norm, i.T * inv_cross_norm**2)
-    return _square(along) + _square(across)
+    return squared(along) + squared(across)
 
 
 def _yaw_acceleration_square(i: Any, by: Division) -> Any:
-    return _square(yaw(i, _inverse_root(i.S, by), _inverse_root(i.H, by))[1])
-
-
-@partial(jax.jit, static_argnames="by")
-def _inverse_root(x: Any, by: Division) -> Any:
-    zero = x <= 0
-    return jnp.where(zero, 0.0, by.inverse_root(jnp.where(zero, 1.0, x)))
+    return squared(yaw(i, inverse_root(i.S, by), inverse_root(i.H, by))[1])
 
 
 def _acceleration_numerator(i: Any) -> Any:
     """The square of ε⁰ = (v'χ + vχ', 0, E/(|c|S) − 2|c|B/S²) with χ = T/N, times S⁴N⁴."""
     along = i.B * (i.T * i.N) + i.S * (i.D * i.N - 2 * (i.T * i.E))
     across = i.E * i.S - 2 * (i.N * i.B)
-    return _cube(i.S) * _square(along) + _cube(i.N) * _square(across)
+    return cubed(i.S) * squared(along) + cubed(i.N) * squared(across)
 
 
 def _yaw_acceleration_numerator(i: Any) -> Any:
     """The square of ω̇_z = (P'SH − P(BH + SG))/√(SH)³, the derivative of ω_z = P/√(SH), times (SH)³."""
-    return _square(i.P1 * (i.S * i.H) - i.P * (i.B * i.H + i.S * i.G))
+    return squared(i.P1 * (i.S * i.H) - i.P * (i.B * i.H + i.S * i.G))
 
 
 _ENTRIES = (
@@ -142,7 +47,7 @@ _ENTRIES = (
         2,
         "curvature of the path",
         numerator=lambda i: i.N,
-        denominator=lambda i: _cube(i.S),
+        denominator=lambda i: cubed(i.S),
         divisor="speed",
     ),
     PathQuantity(
@@ -151,8 +56,8 @@ _ENTRIES = (
         "m-1",
         3,
         "magnitude of the torsion",
-        numerator=lambda i: _square(i.T),
-        denominator=lambda i: _square(i.N),
+        numerator=lambda i: squared(i.T),
+        denominator=lambda i: squared(i.N),
         divisor="cross_norm",
         output="torsion_magnitude",
     ),
@@ -184,7 +89,7 @@ _ENTRIES = (
         "m s-2",
         2,
         "magnitude of the tangential acceleration, |r' · r''| / |r'|",
-        numerator=lambda i: _square(i.B),
+        numerator=lambda i: squared(i.B),
         denominator=lambda i: i.S,
         divisor="speed",
     ),
@@ -194,7 +99,7 @@ _ENTRIES = (
         "1",
         1,
         "magnitude of the slope, rise over run, relative to the horizontal plane",
-        numerator=lambda i: _square(i.V),
+        numerator=lambda i: squared(i.V),
         denominator=lambda i: i.H,
         divisor="speed",
         upright=True,
@@ -205,8 +110,8 @@ _ENTRIES = (
         "rad s-1",
         3,
         "magnitude of the natural trihedral's angular rate",
-        numerator=lambda i: i.S * _square(i.S * i.T) + _cube(i.N),
-        denominator=lambda i: _square(i.N * i.S),
+        numerator=lambda i: i.S * squared(i.S * i.T) + cubed(i.N),
+        denominator=lambda i: squared(i.N * i.S),
         divisor="cross_norm",
         square=_rate_square,
         bounds_speed=True,
@@ -218,7 +123,7 @@ _ENTRIES = (
         4,
         "magnitude of the natural trihedral's angular acceleration",
         numerator=_acceleration_numerator,
-        denominator=lambda i: _square(_square(i.S)) * _square(_square(i.N)),
+        denominator=lambda i: squared(squared(i.S)) * squared(squared(i.N)),
         divisor="cross_norm",
         square=_acceleration_square,
         output="angular_acceleration_magnitude",
@@ -230,7 +135,7 @@ _ENTRIES = (
         "rad s-1",
         2,
         "magnitude of the upright frame's angular rate about its own z axis",
-        numerator=lambda i: _square(i.P),
+        numerator=lambda i: squared(i.P),
         denominator=lambda i: i.S * i.H,
         divisor="level",
         upright=True,
@@ -243,14 +148,14 @@ _ENTRIES = (
         3,
         "magnitude of the upright frame's angular acceleration about its own z axis",
         numerator=_yaw_acceleration_numerator,
-        denominator=lambda i: _cube(i.S * i.H),
+        denominator=lambda i: cubed(i.S * i.H),
         square=_yaw_acceleration_square,
         divisor="level",
         upright=True,
     ),
 )
 
-QUANTITIES: dict[str, PathQuantity] = {entry.name: entry for entry in _ENTRIES}
+QUANTITIES: dict[str, PathQuantity] = {entry.name: entry for entry in (*_ENTRIES, *ROAD_QUANTITIES)}
 """The quantities by their names in `Limits`, in the order in which they are displayed."""
 
 

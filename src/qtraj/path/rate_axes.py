@@ -10,8 +10,8 @@ from qtraj.path.channel import Channel
 
 BODY, INERTIAL = "body", "inertial"
 
-TURNING = ("rate", "angular_acceleration")
-"""The outputs that depend on the choice of axes."""
+TURNING = ("rate", "angular_acceleration", "force", "moment")
+"""The outputs of a frame that have components in either axes; the forces of a vehicle follow the rates."""
 
 
 def require_axes(axes: str) -> None:

@@ -10,32 +10,31 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import in_moving_basis
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import quantity
+from qtraj.path.vehicle import RoadParameters
 
 
-def invariants_at(path: AbstractHodograph, t: ScalarLike, order: int) -> Invariants:
+def invariants_at(
+    path: AbstractHodograph, t: ScalarLike, order: int, vehicle: RoadParameters | None = None
+) -> Invariants:
     """The invariants of a path's derivatives up to `order` at `t`, computed in its moving basis if it has one."""
     polynomials = path.polynomials()
     if polynomials is None:
-        return Invariants([(row[0], row[1], row[2]) for row in path.derivatives(t, order)])
+        return Invariants([(row[0], row[1], row[2]) for row in path.derivatives(t, order)], vehicle=vehicle)
     x, y, z, angle = polynomials.series(t, order)
-    return Invariants(in_moving_basis(x, y, z, angle), vertical(polynomials.placement, angle[0]))
+    return Invariants(in_moving_basis(x, y, z, angle), vertical(polynomials.placement, angle[0]), vehicle)
 
 
-def squared(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
-    """The square of one path quantity at one instant."""
+def squared(path: AbstractHodograph, t: ScalarLike, name: str, vehicle: RoadParameters | None = None) -> Scalar:
+    """The square of one path quantity at one instant; of a signed one that of its positive part."""
     entry = quantity(name)
-    return jnp.asarray(entry.squared(invariants_at(path, t, max(entry.order, 1))), path.duration.dtype)
+    return jnp.asarray(entry.squared(invariants_at(path, t, max(entry.order, 1), vehicle)), path.duration.dtype)
 
 
-def value(path: AbstractHodograph, t: ScalarLike, name: str) -> Scalar:
+def value(path: AbstractHodograph, t: ScalarLike, name: str, vehicle: RoadParameters | None = None) -> Scalar:
     """One path quantity at one instant, in its unit; infinite at a pole."""
-    return root(squared(path, t, name))
-
-
-def root(square: Array) -> Array:
-    """√square, with derivative 0 where the square is 0."""
-    zero = square <= 0
-    return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, square)))
+    entry = quantity(name)
+    i = invariants_at(path, t, max(entry.order, 1), vehicle)
+    return jnp.asarray(entry.value(i), path.duration.dtype)
 
 
 def vertical(placement: Placement | None, angle: Array) -> Triple | None:

@@ -1,9 +1,9 @@
 """Scenarios of `qtraj tune` and `qtraj evaluate`: their keys, and the path and the tuning problem that they define."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import create_model, model_validator
+from pydantic import Field, create_model, model_validator
 
 from qtraj.design.fitting.fitted import Fitted
 from qtraj.design.limits import Limits
@@ -16,7 +16,21 @@ from qtraj.path.placement import Placement
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.spiral_helix import SpiralHelix
 from qtraj.path.track import Track
-from qtraj.scenario.part import SECONDS, THREE, NamedPart, Part, Positive, Quaternion, Text, Vector, Wholes, key
+from qtraj.path.vehicle import AIR_DENSITY, GRAVITY, Vehicle
+from qtraj.scenario.part import (
+    SECONDS,
+    THREE,
+    NamedPart,
+    NotNegative,
+    Number,
+    Part,
+    Positive,
+    Quaternion,
+    Text,
+    Vector,
+    Wholes,
+    key,
+)
 from qtraj.scenario.path_parts import FitPart, TrackPart, TunePart
 from qtraj.scenario.reader import ScenarioFile
 
@@ -59,12 +73,50 @@ LimitsPart = create_model("LimitsPart", __base__=LimitedPart, __doc__=LimitedPar
 """One key for each entry of the registry of path quantities."""
 
 
-def require_limits(purpose: dict[str, str], limits: LimitedPart) -> None:
-    """Raise a ValueError if there is a purpose of a limit that is not set."""
+class VehiclePart(Part):
+    """The vehicle, for limits on friction, power and forces: a point mass with tyres, on a banked road."""
+
+    mass: Positive = key("mass", "a positive finite number [kg]")
+    inertia: Annotated[list[Positive], Field(min_length=3, max_length=3)] | None = key(
+        "principal moments of inertia about the vehicle's axes, used only for moments",
+        "three positive numbers [kg m²]",
+        None,
+    )
+    drag_area: NotNegative = key("drag coefficient times frontal area", "a finite number, 0 or more [m²]", 0.0)
+    rolling_resistance: NotNegative = key(
+        "rolling resistance divided by the load on the road", "a finite number, 0 or more [-]", 0.0
+    )
+    friction: Positive | Annotated[list[Positive], Field(min_length=2, max_length=2)] = key(
+        "coefficients of friction along and across the vehicle, or one for both; with 1, the limit `friction` is the "
+        "coefficient that the road must have",
+        "one or two positive finite numbers [-]",
+        1.0,
+    )
+    bank: Number = key(
+        "roll of the road about the direction of motion, positive to the left", "a finite number [rad]", 0.0
+    )
+    air_density: NotNegative = key("density of the air", "a finite number, 0 or more [kg/m³]", AIR_DENSITY)
+    gravity: NotNegative = key("gravity, downwards", "a finite number, 0 or more [m/s²]", GRAVITY)
+
+    def vehicle(self) -> Vehicle:
+        """The vehicle."""
+        return Vehicle(**self.model_dump())
+
+
+def require_limits(purpose: dict[str, str], limits: LimitedPart, vehicle: VehiclePart | None) -> None:
+    """Raise a ValueError for a purpose of a limit that is not set, or a limit without the vehicle that it needs."""
+    needing = [name for name in limits.limits() if QUANTITIES[name].needs_vehicle]
+    if needing and vehicle is None:
+        raise ValueError(f"limits.{needing[0]} needs a vehicle: give a table [vehicle] with its mass")
     if extra := sorted(set(purpose) - set(limits.limits())):
         raise ValueError(
             f"purpose.{extra[0]}: there is no limit {extra[0]!r} in [limits]: add the limit, or remove the purpose"
         )
+
+
+def limits_with(limits: LimitedPart, vehicle: VehiclePart | None) -> Limits:
+    """The limits of a scenario, with its vehicle."""
+    return Limits(**limits.limits(), vehicle=None if vehicle is None else vehicle.vehicle())
 
 
 class PathScenario(NamedPart):
@@ -82,6 +134,9 @@ class PathScenario(NamedPart):
     turns: Wholes | None = key("additional whole turns of a path between two states", "a whole number, 0 or more", None)
     limits: LimitsPart = key(  # pyright: ignore[reportInvalidTypeForm]
         "the limits of the tuned path", "a table [limits]", LimitsPart()
+    )
+    vehicle: VehiclePart | None = key(
+        "the vehicle, for limits on friction, power and forces", "a table [vehicle]", None
     )
     purpose: dict[str, Text] = key(
         "the reason for each limit, shown in the tables", "a table [purpose] of strings, one for each limit", {}
@@ -124,7 +179,7 @@ class PathScenario(NamedPart):
 
     @model_validator(mode="after")
     def _purposes(self) -> "PathScenario":
-        require_limits(self.purpose, self.limits)
+        require_limits(self.purpose, self.limits, self.vehicle)
         return self
 
 
@@ -168,7 +223,7 @@ def lay(
         "objective": objective or scenario.tune.objective,
         "motion": motion or scenario.motion,
         "starts": scenario.tune.starts if starts is None else starts,
-        "limits": Limits(**scenario.limits.limits()),
+        "limits": limits_with(scenario.limits, scenario.vehicle),
         "part": scenario.tune,
     }
     with naming(f"{loaded.file}: "):

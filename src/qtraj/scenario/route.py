@@ -14,7 +14,7 @@ from qtraj.foundation.untrusted import read_bytes
 from qtraj.io.recording import is_recording
 from qtraj.path.track import Track
 from qtraj.scenario.part import SECONDS, NamedPart, Part, Positive, Text, key
-from qtraj.scenario.path import LimitsPart, require_limits
+from qtraj.scenario.path import LimitsPart, VehiclePart, limits_with, require_limits
 from qtraj.scenario.path_parts import TrackPart
 from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
 
@@ -62,6 +62,9 @@ class RouteScenario(NamedPart):
     limits: LimitsPart = key(  # pyright: ignore[reportInvalidTypeForm]
         "limits to check on the whole route", "a table [limits]", LimitsPart()
     )
+    vehicle: VehiclePart | None = key(
+        "the vehicle, for limits on friction, power and forces", "a table [vehicle]", None
+    )
     purpose: dict[str, Text] = key(
         "the reason for each limit, shown in the tables", "a table [purpose] of strings, one for each limit", {}
     )
@@ -69,7 +72,7 @@ class RouteScenario(NamedPart):
 
     @model_validator(mode="after")
     def _with_limits(self) -> "RouteScenario":
-        require_limits(self.purpose, self.limits)
+        require_limits(self.purpose, self.limits, self.vehicle)
         if self.tune is not None and not self.limits.limits():
             raise ValueError("[tune] needs limits: add a table [limits]")
         return self
@@ -105,5 +108,5 @@ def fit_recording(loaded: ScenarioFile[RouteScenario]) -> RouteTask:
     with naming(f"{loaded.file}: "):
         track = scenario.track.read(loaded.beside)
         fitted = fit_route(track, scenario.fit.spacing, scenario.fit.tolerance, scenario.fit.smoothing)
-        limits = scenario.limits.limits()
-        return RouteTask(track, fitted, Limits(**limits) if limits else None, scenario.tune)
+        limits = limits_with(scenario.limits, scenario.vehicle)
+        return RouteTask(track, fitted, limits if limits.given() else None, scenario.tune)

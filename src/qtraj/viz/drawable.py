@@ -1,5 +1,6 @@
 """Converts paths and results to the dataset that figures and reports draw."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import jax.numpy as jnp
@@ -67,8 +68,14 @@ def path_samples(source: Any) -> xarray.Dataset:
 
 
 def limits_of(tuned: Tuned) -> Limits:
-    """The limits of a tuning, from its certificate, without the corridor limit, which needs a second path."""
-    return Limits(**{name: limit for name, (_, _, limit) in tuned.certificate.worst.items() if name in QUANTITIES})
+    """The limits of a tuning, from its certificate, except those that need a second path or a vehicle."""
+    return _path_limits({name: limit for name, (_, _, limit) in tuned.certificate.worst.items()})
+
+
+def _path_limits(given: Mapping[str, Any]) -> Limits:
+    """The limits in a mapping that depend on the path alone."""
+    names = [name for name, entry in QUANTITIES.items() if not entry.needs_vehicle]
+    return Limits(**{name: limit for name, limit in given.items() if name in names})
 
 
 def _one(path: AbstractHodograph) -> Any:
@@ -93,7 +100,6 @@ def _sampled(dataset: xarray.Dataset, frame: Frame | None) -> xarray.Dataset:
     limits = None
     if "bound" in dataset and dataset["bound"].dims == ("limit",):
         names = dataset["limit"].values.tolist()
-        pairs = zip(names, dataset["bound"].values.tolist(), strict=True)
-        limits = Limits(**{name: bound for name, bound in pairs if name in QUANTITIES})
+        limits = _path_limits(dict(zip(names, dataset["bound"].values.tolist(), strict=True)))
     kept = {name: text for name, text in dataset.attrs.items() if name in ("title", "scenario_file", "recording")}
     return path_dataset({"path": path}, limits, attributes=kept, frame=frame)

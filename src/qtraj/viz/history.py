@@ -58,6 +58,8 @@ def limits_figure(dataset: Any, names: Sequence[str] | None = None) -> Figure:
     if unknown:
         raise ValueError(f"unknown path quantity {min(unknown)!r}; choose from {', '.join(LIMIT_VARIABLES)}")
     panels = _panels(dataset) if names is None else [LIMIT_VARIABLES[name] for name in names]
+    if absent := [name for name in panels if name not in dataset]:
+        raise ValueError(f"the dataset does not contain {absent[0]!r}: give its limits a vehicle")
     with mpl.rc_context(RC):
         band = BAND if title(dataset) else 0.0
         height = PANEL * len(panels) + 0.65 + band
@@ -70,7 +72,8 @@ def limits_figure(dataset: Any, names: Sequence[str] | None = None) -> Figure:
 
 def _panels(dataset: xarray.Dataset) -> list[str]:
     """Variables to draw against time: the variables with a limit and those in `ALWAYS`."""
-    return [name for name in LIMIT_VARIABLES.values() if name in ALWAYS or "limit" in dataset[name].attrs]
+    known = [name for name in LIMIT_VARIABLES.values() if name in dataset]  # forces only with a vehicle
+    return [name for name in known if name in ALWAYS or "limit" in dataset[name].attrs]
 
 
 def _draw_panels(figure: Figure, dataset: xarray.Dataset, panels: list[str], margins: dict[str, float]) -> None:

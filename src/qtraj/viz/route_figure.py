@@ -30,7 +30,7 @@ def route_figure(dataset: Any) -> Figure:
     """
     dataset = path_samples(dataset)
     path = dataset.isel(path=-1)
-    limited = [name for name in LIMIT_VARIABLES.values() if "limit" in path[name].attrs]
+    limited = [name for name in LIMIT_VARIABLES.values() if name in path and "limit" in path[name].attrs]
     panels = ["height", *dict.fromkeys(["speed", *limited])]
     with mpl.rc_context(RC):
         band = BAND if title(dataset) else 0.0

@@ -18,6 +18,7 @@ from qtraj.foundation.result import batch_prefix, counts_text
 from qtraj.foundation.types import ArrayInput
 from qtraj.foundation.units import with_unit
 from qtraj.path.hodograph import AbstractHodograph
+from qtraj.path.path_quantity import LOAD
 from qtraj.path.quantity import quantity
 
 STATUSES = ("proved", "sampled", "broken", "undecided", "undefined")
@@ -43,6 +44,9 @@ ACTIVE_MARGIN = 1e-6
 """A limit with a smaller relative margin is active."""
 
 
+STANDSTILL = "stops or is straight"
+
+
 class Finding(NamedTuple):
     """The finding on one limit of one path, in Python numbers."""
 
@@ -66,7 +70,8 @@ class Finding(NamedTuple):
     def text(self) -> str:
         """The largest value and the limit, in words."""
         if math.isnan(self.value):
-            return f"undefined at t = {self.time:.4g} s, where the path stops or is straight"
+            where = "stops or the load on the road vanishes" if quantity(self.name).divisor == LOAD else STANDSTILL
+            return f"undefined at t = {self.time:.4g} s, where the path {where}"
         texts = f"{self.value:.6g}", with_unit(self.limit, quantity(self.name).unit)
         rounds_to_limit = not self.met and self.value > self.limit and f"{self.limit:.6g}" == texts[0]
         violation = f" (relative violation {self.value / self.limit - 1:.1e})" if rounds_to_limit else ""

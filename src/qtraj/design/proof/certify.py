@@ -3,7 +3,6 @@
 from __future__ import annotations  # so that `help` shows short names
 
 import math
-from functools import partial
 from typing import Any, overload
 
 import equinox as eqx
@@ -17,6 +16,7 @@ from qtraj.algebra.quaternion import conjugate, rotate
 from qtraj.design.limits import Limits
 from qtraj.design.proof.certificate import Certificate, require_float64
 from qtraj.design.proof.corridor import add_corridor
+from qtraj.design.proof.envelope import differentiable
 from qtraj.design.proof.inequalities import PathDerivatives, Vectors, path_derivatives
 from qtraj.design.proof.judge import LIMIT_COUNT, LIMITS, Evaluate, Findings, Scale, indices, judge
 from qtraj.design.proof.route import certify_route
@@ -29,7 +29,8 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.route import Route
 from qtraj.path.spiral_helix import SpiralHelix
-from qtraj.path.values import to_turned_basis, value
+from qtraj.path.values import to_turned_basis
+from qtraj.path.vehicle import RoadParameters
 
 BLOCK_SIZE = 64
 """Number of paths that are processed together, small enough for the processor's cache."""
@@ -125,14 +126,18 @@ def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
     xp = jnp if traced else np
     bounds = [xp.broadcast_to(xp.asarray(limits.given()[x], dtype), batch) for x in names]
     table = [bounds[names.index(x.name)] if x.name in names else xp.ones(batch, dtype) for x in LIMITS]
-    source, limits_array = _source(path, len(batch)), xp.stack(table, axis=-1)
+    # The numbers of the vehicle follow those of the limits. Without it, the formulas that need it are not compiled.
+    numbers = limits.road(dtype) if limits.needs_vehicle else ()
+    road = [xp.broadcast_to(xp.asarray(x, dtype), batch) for x in numbers]
+    source, limits_array = _source(path, len(batch)), xp.stack([*table, *road], axis=-1)
+    road_numbers = limits_array[..., LIMIT_COUNT:]
     if traced:
         source, limits_array = jax.lax.stop_gradient((source, limits_array))
     findings = _judge_batch(source, limits_array, *indices(names), batch, _traced if traced else _on_cores)
     places = np.array([k for k, x in enumerate(LIMITS) if x.name in names])
     codes, times, values = (x[..., places] for x in findings)
     if traced:
-        values = _differentiable(names, static, arrays, times, values)
+        values = differentiable(names, static, (arrays, road_numbers), times, values)
     return Certificate(names, codes, times, values, xp.stack(bounds, axis=-1))
 
 
@@ -232,7 +237,8 @@ def _judge_block(source: Any, limits: Array, index: Array, count: Array) -> Find
     evaluate, scale, is_vertical, polynomials = (
         _from_polynomials(source) if isinstance(source, PolynomialPaths) else _from_curves(source)
     )
-    findings = judge(evaluate, scale, limits.T, is_vertical, polynomials, index, count)
+    vehicle = RoadParameters(*limits.T[LIMIT_COUNT:]) if limits.shape[1] > LIMIT_COUNT else None
+    findings = judge(evaluate, scale, limits.T[:LIMIT_COUNT], is_vertical, polynomials, index, count, vehicle)
     return jax.tree.map(lambda x: x[:LIMIT_COUNT].T, findings)
 
 
@@ -273,27 +279,3 @@ def _from_curves(paths: AbstractHodograph) -> tuple[Evaluate, Scale, Array, None
         return Invariants([Vectors(r[..., 0], r[..., 1], r[..., 2]) for r in scaled])
 
     return evaluate, Scale(jnp.ones_like(unit), unit), jnp.ones(unit.shape, bool), None
-
-
-@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
-def _differentiable(names: tuple[str, ...], static: Any, arrays: Any, times: Array, values: Array) -> Array:
-    """Return the values; their derivatives are evaluated at the times of the maxima, which are treated as constants."""
-    return values
-
-
-@_differentiable.defjvp
-def _derivative(names: tuple[str, ...], static: Any, primals: Any, tangents: Any) -> tuple[Array, Array]:
-    (arrays, times, values), (changes, _, _) = primals, tangents
-
-    def at_times(arrays: Any, times: Array) -> Array:
-        path = eqx.combine(arrays, static)
-        return jnp.stack([value(path, times[k], name) for k, name in enumerate(names)])
-
-    def at_all_times(arrays: Any) -> Array:
-        one = at_times
-        for _ in range(times.ndim - 1):
-            one = jax.vmap(one)
-        return one(arrays, times)
-
-    _, change = jax.jvp(at_all_times, (arrays,), (changes,))
-    return values, change

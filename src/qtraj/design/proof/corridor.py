@@ -21,10 +21,10 @@ from qtraj.design.proof.inequalities import centred, in_units, squared_bound
 from qtraj.design.proof.search import find_maximum
 from qtraj.foundation.arrays import concrete, require_positive
 from qtraj.foundation.types import Scalar
+from qtraj.path.frenet import safe_root as root
 from qtraj.path.placement import Placement
 from qtraj.path.quantity import CORRIDOR, Offset
 from qtraj.path.spiral_helix import SpiralHelix
-from qtraj.path.values import root
 
 MAX_CELL_WIDTH = 2.0
 CHUNKS = 8

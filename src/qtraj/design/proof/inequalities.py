@@ -18,10 +18,11 @@ from jaxtyping import Array, Bool, Float
 from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
 from qtraj.algebra.cells import PerPath
 from qtraj.algebra.chebyshev_model import AXIS, ChebyshevModel, add_rounding, multiple
+from qtraj.design.proof.road import Bound
 from qtraj.path.components import Triple, cross, dot
 from qtraj.path.frenet import Invariants
 from qtraj.path.moving_basis import MovingPolynomials
-from qtraj.path.quantity import PathQuantity
+from qtraj.path.path_quantity import PathQuantity
 
 ORDER = 4
 
@@ -53,11 +54,15 @@ class Vectors(eqx.Module):
 
 
 class PathDerivatives(eqx.Module):
-    """dr/ds, d²r/ds², … of a batch of paths, in units of `length` [m]; `unit` [s] is half the duration of each path."""
+    """dr/ds, d²r/ds², … of a batch of paths, in units of `length` [m]; `unit` [s] is half the duration of each path.
+
+    If dr/ds has only the direction of the velocity, `pace` is the velocity divided by it; None is 1.
+    """
 
     derivatives: list[CellPolynomial]
     length: PerPath
     unit: PerPath
+    pace: CellPolynomial | None = None
 
 
 def path_derivatives(path: MovingPolynomials, duration: PerPath, roundings: int = 0) -> PathDerivatives:
@@ -88,11 +93,18 @@ def path_derivatives(path: MovingPolynomials, duration: PerPath, roundings: int 
     return PathDerivatives(derivatives, length, unit)
 
 
-def slack(entry: PathQuantity, i: Invariants, bound: tuple[Array, Array]) -> ChebyshevModel:
+def slack(entry: PathQuantity, i: Invariants, bound: Bound) -> ChebyshevModel:
     """limit² · denominator − numerator in cells: the limit is satisfied where this is not negative."""
     numerator = entry.numerator(i)
     denominator = numerator.one() if entry.denominator is None else entry.denominator(i)
-    return multiple(denominator, *bound) - numerator
+    return multiple(denominator, *bound.square) - numerator
+
+
+def bounds(limit: PerPath, scale: PerPath) -> Bound:
+    """A limit in the units of `PathDerivatives`."""
+    bound = limit * scale
+    rounding = jnp.where(_is_normal(bound) & _is_normal(scale), 8 * float(jnp.finfo(bound.dtype).eps) * bound, jnp.inf)
+    return Bound((bound[None], rounding[None]), squared_bound(limit, scale))
 
 
 def squared_bound(limit: PerPath, scale: PerPath) -> tuple[Array, Array]:

@@ -16,14 +16,18 @@ from jaxtyping import Array, Bool, Float, Int
 from qtraj.algebra.cells import PerPath
 from qtraj.algebra.chebyshev_model import ChebyshevModel
 from qtraj.algebra.positivity import NEGATIVE, POSITIVE, UNDECIDED as NOT_PROVED, Answer, prove_positive
+from qtraj.design.proof import road
 from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED
-from qtraj.design.proof.inequalities import ORDER, PathDerivatives, slack, squared_bound
+from qtraj.design.proof.inequalities import ORDER, PathDerivatives, bounds, slack
+from qtraj.design.proof.road import Bound
 from qtraj.design.proof.search import find_maximum
 from qtraj.foundation.indexing import element, with_element
-from qtraj.path.frenet import Invariants
+from qtraj.path.frenet import Invariants, safe_root as root
+from qtraj.path.path_quantity import LOAD, PathQuantity
 from qtraj.path.quantity import QUANTITIES
 from qtraj.path.regularity import Regularity, regularity
-from qtraj.path.values import root
+from qtraj.path.road_quantities import ROAD_QUANTITIES
+from qtraj.path.vehicle import RoadParameters
 
 MIN_RELATIVE_DIVISOR = 1e-9
 """A relative divisor below this that is not proved positive cannot be distinguished from zero."""
@@ -32,21 +36,30 @@ CHUNKS = (8, 35)
 """Number of chunks of 30 intervals in the search for the maximum: with a proof, and without one."""
 
 DIVISORS = ("S", "N", "H")
-DIVISOR_SIZES = ("speed", "cross_norm", "level")
-"""The divisors of quantities: the invariants, and the corresponding measures of regularity."""
+DIVISOR_SIZES = ("speed", "cross_norm", "level", LOAD)
+"""The divisors of quantities: the invariants, and the corresponding measures of regularity. The last is the load."""
 
 LIMITS = tuple(QUANTITIES.values())
 LIMIT_COUNT = len(LIMITS)
-ENTRY_COUNT = LIMIT_COUNT + len(DIVISORS)
+ENTRY_COUNT = LIMIT_COUNT + len(DIVISOR_SIZES)
 """Number of entries: the limits in the order of the registry, then the divisors."""
+
+UPRIGHT_DIVISOR = DIVISOR_SIZES.index("level")
+"""The first divisor that depends on the vertical."""
 
 NO_DIVISOR = ENTRY_COUNT
 """The index of the divisor for a quantity that has none."""
 
 TIME_POWERS = 1 + max(entry.per_time for entry in LIMITS)
-ORDERS = [*(entry.order for entry in LIMITS), 1, 2, 1]
+ROAD = ORDER + 1
+"""Stands for the order of quantities that need a vehicle, which share more than their derivatives."""
+
+ORDERS = [*(ROAD if entry.needs_vehicle else entry.order for entry in LIMITS), 1, 2, 1, ROAD]
 PLACES = [ORDERS[:k].count(order) for k, order in enumerate(ORDERS)]
 """The index of each entry among those with the same order, which share their derivatives."""
+
+BRANCHES = [sum(order != ROAD for order in ORDERS[: k if ORDERS[k] != ROAD else None]) for k in range(ENTRY_COUNT)]
+"""The index of each entry among those whose values have a branch of their own; one more branch is for the road."""
 
 
 class Entry(NamedTuple):
@@ -58,6 +71,7 @@ class Entry(NamedTuple):
     pieces: Any
     order: Any
     place: Any
+    branch: Any
 
 
 def _entries() -> np.ndarray:
@@ -65,9 +79,9 @@ def _entries() -> np.ndarray:
     for k, x in enumerate(LIMITS):
         unit = (x.length + 1) * TIME_POWERS + x.per_time
         divisor = LIMIT_COUNT + DIVISOR_SIZES.index(x.divisor) if x.divisor else NO_DIVISOR
-        entries.append(Entry(unit, x.upright, divisor, 1 + 3 * (x.order == 4), ORDERS[k], PLACES[k]))
+        entries.append(Entry(unit, x.upright, divisor, 1 + 3 * (x.order == 4), ORDERS[k], PLACES[k], BRANCHES[k]))
     entries += [
-        Entry(TIME_POWERS, k == ENTRY_COUNT - 1, NO_DIVISOR, 1, ORDERS[k], PLACES[k])
+        Entry(TIME_POWERS, k >= LIMIT_COUNT + UPRIGHT_DIVISOR, NO_DIVISOR, 1, ORDERS[k], PLACES[k], BRANCHES[k])
         for k in range(LIMIT_COUNT, ENTRY_COUNT)
     ]
     return np.array(entries, np.int32)
@@ -111,15 +125,18 @@ def judge(
     derivatives: PathDerivatives | None,
     index: Int[Array, " entries"],
     count: Int[Array, ""],
+    vehicle: RoadParameters | None,
 ) -> Findings:
     """The findings on the first `count` entries of `index`, for the paths behind `evaluate`.
 
-    Without polynomial `derivatives` nothing is proved.
+    Without polynomial `derivatives` no limit is proved. `vehicle` has one value for each path, in SI units; None if no
+    limit needs a vehicle: then the branches of such limits are not compiled.
     """
     paths, dtype = scale.time.shape, scale.time.dtype
     shape = (ENTRY_COUNT + 1, *paths)
     start = Findings(jnp.full(shape, PROVED, jnp.int32), jnp.zeros(shape, dtype), jnp.zeros(shape, dtype))
     units = _units(scale)
+    vehicle = None if vehicle is None else road.in_units(vehicle, scale.length, scale.time)
 
     def step(k: Array, findings: Findings) -> Findings:
         entry_index = element(index, k)
@@ -127,13 +144,13 @@ def judge(
         divisor: Findings = element(findings, entry.divisor)
         bound, unit = element(limits, jnp.minimum(entry_index, LIMIT_COUNT - 1)), element(units, entry.unit)
         provable = (upright | (entry.upright == 0)) & (derivatives is not None)
-        answer = _proof(derivatives, entry, squared_bound(bound, unit), paths, dtype)
+        answer = _proof(derivatives, entry, bounds(bound, unit), vehicle, paths, dtype)
         chunks = jnp.where(jnp.all(provable), *CHUNKS)
         chunks = jnp.where((entry_index >= LIMIT_COUNT) & jnp.all(provable & (answer.code == POSITIVE)), 0, chunks)
         hints = jnp.stack([answer.at, jnp.clip(divisor.times / scale.time - 1, -1.0, 1.0), answer.at])
-        square, at = find_maximum(lambda s: _squares(evaluate, entry_index, s), hints, chunks)
+        square, at = find_maximum(lambda s: _squares(evaluate, vehicle, entry, s), hints, chunks)
         proved = answer.code == POSITIVE
-        value = root(square) / unit
+        value = jnp.sign(square) * root(jnp.abs(square)) / unit  # signed quantities keep their sign in the square
         sampled = jnp.where(value <= bound, SAMPLED, jnp.where(value > bound, BROKEN, UNDECIDED))
         proved_or_open = jnp.where(proved, PROVED, jnp.where(answer.code == NEGATIVE, BROKEN, UNDECIDED))
         code = jnp.where(provable, proved_or_open, sampled)
@@ -151,8 +168,9 @@ def judge(
 
 
 def _units(scale: Scale) -> Float[Array, "units paths"]:
-    """All products of powers of the units that occur: lengths from −1 to 1, times from 0."""
-    lengths = jnp.stack([scale.length, jnp.ones_like(scale.length), 1 / scale.length])
+    """All products of powers of the units that occur: lengths from −1 to 2, times from 0."""
+    inverse = 1 / scale.length
+    lengths = jnp.stack([scale.length, jnp.ones_like(scale.length), inverse, inverse * inverse])
     times = [jnp.ones_like(scale.time)]
     for _ in range(TIME_POWERS - 1):
         times.append(times[-1] * scale.time)
@@ -160,7 +178,12 @@ def _units(scale: Scale) -> Float[Array, "units paths"]:
 
 
 def _proof(
-    derivatives: PathDerivatives | None, entry: Entry, bound: tuple[Array, Array], paths: tuple[int, ...], dtype: Any
+    derivatives: PathDerivatives | None,
+    entry: Entry,
+    bound: Bound,
+    vehicle: RoadParameters | None,
+    paths: tuple[int, ...],
+    dtype: Any,
 ) -> Answer:
     if derivatives is None:
         nothing = jnp.zeros(paths, dtype)
@@ -168,7 +191,7 @@ def _proof(
     slacks = [*(partial(slack, x) for x in LIMITS), *(partial(_divisor, name) for name in DIVISORS)]
 
     def of_order(order: int) -> Callable[[Array, Array], ChebyshevModel]:
-        builds = [build for build, needed in zip(slacks, ORDERS, strict=True) if needed == order]
+        builds = [build for build, needed in zip(slacks, ORDERS, strict=False) if needed == order]
 
         def build(centre: Array, half: Array) -> ChebyshevModel:
             vectors = [r.on(centre, half) for r in derivatives.derivatives[:order]]
@@ -177,25 +200,46 @@ def _proof(
 
         return build
 
-    branches = [of_order(order) for order in range(1, ORDER + 1)]
+    def on_road(centre: Array, half: Array) -> ChebyshevModel:
+        vectors = [r.on(centre, half) for r in derivatives.derivatives[:2]]
+        pace = 1 if derivatives.pace is None else derivatives.pace.on(centre, half)[0]
+        return road.road_slack(entry.place, Invariants([None, *vectors], vehicle=vehicle, pace=pace), bound, half)
+
+    branches = [*(of_order(order) for order in range(1, ORDER + 1)), *([] if vehicle is None else [on_road])]
     build = lambda centre, half: jax.lax.switch(entry.order - 1, branches, centre, half)  # noqa: E731
     max_width = jnp.full(paths, 2.0, dtype) / entry.pieces.astype(dtype)
     return prove_positive(build, max_width)
 
 
-def _divisor(name: str, i: Invariants, bound: tuple[Array, Array]) -> ChebyshevModel:
+def _divisor(name: str, i: Invariants, bound: Bound) -> ChebyshevModel:
     return getattr(i, name)
 
 
 def _squares(
-    evaluate: Evaluate, entry_index: Array, s: Float[Array, "instants paths"]
+    evaluate: Evaluate, vehicle: RoadParameters | None, entry: Entry, s: Float[Array, "instants paths"]
 ) -> Float[Array, "instants paths"]:
-    """The square of a quantity; for a divisor, the negative of its relative size."""
+    """The square of a quantity, with the sign of a signed one; for a divisor, the negative of its relative size."""
 
     @jax.jit
     def sizes(s: Array) -> Regularity:
         return regularity(evaluate(s, 3, True), jnp.asarray(2.0, s.dtype))
 
-    limits = [lambda s, x=x: jnp.broadcast_to(x.squared(evaluate(s, x.order, x.upright)), s.shape) for x in LIMITS]
-    divisors = [lambda s, name=name: -getattr(sizes(s), name) for name in DIVISOR_SIZES]
-    return jax.lax.switch(entry_index, limits + divisors, s)
+    def on_road(s: Array) -> Array:
+        i = evaluate(s, 2, True)
+        i.vehicle = jax.tree.map(lambda x: x[None], vehicle)
+        i.compute()
+        return jax.lax.switch(entry.place, [partial(of, x, i) for x in ROAD_QUANTITIES] + [partial(_no_load, i)])
+
+    def of(x: PathQuantity, i: Invariants) -> Array:
+        if x.signed is None:
+            return jnp.broadcast_to(x.squared(i), s.shape)
+        value = x.value(i)
+        return value * jnp.abs(value)
+
+    limits = [lambda s, x=x: of(x, evaluate(s, x.order, x.upright)) for x in LIMITS if not x.needs_vehicle]
+    divisors = [lambda s, name=name: -getattr(sizes(s), name) for name in DIVISOR_SIZES[:-1]]
+    return jax.lax.switch(entry.branch, [*limits, *divisors, *([] if vehicle is None else [on_road])], s)
+
+
+def _no_load(i: Invariants) -> Array:
+    return -road.relative_load(i)

@@ -15,6 +15,7 @@ from qtraj.path.frenet import Invariants
 from qtraj.path.quantity import quantity
 from qtraj.path.route import Route
 from qtraj.path.stops import Segments
+from qtraj.path.vehicle import RoadParameters
 
 INSTANTS = 65
 """Number of instants of a segment with a violated limit between which the ends of the intervals are located."""
@@ -41,7 +42,8 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
         no_limits, no_findings = np.zeros(0), np.zeros((count, 0))
         whole = Certificate((), *[no_limits] * 4)
         return RouteCertificate(whole, Certificate((), *[no_findings] * 4), starts)
-    results = findings(segments, bounds_by_name)
+    road = limits.road() if limits.needs_vehicle else None
+    results = findings(segments, bounds_by_name, road)
     times = results.times + starts[:, None]
     codes, column = worst(results.codes), np.arange(len(names))
     candidates = np.where(results.codes == codes[None], results.values, -np.inf)
@@ -51,26 +53,26 @@ def certify_route(route: Route, limits: Limits) -> RouteCertificate:
     broken, broken_limits = [], []
     for k, name in enumerate(names):
         rows = np.flatnonzero(results.codes[:, k] == BROKEN)
-        intervals = _intervals(segments, name, bounds[k], rows, results.times[rows, k])
+        intervals = _intervals(segments, name, bounds[k], road, rows, results.times[rows, k])
         broken += intervals
         broken_limits += [k] * len(intervals)
     return RouteCertificate(whole, parts, starts, broken, broken_limits)
 
 
 def _intervals(
-    segments: Segments, name: str, bound: float, rows: np.ndarray, peaks: np.ndarray
+    segments: Segments, name: str, bound: float, road: RoadParameters | None, rows: np.ndarray, peaks: np.ndarray
 ) -> list[tuple[float, float]]:
     """The intervals in which the segments `rows` exceed a bound; they exceed it at the local times `peaks`."""
     if not rows.size:
         return []
     c, h = segments.coefficients[rows], segments.durations[rows]
     s = np.sort(np.concatenate([h[:, None] * np.linspace(0.0, 1.0, INSTANTS), peaks[:, None]], axis=1), axis=1)
-    above = _exceeds(c, s, name, bound) | (s == peaks[:, None])
+    above = _exceeds(c, s, name, bound, road) | (s == peaks[:, None])
     row, left = np.nonzero(above[:, 1:] != above[:, :-1])
     low, high, first = s[row, left], s[row, left + 1], above[row, left]
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        same = _exceeds(c[row], middle[:, None], name, bound)[:, 0] == first
+        same = _exceeds(c[row], middle[:, None], name, bound, road)[:, 0] == first
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     intervals: list[tuple[float, float]] = []
     for i, start in enumerate(segments.starts[rows]):
@@ -84,13 +86,10 @@ def _intervals(
     return intervals
 
 
-def _exceeds(c: np.ndarray, s: np.ndarray, name: str, bound: float) -> np.ndarray:
+def _exceeds(c: np.ndarray, s: np.ndarray, name: str, bound: float, road: RoadParameters | None) -> np.ndarray:
     """Whether a quantity is above its bound at local times (segments, instants)."""
     entry = quantity(name)
     c_at_each = np.broadcast_to(c[:, None], (*s.shape, *c.shape[1:]))
     derivatives = pieces.values(c_at_each, s, max(entry.order, 1))
     components: list[Any] = [(r[..., 0], r[..., 1], r[..., 2]) for r in derivatives]
-    invariants = Invariants(components)
-    numerator = entry.numerator(invariants)
-    denominator = 1.0 if entry.denominator is None else entry.denominator(invariants)
-    return np.asarray(numerator > bound**2 * denominator)
+    return np.asarray(entry.exceeds(Invariants(components, vehicle=road, root=np.sqrt), bound))

@@ -16,19 +16,29 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from qtraj.algebra.cell_polynomial import CellPolynomial, cell_polynomial
 from qtraj.design.proof.certificate import PROVED, UNDEFINED
-from qtraj.design.proof.inequalities import PathDerivatives, Vectors, path_derivatives
+from qtraj.design.proof.inequalities import PathDerivatives, Vectors, centred, path_derivatives
 from qtraj.design.proof.judge import LIMIT_COUNT, LIMITS, Findings, Scale, indices, judge
 from qtraj.foundation import cores
 from qtraj.path.frenet import Invariants
 from qtraj.path.moving_basis import MovingPolynomials
+from qtraj.path.quantity import QUANTITIES
 from qtraj.path.stops import Segments
+from qtraj.path.vehicle import RoadParameters
 
 DIRECTIONS = ("slope", "angular_rate", "angular_acceleration", "yaw_rate", "yaw_acceleration")
 """Quantities that depend only on the direction of the velocity."""
 
-COMPONENTS = ("lateral_acceleration", "longitudinal_acceleration")
-"""Components of the acceleration relative to that direction."""
+COMPONENTS = (
+    "lateral_acceleration",
+    "longitudinal_acceleration",
+    *(name for name, entry in QUANTITIES.items() if entry.needs_vehicle),
+)
+"""Components of the acceleration relative to that direction, and forces, which depend on the speed as well."""
+
+MAX_ORDER = 8
+"""The highest order of a zero of the velocity for which forces are computed; lower ones occur in practice."""
 
 N_ROUNDINGS = 3
 """Number of rounding operations in each coefficient of Q, the integral of q."""
@@ -48,8 +58,11 @@ class SegmentFindings(NamedTuple):
     values: Float[np.ndarray, "segments limits"]
 
 
-def findings(segments: Segments, limits: dict[str, float]) -> SegmentFindings:
-    """The findings on every segment, in the order of the registry; `limits` are bounds by name."""
+def findings(segments: Segments, limits: dict[str, float], road: RoadParameters | None) -> SegmentFindings:
+    """The findings on every segment, in the order of the registry; `limits` are bounds by name.
+
+    `road` are the numbers of the vehicle if a limit needs one.
+    """
     entries = [entry for entry in LIMITS if entry.name in limits]
     names = [entry.name for entry in entries]
     bounds = np.array([limits.get(entry.name, 1.0) for entry in LIMITS])
@@ -61,7 +74,7 @@ def findings(segments: Segments, limits: dict[str, float]) -> SegmentFindings:
     directions[parked, 1] = 1.0 / h[parked, None]  # a straight line, which is cheap to certify
     for group in groups:
         directions[group.rows] = _integrals(group.coefficients)
-    first = _judged(directions, directions, h, bounds, names)
+    first = _judged(directions, directions, h, bounds, names, road)
     result = SegmentFindings(*(np.array(x[:, columns]) for x in first))
     result.codes[parked], result.times[parked], result.values[parked] = PROVED, 0.0, 0.0
     without_divisor = [entry.name for entry in entries if entry.divisor is None]
@@ -71,10 +84,13 @@ def findings(segments: Segments, limits: dict[str, float]) -> SegmentFindings:
     for at_end, rows, coefficients in groups:
         durations = h[rows, None]
         of_path = (without_divisor, c[rows], c[rows], False)
-        of_acceleration = (components, coefficients, directions[rows], True)
+        # Time is counted back from the end, so the velocity has the opposite direction.
+        direction = -directions[rows] if at_end else directions[rows]
+        of_acceleration = (components, coefficients, direction, True)
         for chosen, path, direction, keep_acceleration in (of_path, of_acceleration):
             if chosen:
-                update = _judged(path, direction, h[rows], bounds, chosen, keep_acceleration)
+                orders = _order(coefficients)
+                update = _judged(path, direction, h[rows], bounds, chosen, road, keep_acceleration, orders)
                 places = _places(names, chosen)
                 cells, source = np.ix_(rows, places), columns[places]
                 result.codes[cells], result.values[cells] = update.codes[:, source], update.values[:, source]
@@ -160,6 +176,12 @@ def _integrals(c: np.ndarray) -> np.ndarray:
     return result
 
 
+def _order(c: np.ndarray) -> np.ndarray:
+    """The order to which the velocity vanishes at the start of each segment."""
+    some = c[:, 1:].any(axis=-1)
+    return np.minimum(np.argmax(some, axis=1), MAX_ORDER)
+
+
 def _exactly_reversed(c: np.ndarray, h: float) -> np.ndarray:
     """The coefficients for the time before the end, each rounded once."""
     duration, result = Fraction(float(h)), np.zeros_like(c)
@@ -178,17 +200,22 @@ def _judged(
     h: np.ndarray,
     bounds: np.ndarray,
     names: Sequence[str],
+    road: RoadParameters | None,
     keep_acceleration: bool = False,
+    orders: int | np.ndarray = 0,
 ) -> Findings:
     """Findings (rows, LIMIT_COUNT) on segments `c`, with the derivative of `directions` in place of the velocity.
 
-    The higher derivatives are also taken from `directions`, or with `keep_acceleration` from `c`.
+    The higher derivatives are also taken from `directions`, or with `keep_acceleration` from `c`. The velocity is then
+    u^order times the derivative of `directions`, with u the time from the stop.
     """
     index, count = indices(tuple(names))
     keep = np.full(len(h), keep_acceleration)
-    segments = tuple(np.ascontiguousarray(x) for x in (c, directions, h, keep))
+    orders = np.broadcast_to(np.asarray(orders) * keep_acceleration, len(h))
+    segments = tuple(np.ascontiguousarray(x) for x in (c, directions, h, keep, orders))
+    numbers = None if road is None else RoadParameters(*(np.asarray(x, float) for x in road))
     blocks = cores.split(np.arange(len(h)), BLOCK_SIZE)
-    calls = [(cores.take(segments, block, BLOCK_SIZE), bounds, index, count) for block in blocks]
+    calls = [(cores.take(segments, block, BLOCK_SIZE), bounds, numbers, index, count) for block in blocks]
     result: Any = None
     for block, block_result in zip(blocks, cores.map_blocks(_compiled, calls), strict=True):
         result = cores.allocate(len(h), block_result) if result is None else result
@@ -197,21 +224,32 @@ def _judged(
 
 
 @jax.jit
-def _compiled(segments: Any, bounds: Array, index: Array, count: Array) -> Findings:
-    c, directions, h, keep = segments
+def _compiled(segments: Any, bounds: Array, road: RoadParameters | None, index: Array, count: Array) -> Findings:
+    c, directions, h, keep, orders = segments
     path, direction = _derivatives(c, h), _derivatives(directions, h)
     pairs = zip(path.derivatives[1:], direction.derivatives[1:], strict=True)
     higher = [jax.tree.map(lambda a, b: jnp.where(keep, a, b), p, q) for p, q in pairs]
     length = jnp.where(keep, path.length, direction.length)
-    combined = PathDerivatives([direction.derivatives[0], *higher], length, direction.unit)
+    pace = None if road is None else _pace(orders, direction.unit, direction.length / length)
+    combined = PathDerivatives([direction.derivatives[0], *higher], length, direction.unit, pace)
 
     def evaluate(s: Array, order: int, upright: bool) -> Invariants:
-        return Invariants([None, *(Vectors(*r.at(s)) for r in combined.derivatives[:order])])
+        derivatives = [None, *(Vectors(*r.at(s)) for r in combined.derivatives[:order])]
+        return Invariants(derivatives, pace=1 if pace is None else pace.at(s)[0])
 
     limits = jnp.broadcast_to(bounds[:, None], (LIMIT_COUNT, h.shape[0]))
     upright = jnp.ones(h.shape, bool)
-    result = judge(evaluate, Scale(combined.length, combined.unit), limits, upright, combined, index, count)
+    vehicle = None if road is None else RoadParameters(*(jnp.broadcast_to(x, h.shape) for x in road))
+    result = judge(evaluate, Scale(combined.length, combined.unit), limits, upright, combined, index, count, vehicle)
     return jax.tree.map(lambda x: x[:LIMIT_COUNT].T, result)
+
+
+def _pace(orders: Int[Array, " rows"], unit: Array, ratio: Array) -> CellPolynomial:
+    """u^order times the ratio of two lengths, with u = unit·(s + 1) the time from the stop [s]."""
+    powers = jnp.arange(MAX_ORDER + 1, dtype=orders.dtype)[:, None]
+    coefficients = jnp.where(powers == orders[None], ratio * unit ** orders.astype(unit.dtype), 0.0)
+    c = centred(coefficients[:, None])[None]
+    return cell_polynomial(c, 64 * float(jnp.finfo(c.dtype).eps) * jnp.sum(jnp.abs(c[0]), axis=0))
 
 
 def _derivatives(c: Float[Array, "rows terms 3"], h: Float[Array, " rows"]) -> PathDerivatives:

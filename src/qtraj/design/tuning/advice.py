@@ -32,6 +32,7 @@ from qtraj.foundation.progress import Report
 from qtraj.foundation.types import Scalar
 from qtraj.foundation.units import with_unit
 from qtraj.path.quantity import CORRIDOR, quantity
+from qtraj.path.vehicle import Vehicle
 
 RELAXATION = 1e6
 """Factor that makes a limit ineffective."""
@@ -74,6 +75,7 @@ class SearchOptions(NamedTuple):
     starts: int
     max_steps: int
     report: Report | None
+    vehicle: Vehicle | None = None
 
     def minimise_violation(self, tasks: Task, result: SearchResult) -> SearchResult:
         """The minimum violation, from the result of another search."""
@@ -93,7 +95,9 @@ class SearchOptions(NamedTuple):
         limits = dict(zip(names, np.asarray(tasks.limits, float)[0] / TARGET_RATIO, strict=False))
         corridor = limits.pop(CORRIDOR.name, None)
         reference = None if corridor is None else _path(problem, jnp.zeros_like(z))
-        return certify(_path(problem, z), Limits(**limits), corridor=corridor, reference=reference).met
+        return certify(
+            _path(problem, z), Limits(**limits, vehicle=self.vehicle), corridor=corridor, reference=reference
+        ).met
 
 
 _path = eqx.filter_jit(lambda problem, z: problem.path(z))

@@ -14,6 +14,7 @@ from qtraj.design.tuning.task import LimitSlots, Task
 from qtraj.foundation.outcome import ResultCode
 from qtraj.foundation.progress import Report
 from qtraj.path.quantity import quantity
+from qtraj.path.vehicle import Vehicle
 
 
 class Advisor:
@@ -34,11 +35,12 @@ class Advisor:
         starts: int,
         max_steps: int,
         user_bounds: Collection[str],
+        vehicle: Vehicle | None = None,
     ):
         self.number = next(self._numbers)
         self._data = tasks, names, result
         self._search = slots, starts, max_steps
-        self._user_bounds = user_bounds
+        self._user_bounds, self._vehicle = user_bounds, vehicle
         self._cache: dict[int, str] = {}
 
     def __eq__(self, other: object) -> bool:
@@ -56,7 +58,10 @@ class Advisor:
     def _sentences(self, place: int, code: ResultCode, report: Report | None) -> list[str]:
         tasks, names, result = self._data
         one, at = take(tasks, slice(place, place + 1)), take(result, slice(place, place + 1))
-        options = SearchOptions(*self._search, report)
+        vehicle = self._vehicle
+        if vehicle is not None and vehicle.mass.ndim:
+            vehicle = take(vehicle, place)
+        options = SearchOptions(*self._search, report, vehicle)
         sentences = [default_bound_warning(tasks.problem.names, np.asarray(at.z[0]), self._user_bounds)]
         if code != ResultCode.successful:
             sentences = [standstill_warning(take(one.problem, 0), names), *sentences]

@@ -109,10 +109,12 @@ class AugmentedLagrangian(AbstractSearch):
     def init(self, tasks: Task, z: Any) -> State:
         """The state of searches from `z`, clipped to the box."""
         xp: Any = np if isinstance(z, np.ndarray) else jnp
-        batch, dtype = z.shape[:1], z.dtype
+        batch, dtype, slots = z.shape[:1], z.dtype, tasks.limits.shape[-1]
         one = jax.eval_shape(self.optimiser.init, jax.ShapeDtypeStruct(z.shape[1:], dtype))
         memory = jax.tree.map(lambda x: xp.zeros((*batch, *x.shape), x.dtype), one)
-        peaks = jax.tree.map(lambda x: xp.broadcast_to(xp.asarray(x), (*batch, *x.shape)), peaking.no_peaks(dtype))
+        peaks = jax.tree.map(
+            lambda x: xp.broadcast_to(xp.asarray(x), (*batch, *x.shape)), peaking.no_peaks(slots, dtype)
+        )
         number, no, none = xp.zeros(batch, dtype), xp.zeros(batch, bool), xp.zeros(batch, np.int32)
         infinite = xp.full(batch, np.inf, dtype)
         z = xp.clip(z, tasks.low, tasks.high)

@@ -23,7 +23,7 @@ from qtraj.path.boundary import BoundaryState, Cylindrical
 from qtraj.path.boundary_problem import axis_between
 from qtraj.path.quantity import QUANTITIES, quantity
 
-BOUNDING = tuple(name for name, entry in QUANTITIES.items() if entry.per_time > 0 and entry.bounds_speed)
+BOUNDING = tuple(name for name, entry in QUANTITIES.items() if entry.bounds_speed)
 """Limits that bound the speed: the fastest path needs one of them."""
 
 MAX_AXIS_DISTANCE, MAX_AXIS_DISTANCE_LOOPS = 100.0, 1e3
@@ -100,7 +100,7 @@ def require_well_posed(
 
 
 def _data(problem: Problem, turn: Scalar | None, limits: Limits, corridor: Array | None, has_placement: bool) -> _Data:
-    parts = (problem.start, problem.end, problem.duration, problem.speed, problem.scale, problem.turn)
+    parts = (problem.start, problem.end, problem.duration, problem.speed, problem.scale, problem.turn, problem.road)
     user_limits = named_limits(limits, corridor)
     if any(concrete(leaf) is None for leaf in jax.tree.leaves((parts, turn, user_limits))):
         return _Data(problem, turn, user_limits, has_placement, jnp)

@@ -20,20 +20,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from qtraj.design.tuning import corridor, monomials
+from qtraj.design.tuning import corridor, monomials, road
 from qtraj.design.tuning.curves import Curves, along_u
 from qtraj.design.tuning.monomials import Table
 from qtraj.design.tuning.world_axes import upright_derivatives
 from qtraj.foundation.indexing import element
 from qtraj.foundation.types import Scalar
 from qtraj.path.frenet import Invariants
-from qtraj.path.quantity import QUANTITIES, PathQuantity
+from qtraj.path.path_quantity import PathQuantity
+from qtraj.path.quantity import QUANTITIES
+from qtraj.path.vehicle import RoadParameters
 
 Places = Float[Array, "batch places"]
 
 
 class Setting(NamedTuple):
-    """A path in unit time, ln T, the rotation from its placement's axes to the world's, and the initial path.
+    """A path in unit time, ln T, the rotation from its placement's axes to the world's, the initial path, a vehicle.
 
     For a batch of paths every array has a leading axis.
     """
@@ -42,6 +44,7 @@ class Setting(NamedTuple):
     log_duration: Float[Array, "*batch"]
     axes: Float[Array, "*batch 3 3"]
     reference: Float[Array, "*batch terms 3"]
+    road: RoadParameters | None
 
 
 @dataclass(frozen=True, eq=False)  # compared by identity, so that compiled functions can depend on it
@@ -85,7 +88,9 @@ def _group_index(entry: PathQuantity) -> int:
     return int(entry.order > 2 or entry.upright)
 
 
-_ENTRIES = [[entry for entry in QUANTITIES.values() if _group_index(entry) == k] for k in range(2)]
+_ENTRIES = [
+    [entry for entry in QUANTITIES.values() if _group_index(entry) == k and not entry.needs_vehicle] for k in range(2)
+]
 _COMMON = {"S": ("r1", "r1"), "B": ("r1", "r2"), "N": ("c", "c")}
 _HIGHER = {
     "T": ("c", "r3"),
@@ -115,7 +120,10 @@ HINT_OF = np.asarray(
 CORRIDOR_INDEX = FIRST_HINT + len(HINTS)
 """The index of the corridor, which is a separate group."""
 
-_GROUP_INDICES = [_group_index(entry) for entry in QUANTITIES.values()]
+ROAD_GROUP = len(GROUPS) + 1
+"""The group of the quantities that need a vehicle, which only problems with one have."""
+
+_GROUP_INDICES = [ROAD_GROUP if entry.needs_vehicle else _group_index(entry) for entry in QUANTITIES.values()]
 _HINT_MEMBERS = range(len(_ENTRIES[0]), len(_ENTRIES[0]) + len(HINTS))
 GROUP = np.asarray([*_GROUP_INDICES, *[0] * len(HINTS), len(GROUPS)], np.uint32)
 MEMBER = np.asarray(
@@ -128,10 +136,13 @@ def values(settings: Setting, index: Int[Array, ""], limits: Float[Array, " batc
     """The constraint g of a batch of paths, each at its own places `u`."""
     scale, _ = limit_scale(settings, index, limits)
 
+    def in_world(order: int, upright: bool) -> Array:
+        r = jax.vmap(lambda curves, u: along_u(curves.up_to(order), u, 0)[0])(settings.curves, u)
+        return upright_derivatives(settings.axes, settings.curves.angle, r, u) if upright else r
+
     def make_branch(group: Group) -> Callable[[], Places]:
         def branch() -> Places:
-            r = jax.vmap(lambda curves, u: along_u(curves.up_to(group.order), u, 0)[0])(settings.curves, u)
-            r = upright_derivatives(settings.axes, settings.curves.angle, r, u) if group.upright else r
+            r = in_world(group.order, group.upright)
             invariants = Invariants([None, *((x[:, 0], x[:, 1], x[:, 2]) for x in jnp.moveaxis(r, 1, 0))])
             used = SimpleNamespace(**{name: getattr(invariants, name) for name in group.products})
             squares = [lambda square=square: square(used) for square in group.members]
@@ -142,7 +153,12 @@ def values(settings: Setting, index: Int[Array, ""], limits: Float[Array, " batc
     def corridor_branch() -> Places:
         return jax.vmap(corridor.value)(settings.curves.place, settings.reference, u)
 
-    return 0.5 * (scale[:, None] * switch_group(index, make_branch, corridor_branch) - 1)
+    def road_branch() -> Places:
+        member = element(MEMBER, index)
+        return jax.vmap(lambda setting, r: road.value(setting, r, member))(settings, in_world(road.ORDER, True))
+
+    others = [corridor_branch, *([] if settings.road is None else [road_branch])]
+    return 0.5 * (scale[:, None] * switch_group(index, make_branch, others) - 1)
 
 
 def of_one_path(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -165,7 +181,10 @@ def limit_scale(
 
 
 def switch_group(
-    index: Int[Array, ""], make_branch: Callable[[Group], Callable[[], Any]], corridor_branch: Callable[[], Any]
+    index: Int[Array, ""], make_branch: Callable[[Group], Callable[[], Any]], others: Sequence[Callable[[], Any]]
 ) -> Any:
-    """Evaluate the branch of the group to which the quantity with this index belongs."""
-    return jax.lax.switch(element(GROUP, index), [*(make_branch(group) for group in GROUPS), corridor_branch])
+    """Evaluate the branch of the group to which the quantity with this index belongs.
+
+    `others` are the branches of the corridor and, for a problem with a vehicle, of the road.
+    """
+    return jax.lax.switch(element(GROUP, index), [*(make_branch(group) for group in GROUPS), *others])

@@ -155,6 +155,21 @@ def from_pairs(x: Float[Array, "pairs *rest"]) -> Float[Array, "k k *rest"]:
     return jnp.concatenate([x, jnp.zeros_like(x[:1])])[places]
 
 
+def second_along(
+    derivatives: CurveDerivatives, gradient: Float[Array, "order 3 places"], order: int, u: Float[Array, " places"]
+) -> Array:
+    """The gradient in r', r'', … times their second derivatives in the slopes: (k, k, places)."""
+    k = derivatives.slopes.shape[0]
+    if derivatives.second is None:
+        return jnp.zeros((k, k, *u.shape), u.dtype)
+    second = up_to(derivatives.second, order)
+    powers = [jnp.ones_like(u)]
+    for _ in range(second.shape[-2] - 1):
+        powers.append(powers[-1] * u)
+    projected = gradient[:, None] * jnp.stack(powers)[None, :, None]
+    return from_pairs(second.reshape(second.shape[0], -1) @ projected.reshape(-1, u.shape[0]))
+
+
 def along_u(coefficients: Float[Array, "*more terms 3"], u: Float[Array, " places"], order: int) -> list[Array]:
     """Vectors of polynomials at the places, and their Taylor coefficients up to `order`: (*more, 3, places) each."""
     return _horner(jnp.moveaxis(coefficients, -2, 0), u, order)

@@ -1,5 +1,6 @@
 """Derivatives of the constraints with respect to the variables and to the place u on the path."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -7,14 +8,26 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from qtraj.algebra.sparse import add, is_zero
-from qtraj.design.tuning import corridor, monomials
+from qtraj.algebra.sparse import add
+from qtraj.design.tuning import corridor, monomials, road
 from qtraj.design.tuning.constraints import HORIZONTAL, MEMBER, Group, Places, Setting, limit_scale, switch_group
-from qtraj.design.tuning.curves import CurveDerivatives, along_u, from_pairs, up_to
+from qtraj.design.tuning.curves import CurveDerivatives, along_u, second_along
+from qtraj.design.tuning.directions import (
+    add_scaled,
+    along,
+    as_array,
+    broadcast,
+    change,
+    compiled_cross,
+    compiled_dot,
+    cross_change,
+    outer_sum,
+    vectors,
+)
 from qtraj.design.tuning.world_axes import from_world, world_derivatives
 from qtraj.foundation.indexing import element
 from qtraj.foundation.types import Scalar
-from qtraj.path.components import Triple, add_vectors, cross, dot
+from qtraj.path.components import Triple, add_vectors
 
 
 class Expansion(NamedTuple):
@@ -34,17 +47,27 @@ def slopes(
     """g of a batch of paths at the places `u` of each, and its derivatives in the variables."""
     scale, per_log = limit_scale(settings, index, limits)
     places = settings.curves.place, derivatives.first.place, settings.reference
+    member = element(MEMBER, index)
     G, in_slopes = switch_group(
         index,
-        lambda group: lambda: jax.vmap(partial(_first_order, group, index))(settings, derivatives, u),
-        lambda: jax.vmap(corridor.slopes)(*places, u),
+        lambda group: _with_log(
+            settings, lambda: jax.vmap(partial(_first_order, group, index))(settings, derivatives, u)
+        ),
+        _others(
+            settings,
+            lambda: jax.vmap(corridor.slopes)(*places, u),
+            lambda: jax.vmap(partial(road.slopes, member))(settings, derivatives, u),
+        ),
     )
 
-    def combined(G: Array, in_slopes: Array, derivatives: CurveDerivatives, scale: Scalar) -> tuple[Array, Array]:
-        slope = derivatives.slopes.T @ in_slopes + (per_log * derivatives.log_duration)[:, None] * G[None]
+    def combined(
+        G: Array, in_slopes: Array, setting: Setting, derivatives: CurveDerivatives, scale: Scalar
+    ) -> tuple[Array, Array]:
+        in_duration = (per_log * derivatives.log_duration)[:, None] * G[None]
+        slope = _directions(setting, derivatives).T @ in_slopes + in_duration
         return 0.5 * (scale * G - 1), 0.5 * scale * slope
 
-    return jax.vmap(combined)(G, in_slopes, derivatives, scale)
+    return jax.vmap(combined)(G, in_slopes, settings, derivatives, scale)
 
 
 def _first_order(
@@ -61,22 +84,33 @@ def expansions(
     """g of a batch of paths at the places `u` of each, with first and second derivatives in the variables and in u."""
     scale, per_log = limit_scale(settings, index, limits)
     places = settings.curves.place, derivatives.first.place, settings.reference
+    member = element(MEMBER, index)
     arrays = switch_group(
         index,
-        lambda group: lambda: jax.vmap(partial(_second_order, group, index))(settings, derivatives, u),
-        lambda: jax.vmap(corridor.second_order)(*places, u),
+        lambda group: _with_log(
+            settings, lambda: jax.vmap(partial(_second_order, group, index))(settings, derivatives, u)
+        ),
+        _others(
+            settings,
+            lambda: jax.vmap(corridor.second_order)(*places, u),
+            lambda: jax.vmap(partial(road.second_order, member))(settings, derivatives, u),
+        ),
     )
-    return jax.vmap(_in_variables, (0, 0, 0, None))(Expansion(*arrays), derivatives, scale, per_log)
+    return jax.vmap(_in_variables, (0, 0, 0, 0, None))(Expansion(*arrays), settings, derivatives, scale, per_log)
 
 
-def _in_variables(G: Expansion, derivatives: CurveDerivatives, scale: Scalar, per_log: Scalar) -> Expansion:
+def _in_variables(
+    G: Expansion, setting: Setting, derivatives: CurveDerivatives, scale: Scalar, per_log: Scalar
+) -> Expansion:
     """The expansion of g in the variables from the expansion of G in the slopes at the ends."""
-    # The slopes are T times velocities, so they are linear in T as well as in the velocities.
-    J, e = derivatives.slopes, derivatives.log_duration[:, None]
+    J, e = _directions(setting, derivatives), derivatives.log_duration[:, None]
     slope, mixed = J.T @ G.slope, J.T @ G.mixed
     curvature = jnp.einsum("in,ijp,jm->nmp", J, G.curvature, J)
-    log_terms = e[:, None] * slope[None]
-    both = e[:, None] * e[None] * jnp.sum(e * slope, axis=0)[None, None]
+    # The slopes are T times velocities, so they are linear in T as well as in the velocities.
+    k = derivatives.slopes.shape[0]
+    in_slopes = slope if setting.road is None else derivatives.slopes.T @ G.slope[:k]
+    log_terms = e[:, None] * in_slopes[None]
+    both = e[:, None] * e[None] * jnp.sum(e * in_slopes, axis=0)[None, None]
     curvature = curvature + log_terms + jnp.swapaxes(log_terms, 0, 1) - both
     # κ = exp(−2p ln T)/limit².
     first = per_log * e
@@ -92,6 +126,33 @@ def _in_variables(G: Expansion, derivatives: CurveDerivatives, scale: Scalar, pe
     )
 
 
+def _directions(setting: Setting, derivatives: CurveDerivatives) -> Float[Array, "m n"]:
+    """The derivatives of the slopes in the variables and, with a vehicle, those of ln T."""
+    if setting.road is None:
+        return derivatives.slopes
+    return jnp.concatenate([derivatives.slopes, derivatives.log_duration[None]])
+
+
+def _others(setting: Setting, corridor_branch: Any, road_branch: Any) -> list[Any]:
+    """The branches beside those of the groups, with a zero derivative of the corridor in ln T."""
+    return [_with_log(setting, corridor_branch), *([] if setting.road is None else [road_branch])]
+
+
+def _with_log(setting: Setting, branch: Callable[[], Any]) -> Callable[[], Any]:
+    """The branch with the direction of ln T, in which its quantity does not change, in a problem with a vehicle."""
+
+    def padded() -> Any:
+        G, slope, *rest = branch()
+        slope = jnp.pad(slope, ((0, 0), (0, 1), (0, 0)))
+        if not rest:
+            return G, slope
+        curvature, mixed, *in_u = rest
+        curvature = jnp.pad(curvature, ((0, 0), (0, 1), (0, 1), (0, 0)))
+        return G, slope, curvature, jnp.pad(mixed, ((0, 0), (0, 1), (0, 0))), *in_u
+
+    return branch if setting.road is None else padded
+
+
 def _second_order(
     group: Group, index: Int[Array, ""], setting: Setting, derivatives: CurveDerivatives, u: Float[Array, " places"]
 ) -> tuple[Array, ...]:
@@ -101,25 +162,25 @@ def _second_order(
     G_ww = Σ G_ss s_w s_w + Σ W Y_w Y_w + Σ Ȳ·Y_ww, where W are the weights of the products of blocks and Ȳ = G_Y.
     """
     at = _local(group, index, setting, derivatives, u)
-    Y, in_invariants, directions = at.blocks, at.in_invariants, _vectors(at.w)
-    vectors = [Y[f"r{k + 1}"] for k in range(group.order)]
+    Y, in_invariants, directions = at.blocks, at.in_invariants, vectors(at.w)
+    own = [Y[f"r{k + 1}"] for k in range(group.order)]
     in_w = {f"r{k + 1}": v for k, v in enumerate(directions)}
     for name, k in group.cross_products.items():
-        in_w[name] = _cross_change(directions[0], vectors[0], directions[k], vectors[k])
+        in_w[name] = cross_change(directions[0], own[0], directions[k], own[k])
     s_w, weighted = [], dict.fromkeys(in_w, (0, 0, 0))
     for i, (name, (a, b)) in enumerate(group.products.items()):
         if b == "up":
             s_w.append(in_w[a][2])
             continue
         axes = 2 if name in HORIZONTAL else 3
-        s_w.append(_change(in_w[a][:axes], Y[a][:axes], in_w[b][:axes], Y[b][:axes]))
-        weighted[a] = _add_scaled(weighted[a], in_w[b], in_invariants[i], axes)
-        weighted[b] = _add_scaled(weighted[b], in_w[a], in_invariants[i], axes)
+        s_w.append(change(in_w[a][:axes], Y[a][:axes], in_w[b][:axes], Y[b][:axes]))
+        weighted[a] = add_scaled(weighted[a], in_w[b], in_invariants[i], axes)
+        weighted[b] = add_scaled(weighted[b], in_w[a], in_invariants[i], axes)
     projected = jnp.einsum("ijp,jmp->imp", at.hessian, jnp.stack(s_w))
-    hessian_w = [_outer_sum((projected[i],), (x,)) for i, x in enumerate(s_w)]
-    hessian_w += [_outer_sum(in_w[name], tuple(_as_array(x, s_w[0]) for x in weighted[name])) for name in in_w]
+    hessian_w = [outer_sum((projected[i],), (x,)) for i, x in enumerate(s_w)]
+    hessian_w += [outer_sum(in_w[name], tuple(as_array(x, s_w[0]) for x in weighted[name])) for name in in_w]
     for name, k in group.cross_products.items():
-        product = _outer_sum(_cross(_broadcast(at.in_blocks[name]), directions[0]), directions[k])
+        product = outer_sum(compiled_cross(broadcast(at.in_blocks[name]), directions[0]), directions[k])
         hessian_w += [product, jnp.swapaxes(product, 0, 1)]
     hessian_w = add(hessian_w)
     local = jnp.stack([jnp.stack(b) for b in at.gradient])
@@ -129,16 +190,10 @@ def _second_order(
         )
         hessian_w = hessian_w + rotation_terms
     if derivatives.second is not None:
-        second = up_to(derivatives.second, group.order)
-        powers = [jnp.ones_like(u)]
-        for _ in range(second.shape[-2] - 1):
-            powers.append(powers[-1] * u)
-        projected = local[:, None] * jnp.stack(powers)[None, :, None]
-        from_second = from_pairs(second.reshape(second.shape[0], -1) @ projected.reshape(-1, u.shape[0]))
-        hessian_w = hessian_w + jnp.pad(from_second, ((0, 1), (0, 1), (0, 0)))
-    local = _vectors(local)
-    mixed = add([_along(b, v) for b, v in zip(local, _vectors(at.moved_in_u), strict=True)])
-    second_rate = add([_dot(b, v) for b, v in zip(local, _vectors(at.in_u_twice), strict=True)])
+        hessian_w = hessian_w + jnp.pad(second_along(derivatives, local, group.order, u), ((0, 1), (0, 1), (0, 0)))
+    local = vectors(local)
+    mixed = add([along(b, v) for b, v in zip(local, vectors(at.moved_in_u), strict=True)])
+    second_rate = add([compiled_dot(b, v) for b, v in zip(local, vectors(at.in_u_twice), strict=True)])
     return (
         at.G,
         at.first_order[:-1],
@@ -180,8 +235,8 @@ def _local(
     used_r, w = r, moving_w
     if group.upright:
         used_r, w = world_derivatives(setting.axes, setting.curves.angle, derivatives.first.angle, r, moving_w, u)
-    G, gradient, (blocks, in_blocks, in_invariants, hessian) = _gradient(group, _vectors(used_r), index)
-    first_order = add([_along(b, v) for b, v in zip(gradient, _vectors(w), strict=True)])
+    G, gradient, (blocks, in_blocks, in_invariants, hessian) = _gradient(group, vectors(used_r), index)
+    first_order = add([along(b, v) for b, v in zip(gradient, vectors(w), strict=True)])
     return _Local(
         G,
         first_order,
@@ -201,11 +256,11 @@ def _local(
 def _gradient(group: Group, r: list[Triple], index: Int[Array, ""]) -> tuple[Array, list[Triple], tuple[Any, ...]]:
     """G and its gradients in r', r'', …; then the blocks, and the derivatives in them and in the invariants."""
     Y = {f"r{k + 1}": v for k, v in enumerate(r)}
-    Y |= {name: _cross(r[0], r[k]) for name, k in group.cross_products.items()}
+    Y |= {name: compiled_cross(r[0], r[k]) for name, k in group.cross_products.items()}
     s = []
     for name, (a, b) in group.products.items():
         axes = 2 if name in HORIZONTAL else 3
-        s.append(Y[a][2] if b == "up" else _dot(Y[a][:axes], Y[b][:axes]))
+        s.append(Y[a][2] if b == "up" else compiled_dot(Y[a][:axes], Y[b][:axes]))
     tables = group.table.coefficients, group.table.exponents, group.table.odd
     coefficients, exponents, odd = element(tables, element(MEMBER, index))
     G, in_invariants, hessian = monomials.expand(coefficients, exponents, odd, jnp.stack(s))
@@ -215,73 +270,13 @@ def _gradient(group: Group, r: list[Triple], index: Int[Array, ""]) -> tuple[Arr
             gradient[a] = add_vectors(gradient[a], (0, 0, in_invariants[i]))
             continue
         axes = 2 if name in HORIZONTAL else 3
-        gradient[a] = _add_scaled(gradient[a], Y[b], in_invariants[i], axes)
-        gradient[b] = _add_scaled(gradient[b], Y[a], in_invariants[i], axes)
-    gradient = {name: tuple(_as_array(x, G) for x in v) for name, v in gradient.items()}
+        gradient[a] = add_scaled(gradient[a], Y[b], in_invariants[i], axes)
+        gradient[b] = add_scaled(gradient[b], Y[a], in_invariants[i], axes)
+    gradient = {name: tuple(as_array(x, G) for x in v) for name, v in gradient.items()}
     local = [gradient[f"r{k + 1}"] for k in range(group.order)]
     for name, k in group.cross_products.items():
         local[0], local[k] = (
-            add_vectors(local[0], _cross(r[k], gradient[name])),
-            add_vectors(local[k], _cross(gradient[name], r[0])),
+            add_vectors(local[0], compiled_cross(r[k], gradient[name])),
+            add_vectors(local[k], compiled_cross(gradient[name], r[0])),
         )
     return G, local, (Y, gradient, in_invariants, hessian)
-
-
-def _vectors(r: Array) -> list[Triple]:
-    """Vectors (*rest, orders, 3, places) as triples of arrays (*rest, places), one triple for each order."""
-    return [(r[..., k, 0, :], r[..., k, 1, :], r[..., k, 2, :]) for k in range(r.shape[-3])]
-
-
-def _broadcast(v: Triple) -> Triple:
-    """The vector with a new first axis, for the directions."""
-    return (v[0][None], v[1][None], v[2][None])
-
-
-# Compiled as functions, these are traced once for all their uses.
-_dot, _cross = jax.jit(dot), jax.jit(cross)
-
-
-@jax.jit
-def _along(v: Triple, w: Triple) -> Array:
-    """The scalar products of v with all directions w."""
-    return dot(_broadcast(v), w)
-
-
-@jax.jit
-def _change(a_w: Any, a: Any, b_w: Any, b: Any) -> Array:
-    """The derivatives of a·b."""
-    return add([a_w[k] * b[k][None] + b_w[k] * a[k][None] for k in range(len(a))])
-
-
-@jax.jit
-def _cross_change(a_w: Triple, a: Triple, b_w: Triple, b: Triple) -> Triple:
-    """The derivatives of a × b."""
-    return add_vectors(cross(a_w, _broadcast(b)), cross(_broadcast(a), b_w))
-
-
-@jax.jit
-def _outer_sum(a: tuple[Array, ...], b: tuple[Array, ...]) -> Array:
-    """The sum of the products of all pairs of directions."""
-    return add([x[:, None] * y[None] for x, y in zip(a, b, strict=True)])
-
-
-def _add_scaled(v: Triple, w: Triple, weight: Array, axes: int) -> Triple:
-    """v + weight·w, without the vertical component of w if `axes` is 2."""
-    if any(is_zero(x) for x in v):
-        return add_vectors(v, tuple(_scaled(w[:axes], weight)) + (0,) * (3 - axes))
-    return _plus_scaled(v[:axes], w[:axes], weight) + v[axes:]
-
-
-@jax.jit
-def _scaled(w: tuple[Array, ...], weight: Array) -> tuple[Array, ...]:
-    weight = jnp.expand_dims(weight, range(w[0].ndim - 1))
-    return tuple(weight * x for x in w)
-
-
-@jax.jit
-def _plus_scaled(v: tuple[Array, ...], w: tuple[Array, ...], weight: Array) -> tuple[Array, ...]:
-    return tuple(x + y for x, y in zip(v, _scaled(w, weight), strict=True))
-
-
-def _as_array(x: Any, like: Array) -> Array:
-    return jnp.zeros_like(like) if isinstance(x, int) else x

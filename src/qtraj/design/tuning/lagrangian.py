@@ -16,10 +16,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from qtraj.design.tuning.constraints import Setting, of_one_path, values
-from qtraj.design.tuning.curves import curve_derivatives, reference_cubics
+from qtraj.design.tuning.constraints import of_one_path, values
+from qtraj.design.tuning.curves import curve_derivatives
 from qtraj.design.tuning.expansions import slopes
-from qtraj.design.tuning.model import make_setting
+from qtraj.design.tuning.model import make_setting, setting
 from qtraj.design.tuning.peaks import ABSENT, PEAKS, TOO_MUCH, Peaks, find_peaks, transfer_multipliers
 from qtraj.design.tuning.problem import Variables
 from qtraj.design.tuning.task import LimitSlots, Task, over_slots
@@ -103,7 +103,7 @@ def expand(task: Task, slots: LimitSlots, round_: Round, times: PerInterval, y: 
     cost, cost_gradient = jax.value_and_grad(task.problem.cost)(z)
     ends, log_duration = task.problem.slopes(z)
     at, derivatives = curve_derivatives(task.problem, z, ends)
-    here = Setting(at, log_duration, task.problem.axes, reference_cubics(task.problem))
+    here = setting(task.problem, at, log_duration)
     penalty = round_.penalty
 
     def of_slot(slot: Int[Array, ""], carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:

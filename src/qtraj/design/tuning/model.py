@@ -13,13 +13,14 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.tuning.constraints import Setting, values
-from qtraj.design.tuning.curves import CurveDerivatives, curve, curve_derivatives, reference_cubics
+from qtraj.design.tuning.curves import CurveDerivatives, Curves, curve, curve_derivatives, reference_cubics
 from qtraj.design.tuning.expansions import Expansion, expansions, slopes
 from qtraj.design.tuning.peaks import ABSENT, NODES, PEAKS, Peaks
 from qtraj.design.tuning.problem import Problem, Variables
-from qtraj.design.tuning.task import SLOTS, LimitSlots, Task, over_slots
+from qtraj.design.tuning.task import LimitSlots, Task, over_slots
 from qtraj.foundation.derivatives import with_derivatives
 from qtraj.foundation.indexing import element, with_element
+from qtraj.foundation.types import Scalar
 
 NODE_STRIDE = 8
 """Every eighth node is a fixed time with its own constraint."""
@@ -54,7 +55,12 @@ class Model(NamedTuple):
 def make_setting(problem: Problem, z: Variables) -> Setting:
     """The path for the variables `z`, in unit time."""
     slopes, log_duration = problem.slopes(z)
-    return Setting(curve(problem, slopes), log_duration, problem.axes, reference_cubics(problem))
+    return setting(problem, curve(problem, slopes), log_duration)
+
+
+def setting(problem: Problem, curves: Curves, log_duration: Scalar) -> Setting:
+    """The setting of a path in unit time."""
+    return Setting(curves, log_duration, problem.axes, reference_cubics(problem), problem.road)
 
 
 def build(tasks: Task, slots: LimitSlots, z: Float[Array, "batch n"], peaks: Peaks) -> Model:
@@ -68,12 +74,13 @@ def build(tasks: Task, slots: LimitSlots, z: Float[Array, "batch n"], peaks: Pea
         one = _constraints(here, derivatives, index, limits, peak, jnp.broadcast_to(nodes[None], (batch, FIXED_TIMES)))
         return with_element(carry, slot, one, 1)
 
+    count = tasks.limits.shape[-1]
     empty = Constraints(
-        jnp.full((batch, SLOTS, PER_LIMIT), ABSENT, z.dtype),
-        jnp.zeros((batch, SLOTS, PER_LIMIT, n), z.dtype),
-        jnp.zeros((batch, SLOTS, PER_LIMIT), z.dtype),
-        jnp.zeros((batch, SLOTS, PEAKS, n, n), z.dtype),
-        jnp.zeros((batch, SLOTS, PEAKS, n), z.dtype),
+        jnp.full((batch, count, PER_LIMIT), ABSENT, z.dtype),
+        jnp.zeros((batch, count, PER_LIMIT, n), z.dtype),
+        jnp.zeros((batch, count, PER_LIMIT), z.dtype),
+        jnp.zeros((batch, count, PEAKS, n, n), z.dtype),
+        jnp.zeros((batch, count, PEAKS, n), z.dtype),
     )
     return Model(slope, curvature, over_slots(slots, of_slot, empty))
 
@@ -83,7 +90,7 @@ def _differentiated(problem: Problem, z: Variables) -> tuple[Array, Array, Setti
     _, slope, curvature = with_derivatives(problem.cost, z)
     slopes, log_duration = problem.slopes(z)
     at, derivatives = curve_derivatives(problem, z, slopes)
-    return slope, curvature, Setting(at, log_duration, problem.axes, reference_cubics(problem)), derivatives
+    return slope, curvature, setting(problem, at, log_duration), derivatives
 
 
 def values_nearby(

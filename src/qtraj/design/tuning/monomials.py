@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from qtraj.path.quantity import PathQuantity
+from qtraj.path.path_quantity import PathQuantity
 
 TINY = 1e-70
 """Replaces an invariant that is zero: the monomials and their derivatives then take their limit values."""

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from qtraj.design.tuning.constraints import FIRST_HINT, HINT_OF, HINTS, Setting, values
-from qtraj.design.tuning.task import SLOTS, LimitSlots
+from qtraj.design.tuning.task import LimitSlots
 from qtraj.foundation.argmin import min_and_argmin
 from qtraj.foundation.indexing import element, with_element
 from qtraj.foundation.types import Flag
@@ -55,9 +55,9 @@ class Peaks(NamedTuple):
     value: Float[Array, "*batch slots k"]
 
 
-def no_peaks(dtype: Any) -> Peaks:
+def no_peaks(slots: int, dtype: Any) -> Peaks:
     """Peaks that are all absent, as NumPy arrays."""
-    no: Any = np.zeros((SLOTS, PEAKS), bool)
+    no: Any = np.zeros((slots, PEAKS), bool)
     heights: Any = np.full(no.shape, ABSENT, dtype)
     start: Any = np.zeros(no.shape, dtype)
     return Peaks(start, no, no, heights)
@@ -88,7 +88,7 @@ def find_peaks(settings: Setting, slots: LimitSlots, limits: Float[Array, "batch
         hint_time = jnp.sum(jnp.where(chosen, slot_peaks.time, 0.0), axis=1)
         return updated, jnp.where((is_hint & (here == hint))[None], hint_time[:, None], hint_times)
 
-    start = jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, *x.shape)), no_peaks(limits.dtype))
+    start = jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, *x.shape)), no_peaks(limits.shape[-1], limits.dtype))
     hint_times = jnp.full((*batch, len(HINTS)), 0.5, limits.dtype)
     peaks, _ = jax.lax.fori_loop(jnp.zeros_like(n_hints), n_hints + slots.count, of_slot, (start, hint_times))
     return peaks

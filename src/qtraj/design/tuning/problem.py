@@ -19,6 +19,7 @@ from qtraj.path.boundary import BoundaryState, Cylindrical, azimuth_difference, 
 from qtraj.path.boundary_problem import directed_turn, polynomials
 from qtraj.path.placement import Placement
 from qtraj.path.spiral_helix import SpiralHelix
+from qtraj.path.vehicle import RoadParameters
 
 DURATION = "duration"
 
@@ -44,6 +45,7 @@ class Problem(eqx.Module):
     heading_fixed: Float[Array, " 2"]  # 1 where the heading is fixed, else 0; at the start and at the end
     motion: AbstractMotion
     objective: AbstractObjective
+    road: RoadParameters | None = None  # of the vehicle, if a limit needs one
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -136,6 +138,7 @@ def pose(
     turn: ScalarLike | None = None,
     weights: Float[Array, " 7"] | None = None,
     fixed: Sequence[str] = (),
+    road: RoadParameters | None = None,
 ) -> Problem:
     """The tuning problem between two states, for arguments that `checks` has accepted. It can be traced."""
     placement = Placement() if placement is None else placement
@@ -155,6 +158,7 @@ def pose(
         heading_fixed=jnp.asarray([float(name in fixed) for name in HEADINGS], speed.dtype),
         motion=motion,
         objective=objective,
+        road=road,
     )
     return dataclasses.replace(problem, scale=objective.scale(problem))
 

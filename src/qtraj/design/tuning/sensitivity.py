@@ -33,7 +33,7 @@ def constraint(problem: Problem, z: Variables, u: Scalar, name: str, limit: Scal
         place = cubics(problem, problem.slopes(z)[0])
         return 0.5 * (corridor.value(place, reference_cubics(problem), u[None])[0] / limit**2 - 1.0)
     path = problem.path(z)
-    return 0.5 * (squared(path, u * path.duration, name) / limit**2 - 1.0)
+    return 0.5 * (squared(path, u * path.duration, name, problem.road) / limit**2 - 1.0)
 
 
 class _Unknowns(NamedTuple):

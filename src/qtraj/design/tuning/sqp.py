@@ -24,7 +24,7 @@ from qtraj.design.tuning.peaks import Peaks, find_peaks, transfer_multipliers
 from qtraj.design.tuning.problem import Variables
 from qtraj.design.tuning.search import AbstractSearch, SearchResult, step_count
 from qtraj.design.tuning.subproblem import PENALISED, Step, compute_step
-from qtraj.design.tuning.task import SLOTS, LimitSlots, Task
+from qtraj.design.tuning.task import LimitSlots, Task
 from qtraj.foundation.indexing import choose
 from qtraj.foundation.types import Flag, Scalar
 
@@ -61,7 +61,7 @@ class SequentialQuadratic(AbstractSearch):
 
     def init(self, tasks: Task, z: Any) -> "State":
         """The state of searches from `z`, clipped to the box."""
-        return init(tasks.low, tasks.high, tasks.weight, z)
+        return init(tasks, z)
 
     def run(self, tasks: Task, slots: LimitSlots, states: "State", max_steps: Int[Array | np.ndarray, ""]) -> "State":
         """Take SQP steps until each search is done or has taken `max_steps`."""
@@ -111,19 +111,21 @@ class _Verdict(NamedTuple):
     converged: Flag
 
 
-def init(low: Any, high: Any, weight: Any, z: Any) -> State:
+def init(tasks: Task, z: Any) -> State:
     """The state of a batch of searches before anything is evaluated; NumPy arrays in, NumPy arrays out."""
     xp: Any = np if isinstance(z, np.ndarray) else jnp
     batch = z.shape[:1]
     no, none = xp.zeros(batch, bool), xp.zeros(batch, np.int32)
-    peaks = jax.tree.map(lambda x: xp.broadcast_to(xp.asarray(x), (*batch, *x.shape)), peaking.no_peaks(z.dtype))
+    peaks = jax.tree.map(
+        lambda x: xp.broadcast_to(xp.asarray(x), (*batch, *x.shape)), peaking.no_peaks(tasks.limits.shape[-1], z.dtype)
+    )
     return State(
-        z=xp.clip(z, low, high),
+        z=xp.clip(z, tasks.low, tasks.high),
         cost=xp.zeros(batch, z.dtype),
         peaks=peaks,
         multipliers=xp.zeros(peaks.time.shape, z.dtype),
         radius=xp.full(batch, INITIAL_RADIUS, z.dtype),
-        penalty=xp.where(weight > 0, INITIAL_PENALTY, 1.0).astype(z.dtype),
+        penalty=xp.where(tasks.weight > 0, INITIAL_PENALTY, 1.0).astype(z.dtype),
         lowered=no,
         raised_again=no,
         steps=none - 1,
@@ -158,7 +160,7 @@ def run(tasks: Task, slots: LimitSlots, states: State, max_steps: Int[Array | np
 
 def _zero_step(s: State) -> tuple[Step, Array]:
     """Zero steps for a batch of searches, and the times of their constraints."""
-    none, nothing = jnp.zeros_like(s.cost), jnp.zeros((*s.cost.shape, SLOTS, models.PER_LIMIT), s.z.dtype)
+    none, nothing = jnp.zeros_like(s.cost), jnp.zeros((*s.multipliers.shape[:-1], models.PER_LIMIT), s.z.dtype)
     return Step(jnp.zeros_like(s.z), nothing, none, none, jnp.zeros_like(s.done), none, none, s.effort), nothing
 
 

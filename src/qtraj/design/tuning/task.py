@@ -1,6 +1,6 @@
 """The input of a search: a problem, its limits by slots, bounds on the variables, and the weight of the cost."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -14,9 +14,10 @@ from qtraj.design.tuning.constraints import CORRIDOR_INDEX
 from qtraj.design.tuning.problem import Problem
 from qtraj.foundation.arrays import concrete
 from qtraj.path.quantity import CORRIDOR, QUANTITIES
+from qtraj.path.road_quantities import ROAD_QUANTITIES
 
-SLOTS = len(QUANTITIES) + 1
-"""One slot for every possible limit and one for a corridor: one compiled search serves every set of limits."""
+ON_ROAD = len(ROAD_QUANTITIES)
+"""The number of limits that need a vehicle."""
 
 TARGET_RATIO = 1 - 4e-9
 """The search uses this fraction of each limit, so that round-off at a peak does not violate the user's limit."""
@@ -64,11 +65,20 @@ def limit_names(limits: Limits, corridor: Any = None) -> tuple[str, ...]:
     return tuple(named_limits(limits, corridor))
 
 
+def slot_count(names: Iterable[str]) -> int:
+    """One slot for every possible limit and one for a corridor: one compiled search serves every set of limits.
+
+    Limits that need a vehicle have slots, and formulas, only in problems that set one of them.
+    """
+    on_road = any(name != CORRIDOR.name and QUANTITIES[name].needs_vehicle for name in names)
+    return len(QUANTITIES) + 1 - (0 if on_road else ON_ROAD)
+
+
 def limit_slots(names: Sequence[str]) -> LimitSlots:
     """The slots of the limits with these names."""
     registry = [*QUANTITIES]
     places = [CORRIDOR_INDEX if name == CORRIDOR.name else registry.index(name) for name in names]
-    index = np.zeros(SLOTS, np.uint32)
+    index = np.zeros(slot_count(names), np.uint32)
     index[: len(places)] = places
     return LimitSlots(index, np.asarray(len(places), np.uint32))
 
@@ -85,4 +95,4 @@ def slot_limits(limits: Limits, corridor: Array | None, count: int) -> Array | n
         xp.maximum(TARGET_RATIO * (np.asarray(x) if is_concrete else x), MIN_LIMIT) for x in user_limits.values()
     ]
     columns = [xp.broadcast_to(xp.asarray(x, float), (count,)) for x in targets]
-    return xp.stack([*columns, *[xp.ones(count)] * (SLOTS - len(columns))], axis=1)
+    return xp.stack([*columns, *[xp.ones(count)] * (slot_count(user_limits) - len(columns))], axis=1)

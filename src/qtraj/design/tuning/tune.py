@@ -34,6 +34,7 @@ from qtraj.foundation.types import ArrayInput
 from qtraj.path.boundary import BoundaryState
 from qtraj.path.boundary_problem import whole_turns
 from qtraj.path.placement import Placement
+from qtraj.path.vehicle import RoadParameters
 
 MIN_BATCH = 8
 """Batches are padded to a power of two, and to this size at least, so that most sizes share compiled code."""
@@ -115,8 +116,9 @@ def tune(
     duration, turn, corridor = (None if x is None else as_float(x) for x in (duration, turn, corridor))
 
     start, end, batch = _as_batch(start, end)
-    shared = (duration, turn, Placement() if placement is None else placement, _as_floats(bounds))
-    _require_batch((*shared, limits, corridor), batch)
+    road = RoadParameters(*map(as_float, limits.road())) if limits.needs_vehicle else None
+    shared = (duration, turn, Placement() if placement is None else placement, _as_floats(bounds), road)
+    _require_batch((*shared, limits.given(), corridor), batch)
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((start, end, shared, limits, corridor)))
     count = start.position.shape[0]
     size = count if traced or not batch else _padded_size(count)
@@ -143,7 +145,7 @@ def tune(
     result = multistart.solve(search, tasks_unpadded, slots, starts, max_steps, report)
     padded = jax.tree.map(lambda x: np.concatenate([x, np.repeat(x[-1:], size - count, axis=0)]), result)
     outcome = make_outcome(tasks, limits, corridor, padded, data[0], data[1], batch, placement, faults)
-    advisor = Advisor(tasks_unpadded, slots, names, result, starts, max_steps, bounds)
+    advisor = Advisor(tasks_unpadded, slots, names, result, starts, max_steps, bounds, limits.vehicle)
     if batch:
         place = np.stack([np.full(count, advisor.number), np.arange(count)], axis=1)
         outcome = dataclasses.replace(outcome, advisor=advisor, place=place)
@@ -164,9 +166,9 @@ def _make_problems(
     """The problems and the bounds of their variables."""
 
     def one(
-        start: Any, end: Any, duration: Any, turn: Any, placement: Any, bounds: Any
+        start: Any, end: Any, duration: Any, turn: Any, placement: Any, bounds: Any, road: Any
     ) -> tuple[Problem, Array, Array]:
-        problem = pose(start, end, objective, motion, duration, turns, placement, turn, weights, fixed)
+        problem = pose(start, end, objective, motion, duration, turns, placement, turn, weights, fixed, road)
         return problem, *box(problem, fixed, bounds)
 
     return eqx.filter_vmap(one, in_axes=axes)(*data)

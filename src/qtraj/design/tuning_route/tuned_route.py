@@ -113,8 +113,8 @@ class TunedRoute(AbstractOutcome):
             "distance": Quantity(
                 self.distance, "m", "largest distance from the original route on a segment", ("segment", "direction")
             ),
-            "within": Quantity(self.within, "", "whether a segment is proved to stay within the tube", ("segment",)),
-            "kept": Quantity(self.kept, "", "whether a segment touches a stop and stays as it is", ("segment",)),
+            "within": Quantity(self.within, "1", "whether a segment is proved to stay within the tube", ("segment",)),
+            "kept": Quantity(self.kept, "1", "whether a segment touches a stop and stays as it is", ("segment",)),
             "displacement": Quantity(
                 self.displacement, "m", "change of the positions of the joints, world axes", ("joint", "world")
             ),

@@ -1,0 +1,39 @@
+"""Derivatives of the largest values of a certificate, at the times where they are attained (envelope theorem)."""
+
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from qtraj.path.values import value
+from qtraj.path.vehicle import RoadParameters
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def differentiable(names: tuple[str, ...], static: Any, source: Any, times: Array, values: Array) -> Array:
+    """The values unchanged; their derivatives are taken at the times of the maxima, which count as constant.
+
+    `source` are the arrays of the paths, and the numbers of their vehicles on a last axis.
+    """
+    return values
+
+
+@differentiable.defjvp
+def _derivative(names: tuple[str, ...], static: Any, primals: Any, tangents: Any) -> tuple[Array, Array]:
+    (source, times, values), (changes, _, _) = primals, tangents
+
+    def at_times(source: Any, times: Array) -> Array:
+        path, road = eqx.combine(source[0], static), RoadParameters(*source[1]) if source[1].size else None
+        return jnp.stack([value(path, times[k], name, road) for k, name in enumerate(names)])
+
+    def at_all_times(source: Any) -> Array:
+        one = at_times
+        for _ in range(times.ndim - 1):
+            one = jax.vmap(one)
+        return one(source, times)
+
+    _, change = jax.jvp(at_all_times, (source,), (changes,))
+    return values, change
