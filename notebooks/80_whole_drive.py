@@ -12,7 +12,7 @@
 #
 # A car drove 7.9 km through Toronto, with nine stops; its position was recorded at 10 Hz. We fit a route to the whole
 # drive and compare it with the gyro. Then we find where a city bus would violate its limits on the same way, change
-# the route within its lane until every limit is proved to be satisfied, and look at what has changed.
+# the route within a tube until every limit is proved to be satisfied, and look at what has changed.
 
 # %%
 # %matplotlib inline
@@ -82,7 +82,7 @@ figure = route_figure(dataset.assign_attrs(title="The drive of the car"))
 figure
 
 # %% [markdown]
-# ## Within the lane, at another speed
+# ## Within a tube, at another speed
 #
 # `tune_route` changes the states at all joints and the durations of all segments together: as little as possible,
 # within a tube of 0.75 m about the given route, until every limit is proved to be satisfied. Segments that touch a stop
@@ -103,7 +103,7 @@ figure = route_figure(dataset.assign_attrs(title="The route of the bus"))
 figure
 
 # %% [markdown]
-# The corners are the reason: the bus takes them more slowly, and uses the width of the lane. The geometry hardly
+# The corners are the reason: the bus takes them more slowly, and uses the width of the tube. The geometry hardly
 # changes elsewhere.
 
 # %%
