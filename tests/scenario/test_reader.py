@@ -15,6 +15,7 @@ from qtraj.scenario.reader import read_scenario
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DEFAULT, SLEW, LOOP = (KINDS[name].embedded for name in ("path", "slew", "loop"))
 OF_KIND = {
+    "bus_route": "route",
     "slew": "slew",
     "turn_through_attitudes": "slew",
     "simulate": "loop",
