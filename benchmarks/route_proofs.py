@@ -2,9 +2,9 @@
 
 `python -m benchmarks.route_proofs [FILE] [--places 100000]`: the route is fitted to a recording, by default the drive
 of the examples. The limits are close to the largest values of many segments, so proofs and violations are close calls.
-At random places the limits' inequalities, numerator ≤ limit²·divisor, are computed with 50 digits from the route's own
-coefficients, except where the route is at rest. A contradiction is a violation in a segment that was called proved. A violation is planted as well: a
-limit just below the largest value between two samples must be refuted.
+At random places the limits' inequalities, numerator ≤ limit²·divisor, are computed with 50 digits from the route's
+own coefficients, except where the route is at rest. A contradiction is a violation in a segment that was called
+proved. A violation is planted as well: a limit just below the largest value between two samples must be refuted.
 """
 
 import argparse

@@ -23,11 +23,12 @@ COMMANDS: dict[str, type[BaseModel]] = {kind.title: kind.model for kind in KINDS
 
 INTRODUCTION = """# Scenarios
 
-A scenario is a TOML file with the input of a command. This page lists all keys. A dash as default means that a key is
-optional. Unknown keys and values of the wrong type are errors; the message names the key and the expected value. File
-names are relative to the scenario. Numbers are in SI units; in scenarios of `qtraj slew` and `qtraj simulate` every
-angle, also in rates and accelerations, is in the unit set by `angles`. The folder `examples` contains complete
-scenarios, and `src/qtraj/io/data` contains the built-in scenarios, which run without an argument. The old key
+A scenario is a TOML file with the input of a command. This page lists all keys. A key is required if its default is
+"required"; a dash means that it has no default, or one that the second column explains. Unknown keys and values of the
+wrong type are errors; the message names the key and the expected value. File names are relative to the scenario.
+Numbers are in SI units, except that in scenarios of `qtraj slew` and `qtraj simulate` the key `angles` sets the unit of
+all angles, including those in rates and accelerations. The folder `examples` contains complete scenarios, and
+`src/qtraj/io/data` contains the built-in scenarios, which the commands run if no scenario is given. The old key
 `[program.turn]` is read as `[program.slew]` until 1.0, with a warning.
 
 `docs/scenarios.py` generates this page from the models that read the files: change the models, not this page.

@@ -135,7 +135,7 @@ assert set(status[np.abs(offsets) > 1e-10]) == {"proved", "broken"}
 assert np.any((status == "broken") & (offsets > -missed))  # every sample keeps this limit, and the path breaks it
 
 # %% [markdown]
-# No wrong statement was proved, and the undecided cases agree with the limit up to rounding; `tune` therefore aims at a
+# No false statement was proved, and the undecided cases agree with the limit up to rounding; `tune` therefore aims at a
 # value just below the limit. Here the error of the samples is small, because the curve is smooth. It is large if the
 # curve has a spike narrower than the sample spacing; a proof does not depend on samples.
 
@@ -221,9 +221,9 @@ assert compared["steps"].idxmin() == "sqp"
 compared
 
 # %% [markdown]
-# All three reach the same objective, and every limit is proved. "sqp" is the default because it needs only a few steps,
-# with second derivatives; Adam, which uses neither second derivatives nor a line search, needs hundreds of times as
-# many.
+# All three reach the same objective, and every limit is proved to be satisfied. "sqp" is the default because it needs
+# only a few steps, with second derivatives; Adam, which uses neither second derivatives nor a line search, needs
+# hundreds of times as many.
 #
 # ### Step by step
 #

@@ -8,11 +8,11 @@
 # ---
 
 # %% [markdown]
-# # From a raw drive to a proved bus route
+# # From a raw drive to a certified bus route
 #
 # A car drove 7.9 km through Toronto, with nine stops; its position was recorded at 10 Hz. We fit a route to the whole
 # drive and compare it with the gyro. Then we find where a city bus would violate its limits on the same way, change
-# the route within its lane until every limit is proved, and look at what has changed.
+# the route within its lane until every limit is proved to be satisfied, and look at what has changed.
 
 # %%
 # %matplotlib inline
@@ -85,8 +85,8 @@ figure
 # ## Within the lane, at another speed
 #
 # `tune_route` changes the states at all joints and the durations of all segments together: as little as possible,
-# within a tube of 0.75 m about the given route, until every limit is proved. Segments that touch a stop stay as they
-# are.
+# within a tube of 0.75 m about the given route, until every limit is proved to be satisfied. Segments that touch a stop
+# stay as they are.
 
 # %%
 tuned = qt.tune_route(route, limits, tube=0.75)

@@ -56,7 +56,10 @@ BAD = {
         SLEW + LAW + "[actuator]\nsampling = 1e-7\n",
         ["the key 'actuator.sampling': a sampling period of 1e-07 s requires"],
     ),
-    "two gains": (SLEW + LAW + "damping = 1\nfrequency = 1\n", ["there are several gains (settling_time, damping)"]),
+    "two gains": (
+        SLEW + LAW + "damping = 1\nfrequency = 1\n",
+        ["the gains are given in several ways (settling_time, damping)"],
+    ),
     "one gain of two": (SLEW + "[law]\nk1 = 1\n", ["the key 'k2' is missing: k1 and k2 must be given together"]),
     "a gain that is a text": (
         SLEW + "[law]\nk1 = 'x'\nk2 = 1\n",

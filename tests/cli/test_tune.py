@@ -328,7 +328,7 @@ def test_a_scenario_may_bound_a_variable_on_one_side(given, job):
     assert lay(replace(ramp, scenario=scenario)).tuning()["bounds"] == {"end.V_rho": job}
 
 
-@pytest.mark.parametrize("name", ["turn_from_recording", "helix_slower"])
+@pytest.mark.parametrize("name", ["turn_from_recording", "helix_slower", "truck_on_a_ramp"])
 def test_the_examples_run(qtraj, tmp_path, name):
     result = qtraj("tune", EXAMPLES / f"{name}.toml", "--out", tmp_path / "out")
     assert result.exit_code == 0
@@ -338,8 +338,8 @@ def test_the_examples_run(qtraj, tmp_path, name):
 
 def test_no_example_is_left_out():
     """Those of `slew` and `simulate` are run where these commands are tested."""
-    scenarios = {"turn_from_recording", "helix_slower", "ramp_from_states"}
-    others = {"turn_through_attitudes", "track_ramp", "track_disturbed"}
+    scenarios = {"turn_from_recording", "helix_slower", "ramp_from_states", "truck_on_a_ramp"}
+    others = {"turn_through_attitudes", "track_ramp", "track_disturbed", "bus_route"}
     assert {file.stem for file in EXAMPLES.glob("*.toml")} == scenarios | others | {"helix", "slew"}
 
 

@@ -220,7 +220,7 @@ def test_a_batch_equals_its_elements():
     assert "5 paths" in str(batch)
     grid = jax.tree.map(lambda x: jnp.stack([x, x]), paths)
     assert jnp.array_equal(qt.certify(grid, qt.Limits(speed=9.0)).codes[1], batch.codes[:, 1:])
-    with pytest.raises(ValueError, match=r"must start with the shape \(5,\)"):
+    with pytest.raises(ValueError, match=r"must have the leading shape \(5,\)"):
         qt.certify(eqx.tree_at(lambda p: p.radius, paths, PATH.radius), limits)
 
 

@@ -147,7 +147,7 @@ def test_uneven_samples_and_gaps():
     fitted = qt.fit_route(track)
     [gap] = np.asarray(fitted.gaps)
     assert gap[1] - gap[0] > 6.9
-    assert "Gaps interpolated without data: 1, the longest 7" in fitted.result
+    assert "Gaps in the recording: 1, bridged by minimum jerk; the longest lasts 7" in fitted.result
     outside = np.linspace(0, float(fitted.path.duration), 2001)
     outside = outside[(outside + t[0] < 40) | (outside + t[0] > 47)]
     actual = np.asarray(qt.evaluate(fitted.path, outside, ("position",)).position)

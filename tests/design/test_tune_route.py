@@ -160,7 +160,7 @@ def test_limits_are_proved_and_hold_at_dense_samples(route, tuned):
     assert tuned.converged, str(tuned)
     assert tuned.certificate.holds
     assert np.all(tuned.within)
-    assert tuned.result.startswith("every limit is proved on every segment.")
+    assert tuned.result.startswith("every limit is proved to be satisfied on every segment.")
     values = seen(tuned.path, NAMES)
     assert all(values[name] <= bound * (1 + 1e-12) for name, bound in zip(NAMES, BOUNDS, strict=True))
     assert values["lateral_acceleration"] > 0.999 * 1.4, "the nearest route makes use of its limits"
@@ -284,7 +284,7 @@ def test_the_tube_is_proved_or_not_at_a_peak_between_samples(peak, inside):
         ({"objective": "fastest", "limits": qt.Limits(curvature=0.1)}, "bounds the speed"),
         ({"tube": 0.0}, "must be positive"),
         ({"tube": np.ones(3)}, r"shape \(15,\)"),
-        ({"fixed": [0, 14]}, "fixed must be bool"),
+        ({"fixed": [0, 14]}, "fixed must be a bool array"),
         ({"route": qt.SpiralHelix([10.0], [0.0, 0.4], [0.0], 2.0)}, "Route.from_path"),
     ],
 )

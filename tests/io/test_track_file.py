@@ -191,7 +191,7 @@ def test_faults_of_a_tum_file(tmp_path, text, words):
     file = written(tmp_path, text, "track.tum")
     with pytest.raises(ValueError, match=re.escape(str(file)) + ".*" + words):
         read_track(file)
-    with pytest.raises(ValueError, match="has no header row"):
+    with pytest.raises(ValueError, match="no header row"):
         read_track(file, {"time": "t"})
 
 

@@ -30,7 +30,10 @@ def balanced(v: Vector) -> Vector:
 
 
 def _scaled(v: Vector) -> tuple[Vector, Scalar, Flag]:
-    """`v` over its largest magnitude, that magnitude (a constant to differentiation), and whether `v` is zero."""
+    """`v` divided by its largest absolute component, that component, and whether `v` is zero.
+
+    Differentiation treats the component as a constant.
+    """
     size = stop_gradient(jnp.max(jnp.abs(v)))
     zero = size < jnp.finfo(size.dtype).tiny  # false for NaN, which must pass through
     scale = jnp.where(zero, 1.0, size)

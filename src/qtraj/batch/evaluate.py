@@ -168,7 +168,8 @@ def _batched(paths: AbstractHodograph) -> bool:
     if not isinstance(paths, AbstractHodograph):
         raise ValueError(
             f"a path or a stack of paths was expected, but a {type(paths).__name__} was given. "
-            "Stack paths of one structure by jax.tree.map(lambda *x: jnp.stack(x), *paths), or create them in jax.vmap."
+            "Stack paths of the same type and shapes with jax.tree.map(lambda *x: jnp.stack(x), *paths), or create "
+            "them in jax.vmap."
         )
     return jnp.ndim(paths.duration) == 1
 

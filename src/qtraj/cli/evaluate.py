@@ -131,15 +131,15 @@ def instants(duration: float, samples: int | None, step: float | None) -> np.nda
     **Raises:** ValueError if both numbers are given, or if they give an invalid number of instants.
     """
     if samples is not None and samples > MAX_INSTANTS:
-        raise ValueError(f"--samples {samples} was given, but expected at most {MAX_INSTANTS}")
+        raise ValueError(f"--samples must be at most {MAX_INSTANTS}, but {samples} was given")
     if step is None:
         return np.linspace(0.0, duration, SAMPLES if samples is None else samples)
     if samples is not None:
         raise ValueError("--samples and --step were both given: pass one of them")
     if not (step > 0 and duration / step < MAX_INSTANTS):
         raise ValueError(
-            f"--step {step:g} was given, but expected a positive number of seconds that gives at most {MAX_INSTANTS} "
-            f"instants: this path lasts {duration:.6g} s"
+            f"--step must be positive and give at most {MAX_INSTANTS} instants, but {step:g} s was given for a path of "
+            f"{duration:.6g} s"
         )
     times = step * np.arange(int(duration / step * (1 + 1e-12)) + 1)
     return times if times[-1] >= duration * (1 - 1e-9) else np.append(times, duration)

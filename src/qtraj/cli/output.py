@@ -52,7 +52,7 @@ def result_writers(dataset: "xarray.Dataset", figure: "Figure", name: str) -> di
 
 
 def table_writers(dataset: "xarray.Dataset", headers: Mapping[str, Sequence[str]]) -> dict[str, Writer]:
-    """A dataset over instants as table.nc, and the columns that `headers` names as table.csv."""
+    """Writers of table.nc, with the whole dataset, and of table.csv, with the columns named in `headers`."""
     from qtraj.io.dataset import write_netcdf
     from qtraj.io.instants_csv import write_csv
 

@@ -29,10 +29,10 @@ def enable_compilation_cache(folder: str | os.PathLike[str] | None = None) -> Pa
         raise ValueError(f"{path}: a folder for compiled code was expected, but this is a file") from error
     except OSError as error:
         raise ValueError(
-            f"{path}: this folder for compiled code cannot be created ({error.strerror}). Pass one that is writable."
+            f"{path}: this folder for compiled code cannot be created ({error.strerror}). Pass a writable folder."
         ) from error
     if not os.access(path, os.W_OK | os.X_OK):
-        raise ValueError(f"{path}: this folder for compiled code cannot be written to. Pass one that can.")
+        raise ValueError(f"{path}: this folder for compiled code is not writable. Pass a writable folder.")
     jax.config.update("jax_compilation_cache_dir", str(path))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

@@ -1,4 +1,4 @@
-"""Call the plotting functions from lower layers: every `plot()` method goes through `draw`.
+"""Let lower layers call the plotting functions: every `plot()` method calls `draw`.
 
 Results are in lower layers than the figures and must not import upwards. The root package, which may import all layers,
 registers the plotting module by its name.
@@ -21,7 +21,7 @@ def set_plot_module(module: str) -> None:
 
 
 def draw(function: str, *arguments: Any, **options: Any) -> "Figure":
-    """The figure from this function of the registered plotting module.
+    """Draw a figure with the named function of the registered plotting module.
 
     **Raises:** ModuleNotFoundError, naming the extra, if matplotlib or xarray is missing.
     """

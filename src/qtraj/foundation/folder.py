@@ -39,7 +39,7 @@ def write_all(out: Path, writers: Mapping[str, Writer]) -> list[Path]:
         )
     root = _existing(out)
     if root == out.absolute():
-        sweep(root.parent)  # an earlier run staged here if `out` did not exist
+        sweep(root.parent)  # an interrupted run left its temporary folders here if `out` did not exist yet
     with ExitStack() as stack:
         try:
             stage = stack.enter_context(staging(root))

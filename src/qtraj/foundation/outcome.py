@@ -57,12 +57,13 @@ class ResultCode(enum.IntEnum):
     )
     limits_sampled = (
         NOTES + 2,
-        "every limit is satisfied, but some were checked only by sampling, not proved. For a proof, relax these limits "
-        "a little, or describe the path by polynomials.",
+        "every limit is satisfied, but for some this was checked only by sampling and is not proved. For a proof, "
+        "relax these limits a little, or describe the path by polynomials.",
     )
     undefined_at_stops = (
         NOTES + 4,
-        "every limit is proved except at stops, where a limited quantity is undefined; the route is not changed there.",
+        "every limit is proved to be satisfied except at stops, where a limited quantity is undefined and the route "
+        "was not changed.",
     )
 
     max_steps_reached = (
@@ -89,7 +90,7 @@ class ResultCode(enum.IntEnum):
     tolerance_not_reached = (
         FAILURES + 4,
         "the tolerance was not reached. Try a larger max_steps (or steps), a larger tolerance, or a method of higher "
-        "order. If the rate is discontinuous, add those instants to the times.",
+        "order. If the rate is discontinuous, add the instants of its discontinuities to the times.",
     )
     not_converged = FAILURES + 5, "the search stopped before it converged. Try a larger max_steps."
     infeasible = (
@@ -105,8 +106,8 @@ class ResultCode(enum.IntEnum):
     limits_broken = FAILURES + 8, "a limit is violated. Tune the path, or raise the limit."
     limits_undecided = (
         FAILURES + 9,
-        "a limit is neither proved nor violated: the largest value equals it to within rounding error. Change the "
-        "limit a little.",
+        "it is undecided whether a limit is satisfied: the largest value equals it to within rounding error. Change "
+        "the limit a little.",
     )
     limits_undefined = (
         FAILURES + 10,
@@ -115,18 +116,19 @@ class ResultCode(enum.IntEnum):
     )
     route_infeasible = (
         FAILURES + 12,
-        "no route was found within the tube that satisfies the limits. Widen the tube, raise the limits without a "
-        "proof, or fix fewer states; with the objective 'smoothest', which keeps the duration, take 'nearest'.",
+        "no route was found within the tube that satisfies the limits. Widen the tube, raise the limits that are not "
+        "proved to be satisfied, or fix fewer states. The objective 'smoothest' keeps the duration; use 'nearest' "
+        "instead.",
     )
     broken_at_stops = (
         FAILURES + 13,
-        "a limit is violated or undecided on a segment that touches a stop, which is not changed. Raise that limit, or "
-        "give the route other states there.",
+        "a limit is violated or undecided on a segment that touches a stop. Such segments are not changed. Raise that "
+        "limit, or give the route other states there.",
     )
 
     end_speed_not_reached = (
         FAILURES + 14,
-        "a given speed at an end cannot be had within the limits. Give a lower speed there, or raise the limits.",
+        "a given speed at an end cannot be reached within the limits. Give a lower speed there, or raise the limits.",
     )
 
     velocity_vanishes = (
@@ -169,8 +171,8 @@ class ResultCode(enum.IntEnum):
     limit_not_positive = ILL_POSED + 9, "every limit must be positive and finite."
     axis_far_away = (
         ILL_POSED + 11,
-        "no placement was given, and the world's z axis is more than a hundred times farther from the states than "
-        "they are from each other. Give a placement, such as axis_between(start, end).",
+        "no placement was given, and the default axis (world z) is very far from the states: more than a hundred times "
+        "the distance between them. Give a placement, such as axis_between(start, end).",
     )
     heading_unknown = (
         ILL_POSED + 12,

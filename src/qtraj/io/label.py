@@ -55,8 +55,8 @@ def label(
     instants = as_float(times)
     if instants.ndim != 1 or not arrays:
         raise ValueError(
-            f"expected times (n,) and at least one array over them, but got times of shape {instants.shape} and "
-            f"{len(arrays)} arrays"
+            f"expected times (n,) and at least one array with a value for each time, but got times of shape "
+            f"{instants.shape} and {len(arrays)} arrays"
         )
     if np.isnan(instants).any():
         raise ValueError("times must be numbers, but some are NaN")

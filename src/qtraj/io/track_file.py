@@ -59,8 +59,8 @@ def read_track(
     if _is_tum(path, lines):
         if columns is not None or angles is not None or plane is not None:
             raise ValueError(
-                f"{path}: columns=, angles= and projection= are for CSV files, but this is a TUM trajectory: it has no "
-                "header row, positions in metres and quaternions"
+                f"{path}: columns=, angles= and projection= are for CSV files, but this is a TUM trajectory, which has "
+                "positions in metres, quaternions and no header row"
             )
         return _read_tum(path, lines)
     try:

@@ -52,7 +52,8 @@ def directed_turn(a: Cylindrical, b: Cylindrical, turns: int) -> Scalar:
     """
     if whole_turns(turns) < 0:
         raise ValueError(
-            f"turns must be 0 or more, the number of whole turns with the sign of V_phi, but {turns} was given"
+            "turns is the number of additional whole turns in the direction of V_phi and must be 0 or more, but "
+            f"{turns} was given"
         )
     sense = jnp.where(a.velocity[1] < 0, -1.0, 1.0).astype(a.radius.dtype)
     ahead = sense * azimuth_difference(a, b)

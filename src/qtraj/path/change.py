@@ -85,8 +85,8 @@ class PathChange(AbstractResult):
         start, end = (_in_words(turn) for turn in np.asarray(self.headings).tolist())
         low, high = (round(float(change), 2) + 0.0 for change in (self.lowest, self.highest))
         return (
-            f"The heading changes {start} at A and {end} at B; the height of the lowest point changes by {low:+.2f} m, "
-            f"of the highest point by {high:+.2f} m."
+            f"The heading changes {start} at A and {end} at B; the lowest point moves by {low:+.2f} m and the highest "
+            f"point by {high:+.2f} m in height."
         )
 
     def record(self) -> Record:

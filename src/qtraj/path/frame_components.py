@@ -1,8 +1,8 @@
-"""The natural and the upright frame in components: the axes τ, n, b, their rates, and where they exist.
+"""The natural and the upright frame in components: the axes τ, n, b, the rates, and whether the frame exists.
 
-These formulas are defined only here, for one instant or for many: components are arrays of any shape. They avoid
-square roots, divisions and branches, at each of which a compiler for CPUs would split the loop over the instants. Where
-a frame does not exist, `defined` is false, and all values and derivatives are finite.
+The formulas are defined only here, for one instant or many: components are arrays of any shape. They avoid square
+roots, divisions and branches, because the compiler for CPUs would split the loop over the instants at each of them.
+Where a frame does not exist, `defined` is false, but all values and derivatives are finite.
 """
 
 from typing import Any, NamedTuple
@@ -23,7 +23,7 @@ STEEP = 0.75
 """If the squared vertical component of a unit tangent is larger, fallback axes refer to world x instead of world z."""
 
 FORWARD, UP = (1, 0, 0), (0, 0, 1)
-"""World axes; integers 0 and 1 cost nothing (`algebra.sparse`)."""
+"""World axes; products with the integers 0 and 1 need no operations (`algebra.sparse`)."""
 
 
 class FrameComponents(NamedTuple):
@@ -38,7 +38,7 @@ class FrameComponents(NamedTuple):
 class Basis:
     """The moving basis of a path: R_z(angle) in the axes of a placement, or the world axes.
 
-    The arrays of the placement have the axes of the angle, or axes of length 1, in front.
+    The leading axes of the arrays of the placement are those of the angle, or have length 1.
     """
 
     def __init__(self, angle: Array | None = None, placement: Placement | None = None):
@@ -50,7 +50,7 @@ class Basis:
             self.origin = triple(placement.origin.astype(angle.dtype))
             unit = jnp.vectorize(quaternion.unit, signature="(q)->(q)")(placement.orientation.astype(angle.dtype))
             self.orientation = tuple(unit[..., k] for k in range(4))
-            # Its rows are the placement's axes in the world.
+            # The rows of the direction cosine matrix are the axes of the placement in world components.
             dcm = jnp.vectorize(rotation.to_dcm, signature="(q)->(i,j)")(unit)
             self.columns, self.rows = ([triple(m[..., k, :]) for k in range(3)] for m in (dcm, dcm.mT))
 
@@ -61,27 +61,27 @@ class Basis:
         return (dot(self.rows[0], v), dot(self.rows[1], v), dot(self.rows[2], v)) if self.placed else v
 
     def local(self, v: Triple) -> Triple:
-        """Components in the moving basis of a free vector given in world axes."""
+        """Components in the moving basis of a free vector in world axes."""
         if self.placed:
             v = dot(self.columns[0], v), dot(self.columns[1], v), dot(self.columns[2], v)
         return rotated_z(v, self.cos, -self.sin) if self.rotating else v
 
     def world_quaternion(self, q: Quaternion) -> Quaternion:
-        """The quaternion to world axes from `q`, which maps to the moving basis."""
+        """The quaternion from a frame to world axes, from `q`, the quaternion from this frame to the moving basis."""
         if self.rotating:
             cos, sin = self.half
             q = hamilton.product((cos, 0, 0, sin), q)
         return hamilton.product(self.orientation, q) if self.placed else q
 
     def invariants(self, rows: list[Triple], vehicle: Any = None) -> Invariants:
-        """The invariants of derivatives in this basis, with the world's vertical and the parameters of a vehicle."""
+        """The invariants of derivatives in this basis, with world z as the vertical; `vehicle` are road parameters."""
         return Invariants(rows, self.local(UP) if self.placed else None, vehicle, root)
 
 
 def natural(i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
-    """The natural trihedral (paper S, errata corrected) of a path with these invariants and this duration [s]."""
+    """The natural trihedral (paper S with corrected errata) of a path with these invariants and this duration [s]."""
     exists = has_natural_frame(i, duration)
-    # 1/v and 1/|c| are 0 where there is no trihedral, so all products with them are 0 there.
+    # Where the trihedral does not exist, 1/v and 1/|c| are set to 0, so all products with them are 0.
     inv_cross_norm = inverse_root(i.N, exists)
     arguments = (i, inverse_root(i.S, exists), inv_cross_norm, i.T * inv_cross_norm**2)
     rate, acceleration = natural_rate(*arguments), natural_acceleration(*arguments)
@@ -91,7 +91,7 @@ def natural(i: Invariants, basis: Basis, duration: Array) -> FrameComponents:
 
 
 def upright(i: Invariants, basis: Basis, duration: Array, up: Triple) -> FrameComponents:
-    """The upright frame of a path with these invariants; `up` is the unit vertical, world axes."""
+    """The upright frame of a path with these invariants; `up` is the unit vertical in world axes."""
     up = basis.local(up)
     i = Invariants(i.r, up)
     exists = has_upright_frame(i, duration)
@@ -120,13 +120,16 @@ def filled(row: Triple, zero: Array) -> Triple:
 
 
 def _axes(basis: Basis, r1: Triple, across: Triple, exists: Any) -> tuple[Triple, Triple, Triple]:
-    """τ, n along `across` × τ, and b; where `exists` is false, n is level, or near a vertical τ along world x."""
+    """τ, n along `across` × τ, and b = τ × n.
+
+    Where `exists` is false, b is the normal of τ closest to world z, or to world x if τ is steep.
+    """
     S, forward, up = dot(r1, r1), basis.local(FORWARD), basis.local(UP)
     stopped = _vanishes(S)
     tangent = select(stopped, forward, scaled(r1, inverse_root(S, ~stopped)))
     reference = select(dot(up, tangent) ** 2 > STEEP, forward, up)
     x, y, z = scaled(tangent, dot(reference, tangent))
-    # n from c × τ, then b = τ × n: orthonormal to round-off even where c has lost most of its digits.
+    # With n from `across` × τ and then b = τ × n the axes are orthonormal to rounding, even if `across` is inaccurate.
     direction = cross(select(exists, across, (reference[0] - x, reference[1] - y, reference[2] - z)), tangent)
     normal = scaled(direction, inverse_root(dot(direction, direction)))
     return tangent, normal, cross(tangent, normal)

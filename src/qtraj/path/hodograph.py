@@ -36,7 +36,7 @@ class AbstractHodograph(eqx.Module):
     def polynomials(self) -> MovingPolynomials | None:
         """The path's polynomials in its own moving basis, or None if it has none.
 
-        With polynomials, limits can be proved and batched evaluation is fast.
+        With polynomials, limits can be proved to be satisfied, and batched evaluation is fast.
         """
         return None
 

@@ -1,4 +1,4 @@
-"""The registry of path quantities: everything that can be limited, evaluated, proved and tuned along a path.
+"""The registry of path quantities: everything that can be limited, evaluated, certified and tuned along a path.
 
 An entry has the name, symbol, unit and meaning of a quantity, the highest derivative that it needs, and its square as a
 ratio of polynomials in the invariants of `frenet`. `Limits`, scenarios, tables, datasets, figures, proofs and tuning
@@ -176,7 +176,8 @@ CORRIDOR = PathQuantity(
     "d",
     "m",
     0,
-    "distance from the given path between points at the same fraction of each duration, measured along the arc",
+    "distance between the two paths at the same fraction of their durations; the angle about the axis counts by its "
+    "arc length: d² = Δρ² + ρ₁ρ₂Δφ² + Δh²",
     numerator=lambda p: (
         p.outwards * p.outwards + (p.outwards + p.radius) * p.radius * (p.angle * p.angle) + p.up * p.up
     ),

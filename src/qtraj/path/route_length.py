@@ -31,7 +31,7 @@ def total(starts: Array, c: Array, duration: Scalar) -> Scalar:
 
 @jax.jit
 def until(starts: Array, c: Array, duration: Scalar, t: Scalar) -> Scalar:
-    """The length from the start to `t` [m]."""
+    """The length [m] from the start to the time `t` [s]."""
     i = jnp.maximum(jnp.searchsorted(starts, t, side="right") - 1, 0)
     before = jnp.where(jnp.arange(starts.shape[0], dtype=i.dtype) < i, lengths(starts, c, duration), 0.0)
     return jnp.sum(before) + _length(c[i], t - starts[i])

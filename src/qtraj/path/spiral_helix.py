@@ -167,7 +167,7 @@ def _coefficients(values: ArrayInput, name: str) -> Float[Array, " n"]:
     if coefficients.ndim != 1 or coefficients.shape[0] == 0:
         raise ValueError(
             f"the {name} of a spiral-helix must be a vector of ascending polynomial coefficients, "
-            f"but an array of shape {coefficients.shape} was given. Stack many paths with jax.vmap."
+            f"but an array of shape {coefficients.shape} was given. Build a batch of paths with jax.vmap."
         )
     require_finite(coefficients, f"the {name} of a spiral-helix")
     return coefficients

@@ -87,7 +87,10 @@ Gain = Annotated[Any, PlainValidator(_gain)]
 
 
 class WeightsPart(Part):
-    """Weights of the linear-quadratic regulator, which minimises ∫(error x² + rate ẋ² + command ẍ²)dt."""
+    """Weights of the linear-quadratic regulator, which minimises ∫(w_e x² + w_r ẋ² + w_c ẍ²) dt.
+
+    The keys error, rate and command are the weights w_e, w_r and w_c.
+    """
 
     error: Positive = key("weight of the error", "a positive finite number [1/s⁴]")
     rate: NotNegative = key("weight of its rate", "a non-negative finite number [1/s²]", 0.0)
@@ -98,8 +101,8 @@ class FeedbackPart(Part):
     """The feedback law and its gains, in one of several forms.
 
     With 'body', 'inertial' and 'additive' the error x satisfies ẍ + k1ẋ + k2x = 0, with 'rate' ẋ + kx = 0. The laws
-    'quaternion', 'geometric' and 'logarithmic' are established laws, for comparison. Give the gains by k1 and k2,
-    settling_time, damping and frequency, or [law.weights]; for 'rate' by k or settling_time.
+    'quaternion', 'geometric' and 'logarithmic' are established laws, for comparison. Give the gains in one of
+    four ways: (k1, k2), settling_time, (damping, frequency), or [law.weights]. The law 'rate' needs k or settling_time.
     """
 
     kind: Literal["body", "inertial", "additive", "rate", "quaternion", "geometric", "logarithmic"] = key(
@@ -127,8 +130,9 @@ class FeedbackPart(Part):
         forms = self.given(*GAINS)
         ways = "k or settling_time" if self.kind == "rate" else WAYS
         if len(forms) != 1:
-            problem = f"there are several gains ({', '.join(forms)})" if forms else "there are no gains"
-            raise ValueError(f"{problem}: give one of {ways}")
+            if forms:
+                raise ValueError(f"the gains are given in several ways ({', '.join(forms)}): use only one of {ways}")
+            raise ValueError(f"there are no gains: give one of {ways}")
         allowed = ("k", "settling_time") if self.kind == "rate" else ("k1", "settling_time", "damping", "weights")
         if forms[0] not in allowed:
             raise ValueError(f"the key '{forms[0]}' cannot be used with a law of kind '{self.kind}': give {ways}")
@@ -208,7 +212,7 @@ class DisturbancePart(Part):
     @model_validator(mode="after")
     def _one(self) -> "DisturbancePart":
         if len(self.given("acceleration", "torque")) != 1:
-            raise ValueError("give one of acceleration, or torque and inertia")
+            raise ValueError("give either acceleration, or torque and inertia")
         if len(self.given("torque", "inertia")) == 1:
             raise ValueError("torque and inertia must be given together, because ε = J⁻¹M")
         if self.period is None and "phase" in self.model_fields_set:

@@ -39,7 +39,7 @@ RangeMap = dict[str, Annotated[Annotated[Pair, Tag("pair")] | Annotated[OpenPair
 
 SECONDS = "a positive finite number [s]"
 THREE = "three finite numbers [x, y, z]"
-ANGLES = "'deg' or 'rad': the unit of every angle in this file, also in rates (per s) and accelerations (per s²)"
+ANGLES = "'deg' or 'rad': the unit of every angle in this file, including those in rates and accelerations"
 FORMS = ("quaternion", "euler", "rotation_vector", "gibbs")
 SEQUENCE = "three axes, fixed such as 'xyz' or moving such as 'ZYX', no axis twice in succession"
 LONGER = 1e-9

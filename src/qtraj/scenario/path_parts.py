@@ -154,8 +154,8 @@ class TunePart(Part):
         {},
     )
     corridor: Positive | None = key(
-        "maximum distance from the given path, between points at the same fraction of each duration, measured along "
-        "the arc",
+        "maximum distance between the two paths at the same fraction of their durations; the angle about the axis "
+        "counts by its arc length: d² = Δρ² + ρ₁ρ₂Δφ² + Δh²",
         "a positive finite number [m]",
         None,
     )

@@ -41,8 +41,9 @@ JERKY = ("time_optimal", "cubic")
 class SlewLawPart(Part):
     """The profile of the angle of each slew.
 
-    A time_optimal slew needs max_acceleration, an s_curve max_acceleration and max_jerk; the polynomials (cubic,
-    quintic, septic) need a limit or a duration. Without a duration the slew takes the minimum time within its limits.
+    A time_optimal slew needs max_acceleration. An s_curve needs both max_acceleration and max_jerk. The polynomials
+    (cubic, quintic, septic) need a limit or a duration. Without a duration the slew has the minimum duration within its
+    limits.
     """
 
     kind: Literal["time_optimal", "s_curve", "cubic", "quintic", "septic"] = key("the profile", KIND, "time_optimal")
@@ -135,7 +136,7 @@ class BodyPart(Part):
 
 
 class SlewPart(Part):
-    """A slew from [start] to [end], through any [[via]], each by the shorter rotation about a fixed axis."""
+    """Slews from [start] through every [[via]] to [end]; each slew is the shorter rotation about a fixed axis."""
 
     start: KnownAttitudePart = key("the first attitude", "a table [start] with an attitude")
     via: list[KnownAttitudePart] = key(
@@ -183,7 +184,7 @@ class SlewPart(Part):
 
 
 class SlewScenario(NamedPart, SlewPart):
-    """A slew from [start] to [end], through any [[via]], each by the shorter rotation about a fixed axis."""
+    """Slews from [start] through every [[via]] to [end]; each slew is the shorter rotation about a fixed axis."""
 
     angles: Angles = key("the unit of angles", ANGLES)
 

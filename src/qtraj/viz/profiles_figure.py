@@ -26,9 +26,10 @@ def profiles_figure(
     max_acceleration: float | None = None,
     title: str = "",
 ) -> Figure:
-    """Φ, Φ̇ and Φ̈ of slews in degrees against time, Φ̇ against Φ, and their limits [rad/s, rad/s²].
+    """Plot Φ, Φ̇ and Φ̈ of slews against time, and Φ̇ against Φ, all in degrees.
 
-    `profiles` contains profiles by name, such as `qtraj.EulerTurn(...).profile`.
+    `profiles` contains profiles by name, such as `qtraj.EulerTurn(...).profile`. The limits `max_rate` [rad/s] and
+    `max_acceleration` [rad/s²] are drawn as lines.
 
     **Raises:** ValueError if `profiles` is empty.
     """

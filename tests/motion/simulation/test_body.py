@@ -163,7 +163,7 @@ def test_derivatives_in_the_inertia():
 def test_invalid_arguments(tmp_path):
     for call, expected in (
         (lambda: qt.ReactionWheels(np.eye(3)[:2]), "at least three wheels"),
-        (lambda: qt.ReactionWheels([[1.0, 0, 0], [0, 1, 0], [1, 1, 0]]), "must span the space"),
+        (lambda: qt.ReactionWheels([[1.0, 0, 0], [0, 1, 0], [1, 1, 0]]), "must span three dimensions"),
         (lambda: qt.ReactionWheels(np.eye(3), max_torque=-1.0), "max_torque must be positive"),
         (lambda: qt.ReactionWheels(np.eye(3), max_momentum=[1.0, 2.0]), r"must be a scalar or have shape \(3,\)"),
         (lambda: qt.ReactionWheels(np.eye(3), momentum=[1.0, 2.0]), "the momenta of 3 wheels"),

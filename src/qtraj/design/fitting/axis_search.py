@@ -40,7 +40,10 @@ def _grid(positions: np.ndarray, bounds: tuple[float, float]) -> np.ndarray:
 def _mean_square_misfit(
     axes: np.ndarray, positions: np.ndarray, basis: np.ndarray, angle_terms: int, bounds: tuple[float, float]
 ) -> np.ndarray:
-    """Mean square distance of the samples from the best polynomials about each axis, plus a penalty on the bounds."""
+    """Mean square distance of the samples from the best polynomials about each axis.
+
+    Radii outside `bounds` add a penalty.
+    """
     radius, angle = _polar(axes[:, None, :], positions)
     errors = _residual(radius, basis) ** 2 + (radius * _residual(angle, basis[:, :angle_terms])) ** 2
     violation = np.maximum(bounds[0] - radius, 0) + np.maximum(radius - bounds[1], 0)

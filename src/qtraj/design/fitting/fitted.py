@@ -104,7 +104,10 @@ class Fitted(AbstractOutcome):
         )
         problems = []
         if not relative <= threshold.rms:
-            problems.append(f"{rms:.3g} m RMS are {relative:.1%} of the turn's radius, more than {threshold.rms:.0%}")
+            problems.append(
+                f"the RMS distance of {rms:.3g} m is {relative:.1%} of the radius of the turn, more than "
+                f"{threshold.rms:.0%}"
+            )
         if not speed <= threshold.speed:
             problems.append(
                 f"its speed differs from the recorded speed by up to {speed:.1%}, more than {threshold.speed:.0%}"

@@ -101,7 +101,9 @@ class FittedRoute(AbstractOutcome):
             texts.append(f"Outliers excluded from the fit: {len(self.outliers)}.")
         if len(self.gaps):
             longest = float(np.max(np.diff(np.asarray(self.gaps), axis=1)))
-            texts.append(f"Gaps interpolated without data: {len(self.gaps)}, the longest {longest:.3g} s.")
+            texts.append(
+                f"Gaps in the recording: {len(self.gaps)}, bridged by minimum jerk; the longest lasts {longest:.3g} s."
+            )
         return " ".join(texts)
 
     def record(self) -> Record:

@@ -105,7 +105,11 @@ def jerk_system(knots: Float[np.ndarray, " m"]) -> System:
 
 
 def stop_system(knots: Float[np.ndarray, " m"], is_stop: np.ndarray, weight: float) -> System:
-    """Weighted equations of rest and of equal positions at both ends of the segments where `is_stop` (m − 1,)."""
+    """Weighted equations for stops.
+
+    In each segment with `is_stop` (m − 1,), velocity and acceleration are zero at both ends, and both ends have the
+    same position.
+    """
     matrix = np.zeros((WIDTH, 3 * len(knots)))
     for end in (np.append(is_stop, False), np.append(False, is_stop)):
         matrix[-1, ::3][end] += weight

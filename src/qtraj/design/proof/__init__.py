@@ -1,1 +1,1 @@
-"""Limits proved on the whole path."""
+"""Proofs that limits are satisfied on the whole path."""

@@ -119,7 +119,7 @@ class Certificate(AbstractOutcome):
 
     @property
     def holds(self) -> Any:
-        """Whether every limit is proved on the whole path; refined sampling is not a proof."""
+        """Whether every limit is proved to be satisfied on the whole path; refined sampling is not a proof."""
         return _plain((_concrete(self.codes) == PROVED).all(axis=-1))
 
     @property

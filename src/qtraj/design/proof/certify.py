@@ -84,18 +84,17 @@ def certify(
     - "sampled": satisfied according to refined sampling. This is the best status for a `Curve`, and for quantities that
       depend on the vertical if the axis of the path is not vertical.
 
-    A batch of paths (stacked, as by `jax.vmap`) gives a batch of findings; limits are shared or have the same batch
-    dimension. Under `jit` and `vmap` the arrays of the certificate are available, but not its texts. The `values` can
-    be differentiated with respect to the path (envelope theorem). They are the largest values found: if a limit has a
-    wide margin, the search may miss a narrow peak below the limit, but the proof does not.
+    A batch of paths gives a batch of findings; limits are shared or have the same batch dimension. Under `jit` and
+    `vmap` the arrays of the certificate are available, but not its texts. The `values` are differentiable with respect
+    to the path (envelope theorem). They may miss a narrow peak well below the limit, but the proof does not.
 
     For a route every segment is checked separately. The `RouteCertificate` gives the status on the whole route and on
-    each segment, and the intervals in which a limit is violated. At a joint of two segments the values on both sides
-    count. If the velocity is zero there, up to rounding, the rates of frames and the tangential and normal acceleration
-    are computed from the direction of the velocity, which has a limit. A segment without motion satisfies every limit.
+    each segment, and the intervals in which a limit is violated. At a joint both sides are checked. If the velocity is
+    zero there, rates of frames and tangential and normal acceleration are computed from its limiting direction. A
+    segment without motion satisfies every limit.
 
     `corridor` [m] bounds the distance of a spiral-helix from another one about the same axis, `reference`, at equal
-    fractions of their durations, measured along the arc. It is an additional limit, the last one of the certificate.
+    fractions of their durations; it is the last limit of the certificate. The angle counts by its arc length.
 
     **Raises:** ValueError in float32, whose rounding error is too large for these proofs; for a batch in which an array
     lacks the batch dimension; for a corridor without a reference, or about another axis. RuntimeError with `throw` if a
@@ -106,9 +105,9 @@ def certify(
     require_float64(path)
     if isinstance(path, Route):
         if corridor is not None:
-            raise ValueError("a corridor limits the distance of a SpiralHelix, but a Route was given: omit it")
-        route_certificate = certify_route(path, limits)
-        return route_certificate.check() if throw else route_certificate
+            raise ValueError("a corridor is supported only for a SpiralHelix, but a Route was given: omit corridor=")
+        found = certify_route(path, limits)
+        return found.check() if throw else found
     certificate = _certify(path, limits)
     if corridor is not None:
         certificate = add_corridor(certificate, path, reference, as_float(corridor))
@@ -121,7 +120,8 @@ def _certify(path: AbstractHodograph, limits: Limits) -> Certificate:
         return Certificate((), *[jnp.zeros((*batch, 0), dtype)] * 4)
     arrays, static = eqx.partition(path, eqx.is_array)
     if any(x.shape[: len(batch)] != batch for x in jax.tree.leaves(arrays)):
-        raise ValueError(f"every array of a batch of paths must start with the shape {batch}: stack them by jax.vmap")
+        advice = "build the batch in jax.vmap, or by jax.tree.map(lambda *x: jnp.stack(x), *paths)"
+        raise ValueError(f"every array of a batch of paths must have the leading shape {batch}: {advice}")
     traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((arrays, limits)))
     xp = jnp if traced else np
     bounds = [xp.broadcast_to(xp.asarray(limits.given()[x], dtype), batch) for x in names]

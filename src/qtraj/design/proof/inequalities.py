@@ -54,7 +54,7 @@ class Vectors(eqx.Module):
 
 
 class PathDerivatives(eqx.Module):
-    """dr/ds, d²r/ds², … of a batch of paths, in units of `length` [m]; `unit` [s] is half a duration.
+    """dr/ds, d²r/ds², … of a batch of paths, in units of `length` [m]; `unit` [s] is half the duration of each path.
 
     If dr/ds has only the direction of the velocity, `pace` is the velocity divided by it; None is 1.
     """

@@ -129,7 +129,7 @@ def judge(
 ) -> Findings:
     """The findings on the first `count` entries of `index`, for the paths behind `evaluate`.
 
-    Without polynomial `derivatives` no limit is proved. `vehicle` has one value for each path, in SI units; None if no
+    Without polynomial `derivatives` nothing is proved. `vehicle` has one value for each path, in SI units; None if no
     limit needs a vehicle: then the branches of such limits are not compiled.
     """
     paths, dtype = scale.time.shape, scale.time.dtype

@@ -22,7 +22,7 @@ class RouteCertificate(AbstractOutcome):
     """The findings on the limits of a route, as `certify(route, limits)` returns them.
 
     - `whole`: the `Certificate` of the route, with the worst finding of all segments for each limit.
-    - `segments`: a batch of certificates, one for each segment, with times of the route.
+    - `segments`: a batch of certificates, one for each segment; their times are measured from the start of the route.
     - `starts` (segments,) [s]: the start times of the segments.
     - `broken` (k, 2) [s]: the intervals in which a limit is violated; `broken_limits` (k,) are indices of the limits.
     """
@@ -62,7 +62,7 @@ class RouteCertificate(AbstractOutcome):
 
     @property
     def holds(self) -> bool:
-        """Whether every limit is proved on every segment."""
+        """Whether every limit is proved to be satisfied on every segment."""
         return self.whole.holds
 
     @property

@@ -111,7 +111,10 @@ def _places(order: list[str], names: Sequence[str]) -> np.ndarray:
 
 
 class _Stopping(NamedTuple):
-    """The segments `rows` that stop at their start, or at their end; `coefficients` are for the time from that end."""
+    """The segments `rows` with a stop at their start, or at their end if `at_end`.
+
+    `coefficients` are those of polynomials in the time from the stop.
+    """
 
     at_end: bool
     rows: np.ndarray

@@ -73,7 +73,8 @@ def _step(function: Function, state: MaximumState, centres: Windows, half: Array
     s = jnp.clip(centres[:, None] + half * jnp.asarray(OFFSETS, centres.dtype)[None, :, None], -1.0, 1.0)
     raw = function(s.reshape(-1, s.shape[-1])).reshape(s.shape)
     values = jnp.where(jnp.isnan(raw), jnp.inf, raw)
-    # A centre is the vertex of the previous round. Of equal values, it is the best estimate of the maximum.
+    # A centre is the vertex of the previous round. Among equal values prefer it: it is the best estimate of the
+    # position of the maximum.
     centre = jnp.asarray(OFFSETS == 0)[None, :, None] & ~first
     rank = values + jnp.where(centre, TIE * float(jnp.finfo(values.dtype).eps) * jnp.abs(values), 0.0)
     end = jnp.full_like(values[:, :1], jnp.inf)

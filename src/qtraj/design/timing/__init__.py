@@ -1,1 +1,1 @@
-"""The fastest timing along a path whose shape is given, proved between the samples."""
+"""The fastest timing along a path of given shape, with proofs that limits are satisfied between the samples."""

@@ -1,4 +1,4 @@
-"""Symmetric positive definite systems with three diagonals beside the main one, by Cholesky's factorisation."""
+"""Symmetric positive definite band systems (three subdiagonals), by the Cholesky factorisation."""
 
 from typing import Any
 
@@ -7,11 +7,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 Band = Float[Array, "4 n"]
-"""Row d holds the entries (i, i − d) at place i."""
+"""Row d contains the entry (i, i − d) of the matrix at index i."""
 
 
 def factor(band: Band) -> Band:
-    """The rows of the lower triangular factor L, A = LLᵀ: row d holds L(i, i − d), and row 0 holds 1/L(i, i)."""
+    """The lower triangular factor L of A = LLᵀ: row d contains L(i, i − d), but row 0 contains 1/L(i, i)."""
     zero, one = jnp.zeros_like(band[0, 0]), jnp.ones_like(band[0, 0])
     first: Any = ((one,), (zero, one), (zero, zero, one))  # rows i − 3, i − 2 and i − 1, from column i − 3 on
 
@@ -28,7 +28,7 @@ def factor(band: Band) -> Band:
 
 
 def solve(factored: Band, right: Float[Array, " n"]) -> Float[Array, " n"]:
-    """x of LLᵀx = right."""
+    """The solution x of LLᵀx = right."""
     zero = jnp.zeros_like(right[0])
 
     def forward(y: Any, row: Any) -> tuple[Any, Any]:

@@ -6,11 +6,13 @@ With r', r'', r''' the derivatives of the path in its parameter u,
     acceleration  a r'' + ½ a' r'
     jerk          √a (a r''' + 3/2 a' r'' + ½ a'' r').
 
-So limits on the speed, the lateral acceleration and rates of rotation bound a itself. The squares of the longitudinal
-acceleration, of the yaw acceleration and of the acceleration are convex quadratic forms in (a, a'). That of the jerk is
-a·Q with a form Q in (a, a', a''), and √Q ≤ jerk/√a is convex once 1/√a is replaced by its tangent.
+So limits on the speed, the lateral acceleration and the rates of rotation are upper bounds on a. The squares of the
+longitudinal acceleration, of the yaw acceleration and of the acceleration are convex quadratic forms in (a, a'). The
+square of the jerk is a·Q with a quadratic form Q in (a, a', a''); √Q ≤ jerk/√a becomes convex if 1/√a is replaced by
+its tangent.
 
-All arrays have the nodes last; a form is stored by its coefficients at (aa, ab, bb) or (aa, ab, bb, ac, bc, cc).
+The nodes are on the last axis of all arrays. A form is stored by its coefficients of (aa, ab, bb) or (aa, ab, bb, ac,
+bc, cc), where b = a' and c = a''.
 """
 
 from typing import Any, NamedTuple
@@ -24,28 +26,28 @@ from qtraj.path.frenet import Invariants, yaw
 from qtraj.path.quantity import QUANTITIES
 
 UPPER = ("speed", "lateral_acceleration", "yaw_rate", "angular_rate")
-"""Limits that bound the squared path speed alone."""
+"""Limits that are upper bounds on the squared path speed."""
 
 FORMS = ("longitudinal_acceleration", "yaw_acceleration", "acceleration")
 """Limits whose squares are quadratic forms in a and a'."""
 
 NAMES = (*UPPER, *FORMS, "jerk")
-"""Limits that the timing along a path decides on."""
+"""Limits that depend on the timing, in the order of all arrays."""
 
 COUNT = 2 + len(FORMS)
 """Constraints at each node: one upper bound, the forms, and the jerk."""
 
 STANDING = 1e-8
-"""A speed of the path in its own parameter below this part of its largest is zero to rounding."""
+"""|r'| below this fraction of its maximum is zero to rounding."""
 
 LARGEST = 1e12
-"""Bound on a where nothing else bounds it."""
+"""Bound on a where no limit bounds it."""
 
 
 class Constraints(NamedTuple):
     """Constraints at all nodes on the values v = (a, a', a'') there: a·`upper` ≤ 1, `forms`(v) ≤ 1, a·`jerk`(v) ≤ 1.
 
-    What is not limited is zero.
+    The coefficients of absent limits are zero.
     """
 
     upper: Float[Array, " nodes"]
@@ -54,23 +56,26 @@ class Constraints(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """The parts of `Constraints`, with the upper bounds of each limit in a row of its own."""
+    """The constraints before the upper bounds of several limits are combined: one row of `upper` for each limit."""
 
     upper: Float[Array, "4 nodes"]
     forms: Float[Array, "3 3 nodes"]
     jerk: Float[Array, "6 nodes"]
 
     def constraints(self) -> Constraints:
-        """The lowest of the upper bounds in place of all."""
+        """The constraints with only the lowest upper bound on a at each node."""
         return Constraints(jnp.maximum(jnp.max(self.upper, axis=0), 1 / LARGEST), self.forms, self.jerk)
 
 
 def parts(r: Float[Array, "3 3 nodes"], unit: Scalar, bounds: dict[str, Scalar]) -> Parts:
-    """From r', r'', r''' at the nodes; derivatives of a are per `unit` of the parameter; absent bounds are infinite."""
+    """The constraints, from r', r'' and r''' at the nodes.
+
+    Derivatives of a are with respect to the parameter divided by `unit`. The bounds of absent limits are infinite.
+    """
     r1, r2, r3 = (tuple(x) for x in r)
     square = dot(r1, r1)
     moving = square > STANDING**2 * jnp.max(square)
-    # Where the path itself stands, its direction is that in which it starts to move.
+    # Where r' = 0, use the direction of r'', in which the path starts to move.
     ahead = tuple(jnp.where(moving, p, q) for p, q in zip(r1, r2, strict=True))
     i = Invariants([None, r1, r2, r3])
     inv_speed, inv_level, inv_ahead = (
@@ -90,7 +95,7 @@ def parts(r: Float[Array, "3 3 nodes"], unit: Scalar, bounds: dict[str, Scalar])
 
 
 def _upper(name: str, i: Any, bound: Scalar, moving: Array) -> Array:
-    """1 over the largest a that this limit allows; the quantity grows with the power `per_time` of √a."""
+    """1 divided by the largest a that satisfies the limit; the quantity is proportional to √a^`per_time`."""
     entry = QUANTITIES[name]
     square = jnp.where(moving, entry.squared(i), 0.0) / bound**2
     if entry.per_time == 1:
@@ -108,7 +113,7 @@ def tightened(c: Constraints, factors: Float[Array, "5 nodes"]) -> Constraints:
 
 
 def used(p: Parts, v: Float[Array, "3 nodes"]) -> Float[Array, "8 nodes"]:
-    """The part of each limit, in the order of `NAMES`, that is used: 1 where it is reached."""
+    """Each quantity divided by its limit, in the order of `NAMES`."""
     powers = jnp.asarray([0.5 if QUANTITIES[name].per_time == 1 else 1.0 for name in UPPER])[:, None]
     upper = (p.upper * jnp.maximum(v[:1], 0.0)) ** powers
     squares = jnp.stack([*(_form(q, v) for q in p.forms), v[0] * _form(p.jerk, v)])
@@ -116,12 +121,12 @@ def used(p: Parts, v: Float[Array, "3 nodes"]) -> Float[Array, "8 nodes"]:
 
 
 def values(c: Constraints, v: Float[Array, "3 nodes"]) -> Float[Array, "5 nodes"]:
-    """What must not be positive."""
+    """The constraint values, which must not be positive."""
     return jnp.stack([c.upper * v[0], *(_form(q, v) for q in c.forms), v[0] * _form(c.jerk, v)]) - 1
 
 
 def gradients(c: Constraints, v: Float[Array, "3 nodes"]) -> Float[Array, "5 3 nodes"]:
-    """Those of `values` in (a, a', a'')."""
+    """The gradients of `values` with respect to (a, a', a'')."""
     zero = jnp.zeros_like(v[0])
     rows = [jnp.stack([c.upper, zero, zero])]
     rows += [2 * jnp.stack([q[0] * v[0] + q[1] * v[1], q[1] * v[0] + q[2] * v[1], zero]) for q in c.forms]
@@ -134,9 +139,9 @@ def gradients(c: Constraints, v: Float[Array, "3 nodes"]) -> Float[Array, "5 3 n
 def curvature(
     c: Constraints, v: Float[Array, "3 nodes"], multipliers: Float[Array, "5 nodes"], a: Float[Array, " nodes"]
 ) -> Float[Array, "3 3 nodes"]:
-    """Second derivatives of the convex model of the constraints, weighed by the multipliers; `a` > 0.
+    """Second derivatives of the convex model of the constraints, weighted by the multipliers; `a` > 0.
 
-    That of the jerk constraint y² ≤ 1 with y = √a w is 2∇yᵀ∇y: the tangent of 1/√a leaves just this of it.
+    For the jerk constraint y² ≤ 1 with y = √a w, the model with the tangent of 1/√a has the second derivatives 2∇yᵀ∇y.
     """
     z, last = 2 * multipliers[1:-1], 2 * multipliers[-1]
     aa, ab, bb = (jnp.sum(z * c.forms[:, k], axis=0) for k in range(3))

@@ -1,7 +1,7 @@
-"""The direction of a route where it stops: q with r' = (1 + s)^m (1 − s)^n q, in s in [−1, 1] of a segment.
+"""The direction of a route at its stops: the polynomial q with r' = (1 + s)^m (1 − s)^n q, −1 ≤ s ≤ 1 in a segment.
 
-The factors vanish at a stop and are positive elsewhere, and q does not vanish where r' does. So the direction of motion
-and its turning are those of q.
+The two factors vanish only at stops and are positive elsewhere; q does not vanish at the stops. So the direction of
+motion and its change can be computed from q.
 """
 
 from fractions import Fraction
@@ -13,20 +13,21 @@ from jaxtyping import Float, Int
 from qtraj.path.stops import Segments
 
 STANDS = 1e-12
-"""A speed below this part of the size of its segment is zero."""
+"""A velocity below this fraction of the size of its segment is zero."""
 
 
 class Directions(NamedTuple):
-    """For each segment the coefficients of Q(t), whose derivative in t is q, and the powers m and n."""
+    """For each segment the coefficients of Q(t), whose time derivative is q, and the powers m and n."""
 
     coefficients: Float[np.ndarray, "segments terms 3"]
     powers: Int[np.ndarray, "segments 2"]
 
 
 def directions(s: Segments, standing: np.ndarray) -> Directions | None:
-    """The directions of segments that stand at their start or end as `standing` (segments, 2) says; None without any.
+    """The directions of all segments, or None if no moving segment starts or ends at a stop.
 
-    Each coefficient is rounded once. Segments without motion get any straight line.
+    `standing` (segments, 2): whether the velocity is zero at the start and at the end. Each coefficient is rounded
+    once. Segments without motion get an arbitrary straight line.
     """
     still = ~s.coefficients[:, 1:].any(axis=(1, 2))
     some = np.flatnonzero(standing.any(axis=1) & ~still)
@@ -41,7 +42,7 @@ def directions(s: Segments, standing: np.ndarray) -> Directions | None:
 
 def _direction(c: Float[np.ndarray, "terms 3"], duration: float, standing: np.ndarray) -> tuple[np.ndarray, list[int]]:
     unit = Fraction(float(duration)) / 2
-    # r' in powers of x = 1 + s, exactly.
+    # Fractions represent r' in powers of x = 1 + s exactly.
     p = [[(k + 1) * Fraction(float(x)) * unit**k for x in c[k + 1]] for k in range(len(c) - 1)]
     size = max(abs(x) * 2**k for k, row in enumerate(p) for x in row)
     powers = [0, 0]

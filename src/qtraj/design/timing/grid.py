@@ -1,4 +1,4 @@
-"""The cells of a timing: dyadic parts of a path's segments, so that the change of variable to a cell is exact."""
+"""The cells of a timing: dyadic parts of the segments of a path, so that the change of variable to a cell is exact."""
 
 import heapq
 from typing import Any, NamedTuple
@@ -14,13 +14,13 @@ from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
 
 ORDER = 3
-"""The highest derivative of a path that a limit on its timing needs."""
+"""The highest derivative of a path that a limit needs."""
 
 
 class Grid(NamedTuple):
-    """n cells. Cell j is the part `middle` ± `half` of [−1, 1], which stands for the segment with the index `segment`.
+    """n cells. Cell j is the interval `middle` ± `half` of [−1, 1], the range of s on the segment with index `segment`.
 
-    `knots` (n + 1,) from 0 to n are the limits of the cells in units of their mean length. `half` is a power of two.
+    `knots` (n + 1,) from 0 to n are the ends of the cells in units of their mean length. `half` is a power of two.
     """
 
     knots: Float[np.ndarray, " cells+1"]
@@ -35,7 +35,7 @@ class Grid(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """A part of a path: from the parameter `start`, cells of the mean length `per_cell`, and u at both ends."""
+    """A part of a path that starts at the parameter `start` and has cells of the mean length `per_cell`."""
 
     path: AbstractHodograph
     start: Scalar
@@ -43,15 +43,15 @@ class Shape(NamedTuple):
 
 
 def uniform(cells: int) -> Grid:
-    """Equal cells of a path of one segment; `cells` is a power of two."""
+    """Cells of equal length on a path with one segment; `cells` is a power of two."""
     k = np.arange(cells)
     return Grid(np.arange(cells + 1.0), np.zeros(cells, int), (2 * k + 1) / cells - 1, np.full(cells, 1 / cells))
 
 
 def of_segments(starts: Float[np.ndarray, " n+1"], first: int, cells: int) -> Grid:
-    """At least one cell for each of n segments from the index `first` on: the longest cells are halved.
+    """Cells of n segments with indices from `first` on: the longest cell is halved until there are enough.
 
-    `starts` are the parameters at which segments start, and the last one's end.
+    Each segment has at least one cell. `starts` (n + 1,): the parameters of the starts, and of the last end.
     """
     lengths = np.diff(starts)
     queue = [(-h, i, 0.0, 1.0) for i, h in enumerate(lengths)]
@@ -68,7 +68,7 @@ def of_segments(starts: Float[np.ndarray, " n+1"], first: int, cells: int) -> Gr
 
 
 def derivatives(shape: Shape, grid: Grid, cell: Int[Any, " m"], place: Float[Any, " m"]) -> Float[Array, "{ORDER} 3 m"]:
-    """r', r'' and r''' at places in [0, 1] of cells, from within these; world axes."""
+    """r', r'' and r''' in world axes at the fraction `place` of each cell; at a knot, from the side of that cell."""
     path, dtype = shape.path, shape.per_cell.dtype
     if isinstance(path, Route):
         segment, middle, half = (jnp.asarray(x)[cell] for x in grid[1:])

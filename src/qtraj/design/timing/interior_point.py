@@ -1,7 +1,7 @@
 """A primal-dual interior-point method for the fastest timing: minimise ∫ du/√a under constraints at all nodes.
 
-Mehrotra's predictor and corrector (Nocedal and Wright, Numerical Optimization, chapter 19). The matrix of each step has
-a band of three diagonals beside the main one, so a step costs in proportion to the number of cells.
+It uses Mehrotra's predictor and corrector (Nocedal and Wright, Numerical Optimization, chapter 19). The matrix of each
+step is a band matrix with three subdiagonals, so the cost of a step is proportional to the number of cells.
 """
 
 from typing import Any, NamedTuple
@@ -16,10 +16,10 @@ from qtraj.design.timing.spline import Nodes, at_nodes, gathered, gathered_band
 from qtraj.foundation.types import Flag, Scalar
 
 BOUNDARY = 0.99
-"""Part of the way to the boundary that a step may take."""
+"""Largest fraction of the distance to the boundary that a step may cover."""
 
 BALANCE = 0.1
-"""The duality gap aimed at is no smaller than this part of the Lagrangian's gradient: both must vanish together."""
+"""The target of the duality gap is at least this fraction of the residual gradient: both must vanish together."""
 
 MAX_STEPS = 100
 
@@ -33,7 +33,7 @@ class Program(NamedTuple):
 
 
 class State(NamedTuple):
-    """An iterate: coefficients, slacks of the constraints and multipliers; steps, and the distance from the optimum."""
+    """An iterate: coefficients, multipliers, the number of steps, and the relative optimality error."""
 
     coefficients: Float[Array, " cells+3"]
     multipliers: Float[Array, "5 nodes"]
@@ -42,9 +42,9 @@ class State(NamedTuple):
 
 
 def solve(program: Program, initial: Float[Array, " cells+3"], gaps: tuple[Scalar, Scalar]) -> State:
-    """The optimal coefficients, from `initial` ones that satisfy every constraint with something to spare.
+    """The optimal coefficients; the `initial` ones must satisfy every constraint strictly.
 
-    `gaps`: relative duality gaps at which the search begins and at which it ends.
+    `gaps`: the relative duality gaps at the start and at the end of the search.
     """
     v = at_nodes(program.nodes, initial)
     slacks = -values(program.constraints, v)
@@ -64,7 +64,7 @@ def duration(p: Program, v: Float[Array, "3 nodes"]) -> Scalar:
 
 
 def _positive(p: Program, v: Float[Array, "3 nodes"]) -> Float[Array, " nodes"]:
-    """a, and 1 at nodes at rest, which have no weight."""
+    """The values of a; 1 at nodes at rest, whose weight is zero."""
     return jnp.where(p.nodes.standing > 0, 1.0, v[0])
 
 
@@ -81,7 +81,7 @@ def _step(p: Program, s: State, enough: Scalar) -> State:
     system = _system(p, parts.at[0, 0].add(0.75 * pace * inverse * inverse))
 
     def changes(target: Array) -> tuple[Array, Array, Array, Array]:
-        """Changes of coefficients, values, slacks (to first order) and multipliers, towards slack · z = `target`."""
+        """The Newton step towards slack · z = `target`: changes of coefficients, values, slacks and multipliers."""
         dc = -system(_gradient(p, cost_slope, slope, target * inv_slacks))
         dv = at_nodes(p.nodes, dc)
         ds = -jnp.sum(slope * dv[None], axis=1)
@@ -112,7 +112,7 @@ def _step(p: Program, s: State, enough: Scalar) -> State:
 
 
 def _step_within(p: Program, v: Array, dv: Array, slacks: Array, keep: float) -> tuple[Scalar, Array]:
-    """The longest of some steps after which every slack and a are at least `keep` times theirs; and those slacks."""
+    """A step (by backtracking) after which a > 0 and every slack is at least `keep` times its value; and the slacks."""
     shrinks = jnp.where(p.nodes.standing > 0, 0.0, dv[0])
     longest = jnp.minimum(BOUNDARY * _length(_positive(p, v), shrinks), 1.0)
 
@@ -129,13 +129,13 @@ def _step_within(p: Program, v: Array, dv: Array, slacks: Array, keep: float) ->
 
 
 def _gradient(p: Program, cost_slope: Array, slope: Array, multipliers: Array) -> Float[Array, " cells+3"]:
-    """The Lagrangian's, in the free coefficients."""
+    """The gradient of the Lagrangian with respect to the free coefficients."""
     at = jnp.sum(multipliers[:, None] * slope, axis=0).at[0].add(cost_slope)
     return gathered(p.nodes, at) * p.nodes.free
 
 
 def _system(p: Program, parts: Float[Array, "3 3 nodes"]) -> Any:
-    """The solution of the linear system with this matrix, scaled to a diagonal of ones, for any right side."""
+    """A function that solves the linear system for a right-hand side; the matrix is scaled to a unit diagonal."""
     matrix = gathered_band(p.nodes, parts)
     free = p.nodes.free
     scale = free * jnp.where(free > 0, matrix[0], 1.0) ** -0.5

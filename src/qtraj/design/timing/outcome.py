@@ -20,12 +20,14 @@ from qtraj.foundation.types import ArrayInput
 
 @storable
 class Retimed(AbstractOutcome):
-    """The result of `retime`, of one path or of many (batch axes in front of every array).
+    """The result of `retime` for one path or a batch (batch axes in front of every array).
 
-    `path`, the same curve driven by its fastest timing, a hodograph like any other; `duration` [s], which is
-    differentiable in the path and the limits; `certificate`, what is known of the limits on the whole of it; `usage`
-    (limits, cells), the largest part of each limit of the certificate that is used in each cell of `timing`; `speeds`
-    (2,) [m/s] at the start and at the end; `code`, a `ResultCode`; `iterations`, the steps of all searches.
+    - `path`: the same curve with its fastest timing; a hodograph like any other.
+    - `duration` [s]: differentiable with respect to the path and the limits.
+    - `certificate`: the findings on the limits on the whole path.
+    - `usage` (limits, cells): the largest ratio of each limited quantity to its limit in each cell of `timing`.
+    - `speeds` (2,) [m/s]: the speeds at the start and at the end.
+    - `code`: a `ResultCode`. `iterations`: the number of steps of all searches.
     """
 
     path: RetimedPath
@@ -52,16 +54,16 @@ class Retimed(AbstractOutcome):
 
     @property
     def timing(self) -> Timing:
-        """The relation of the path's own parameter and time."""
+        """The relation between the parameter of the original path and time."""
         return self.path.timing
 
     def intervals(self, name: str, part: float = 0.99) -> list[tuple[float, float]]:
-        """The intervals of time (start, end) [s] in whose cells at least `part` of a limit is used, for one path.
+        """The time intervals (start, end) [s] in whose cells a quantity reaches `part` of its limit, for one path.
 
         **Raises:** ValueError for a batch, or for a limit that was not given.
         """
         if self.code.ndim:
-            raise ValueError("the intervals of one path were asked for, but this is the result for a batch")
+            raise ValueError("intervals are available for the result of one path, but this is the result of a batch")
         if name not in self.certificate.names:
             raise ValueError(f"no limit on {name!r} was given; the limits are {', '.join(self.certificate.names)}")
         near = np.asarray(self.usage)[self.certificate.names.index(name)] >= part
@@ -71,16 +73,19 @@ class Retimed(AbstractOutcome):
 
     @property
     def converged(self) -> Any:
-        """Whether the timing is the fastest there is with these knots, and satisfies every limit."""
+        """Whether the search found the fastest timing with these knots, and it satisfies every limit."""
         good = concrete_codes(self) < ResultCode.max_steps_reached
         return good.item() if good.ndim == 0 else good
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """How the search for one path ended, and what to do."""
+        """The result for one path in words, and advice."""
         code = ResultCode(int(np.asarray(self.code)[at]))
         time = float(np.asarray(self.duration)[at])
         if code == ResultCode.successful:
-            return f"converged: the fastest timing takes {time:.6g} s, and every limit is proved on the whole path."
+            return (
+                f"converged: the fastest timing takes {time:.6g} s, and every limit is proved to be satisfied on the "
+                "whole path."
+            )
         if code == ResultCode.end_speed_not_reached:
             start, end = np.asarray(self.speeds)[at]
             return f"{code.text} The fastest timing has {start:.4g} m/s at the start and {end:.4g} m/s at the end."
@@ -95,10 +100,12 @@ class Retimed(AbstractOutcome):
             "duration": Quantity(self.duration, "s", "least time along the path"),
             "end_speeds": Quantity(self.speeds, "m s-1", "speed at the start and at the end", ("end",)),
             "cell_time": Quantity(self.timing.times, "s", "times of the timing's knots", ("knot",)),
-            "cell_parameter": Quantity(self.timing.knots, "s", "their parameters on the given path", ("knot",)),
-            "usage": Quantity(self.usage, "1", "largest used part of each limit in a cell", ("limit", "cell")),
-            "code": Quantity(self.code, "1", "how the search ended, as a number"),
-            "iterations": Quantity(self.iterations, "1", "steps of all searches"),
+            "cell_parameter": Quantity(
+                self.timing.knots, "s", "parameters of the knots on the original path", ("knot",)
+            ),
+            "usage": Quantity(self.usage, "1", "largest ratio of a quantity to its limit in a cell", ("limit", "cell")),
+            "code": Quantity(self.code, "1", "result code of the search"),
+            "iterations": Quantity(self.iterations, "1", "number of steps of all searches"),
             **findings.variables,
         }
         summary = f"{batch_prefix(self.code.shape, 'paths')}{extent(self.duration, 's')}; {self.certificate.summary}"

@@ -1,4 +1,4 @@
-"""The parts of a path that are timed one by one: all of it, or the drives of a route between its stops."""
+"""The parts of a path that are timed separately: the whole path, or the drives of a route between its stops."""
 
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -17,13 +17,13 @@ from qtraj.path.route import Route
 from qtraj.path.stops import Segments
 
 CONTINUOUS = 1e-6
-"""Relative jump of the velocity, and of the acceleration, at a joint that counts as none."""
+"""A smaller relative jump of the velocity or of the acceleration at a joint is treated as rounding."""
 
 SAMPLES = 33
 
 
 class Part(NamedTuple):
-    """A part of a path in its own parameter, from `start` to `end` [s], with its cells; None for a stop."""
+    """A part of a path, from the parameter `start` to `end` [s], with its cells; `grid` is None for a stop."""
 
     start: Any
     end: Any
@@ -31,10 +31,10 @@ class Part(NamedTuple):
 
 
 def of_path(path: AbstractHodograph, knots: int, jerk: bool) -> tuple[list[Part], tuple[bool, bool]]:
-    """The parts in their order, and whether the path itself stands at its start and at its end.
+    """The parts in their order, and whether the velocity of a route is zero at its start and at its end.
 
-    **Raises:** ValueError for a route inside a trace, many routes, one that never moves or stops within a segment, or
-    one whose velocity (or acceleration, with a limit on the jerk) jumps.
+    **Raises:** ValueError for a traced route, a batch of routes, a route that never moves or stops within a segment, or
+    a route whose velocity (or acceleration, with a limit on the jerk) jumps.
     """
     if not isinstance(path, Route):
         return [Part(np.zeros(()), path.duration, uniform(knots))], (False, False)
@@ -42,7 +42,7 @@ def of_path(path: AbstractHodograph, knots: int, jerk: bool) -> tuple[list[Part]
     slow = standing_ends(segments)
     still = np.asarray(~segments.coefficients[:, 1:].any(axis=(1, 2)))
     if still.all():
-        raise ValueError("this route stands from its start to its end, so there is nothing to time")
+        raise ValueError("the vehicle is at rest on the whole route, so there is nothing to retime")
     _require_no_stop_within(segments, still)
     starts = np.append(segments.starts, segments.starts[-1] + segments.durations[-1])
     cut = slow[1:, 0] | slow[:-1, 1]
@@ -57,14 +57,14 @@ def of_path(path: AbstractHodograph, knots: int, jerk: bool) -> tuple[list[Part]
 
 
 def known_segments(route: Route) -> Segments:
-    """The segments of a known route in NumPy arrays.
+    """The segments of a route with concrete values, in NumPy arrays.
 
-    **Raises:** ValueError for many routes, or inside a trace.
+    **Raises:** ValueError for a batch of routes or a traced route.
     """
     if route.duration.ndim or any(isinstance(x, Tracer) for x in jax.tree.leaves(route)):
         raise ValueError(
-            "a route is retimed with its numbers known: call retime outside jit, grad and vmap with respect to the "
-            "route, once for each. Its limits may be traced."
+            "retime needs a route with concrete values: call it outside jit, grad and vmap over the route, once for "
+            "each route. The limits may be traced."
         )
     count = route.segments
     starts, c = (np.asarray(x, float)[:count] for x in (route.starts, route.coefficients))
@@ -72,7 +72,7 @@ def known_segments(route: Route) -> Segments:
 
 
 def standing_ends(s: Segments) -> np.ndarray:
-    """Whether each segment stands at its start and at its end, (n, 2)."""
+    """Whether the velocity is zero at the start and at the end of each segment, (n, 2)."""
     speeds = _speeds(s)
     return speeds[:, [0, -1]] <= STANDS * speeds.max(axis=1, keepdims=True)
 
@@ -92,8 +92,8 @@ def _require_no_stop_within(s: Segments, still: np.ndarray) -> None:
         i, k = found[0]
         at = s.starts[i] + local[i, k]
         raise ValueError(
-            f"the route turns back at about {at:.4g} s, within a segment: a timing needs a joint where the vehicle "
-            "stops. Cut the route there by window(t0, t1) and retime the parts, or fit it with a joint at the stop."
+            f"the route reverses at about {at:.4g} s, within a segment, but retime needs a joint at every stop. Cut "
+            "the route there by window(t0, t1) and retime the parts, or fit a route with a joint at the stop."
         )
 
 
@@ -110,8 +110,8 @@ def _require_smooth(s: Segments, cut: np.ndarray, jerk: bool) -> None:
             at = s.starts[bad[0] + 1]
             raise ValueError(
                 f"the {name} of the route jumps at {at:.4g} s, where the vehicle moves, so no timing satisfies a limit "
-                f"on the {('acceleration', 'jerk')[order - 1]}. Fit the path by a route with continuous "
-                "accelerations, such as fit_route returns."
+                f"on the {('acceleration', 'jerk')[order - 1]}. Use a route with continuous acceleration, such as the "
+                "result of fit_route."
             )
 
 

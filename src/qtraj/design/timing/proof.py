@@ -1,10 +1,10 @@
-"""Limits on a retimed path, proved on the whole of each cell.
+"""Proofs that a retimed path satisfies its limits on every cell.
 
 In a cell the path and the squared path speed a are polynomials, and each limit is one polynomial inequality between
-them (see `constraints`). The path is taken in its moving basis, or a route in world axes, and restricted to the cell by
-an exact change of variable: every cell is a dyadic part of a segment. What depends on the direction of the path alone
-is judged with the direction q in place of r', which does not vanish where a segment starts or ends at a stop (see
-`directions`).
+them (see `constraints`). A route is represented in world axes, any other path in its moving basis. An exact change of
+variable restricts the path to the cell, because every cell is a dyadic part of a segment. Quantities that depend on the
+direction of the path are computed from the direction q instead of r', because q does not vanish where a segment starts
+or ends at a stop (see `directions`).
 """
 
 from typing import Any, NamedTuple
@@ -28,16 +28,17 @@ from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.quantity import QUANTITIES
 
 ROUNDED = 2
-"""Roundings of each coefficient of the directions."""
+"""Number of roundings in each coefficient of the directions."""
 
 HIGHEST = 6
-"""The highest power of a stop: a septic has six derivatives that may vanish."""
+"""The highest multiplicity of a stop: up to six derivatives of a septic may vanish there."""
 
 
 class _Cells(eqx.Module):
-    """Models in cells, in half durations: three derivatives of the path, a with its derivatives; and the direction.
+    """Models on the cells, in units of half durations: three derivatives of the path, and a with its derivatives.
 
-    `ahead`: q with two derivatives and w, in r' = w·q; r' itself with its derivatives, and None for 1, without stops.
+    With r' = w·q, `ahead` contains q and its two derivatives, and `factor` is w. Without stops q is r', and `factor` is
+    None.
     """
 
     path: list[ChebyshevModel]
@@ -49,7 +50,7 @@ class _Cells(eqx.Module):
 
 
 class Source(NamedTuple):
-    """The polynomials of segments, which are the last axis, their durations [s], and their directions (see there)."""
+    """The polynomials of the segments (on the last axis), their durations [s], and their `Directions`."""
 
     polynomials: MovingPolynomials
     durations: Float[Array, " segments"]
@@ -74,9 +75,9 @@ def prove(
     timing: tuple[Float[Array, "cells 4"], Bool[Array, " 2"]],
     bounds: dict[str, Scalar],
 ) -> Proofs:
-    """The status of each limit on each cell; proved only where a > 0 is proved too.
+    """The status of each limit on each cell; PROVED requires a proof of a > 0.
 
-    `timing`: the coefficients of a in each cell, and whether it vanishes at the start and at the end. Absent limits are
+    `timing`: the coefficients of a in each cell, and whether a is zero at the start and at the end. Absent limits are
     infinite.
     """
     coefficients, at_rest = timing
@@ -99,7 +100,7 @@ def prove(
         return _Cells(r, q, factor, *(p.on(centre, half)[0] for p in finer))
 
     def judged(k: Array) -> Array:
-        """The status of one limit on each cell; the last is that a is positive."""
+        """The status of the limit with index `k` on each cell; the last index refers to a > 0."""
         bound = tuple(x[jnp.minimum(k, len(NAMES) - 1)] for x in squares)
         slacks = [lambda c, at, name=name: _slack(name, bound, c) for name in NAMES]
         choices = [*slacks, lambda c, at: rest.on(*at)[0]]
@@ -119,7 +120,7 @@ def _of_cells(polynomials: list[CellPolynomial], segment: Int[Array, " cells"]) 
 def _directions(
     ahead: tuple[MovingPolynomials, Any], durations: Array, length: Array, segment: Int[Array, " cells"]
 ) -> tuple[list[CellPolynomial], CellPolynomial]:
-    """q with two derivatives in each cell, and w with r' = w·q in the units of r' and q."""
+    """q with two derivatives in each cell, and w in r' = w·q; r' and q have their own units of length."""
     polynomials, powers = ahead
     found = path_derivatives(polynomials, durations, ROUNDED)
     table = np.zeros((HIGHEST + 1, HIGHEST + 1, 2 * HIGHEST + 1))  # (1 + s)^m (1 − s)^n
@@ -135,7 +136,7 @@ def _directions(
 
 
 def _scaled(p: CellPolynomial, factor: Float[Array, " cells"]) -> CellPolynomial:
-    """The polynomials times powers of two, exactly."""
+    """The polynomials multiplied by powers of two, which is exact."""
     return CellPolynomial(
         p.coefficients * factor[None, None, None], p.shifts * factor[None, None, None, None], p.error * factor[None]
     )
@@ -144,7 +145,7 @@ def _scaled(p: CellPolynomial, factor: Float[Array, " cells"]) -> CellPolynomial
 def _timing(
     coefficients: Float[Array, "cells 4"], at_rest: Bool[Array, " 2"]
 ) -> tuple[list[CellPolynomial], CellPolynomial]:
-    """a, a' and a'' in s in [−1, 1] of each cell; and a without the factors that vanish at an end at rest."""
+    """a, a' and a'' as polynomials in s in [−1, 1] of each cell, and a divided by its factor that vanishes at rest."""
     c0, c1, c2, c3 = coefficients.T  # powers of (1 + s)/2
     start, end = at_rest
     zero = jnp.zeros_like(c0)
@@ -170,7 +171,7 @@ def _centred(powers: Float[Array, "k cells"]) -> CellPolynomial:
 
 
 def _unit(name: str, whole: PathDerivatives) -> Array:
-    """What turns the limit [m, s] into a number."""
+    """The factor that makes the limit dimensionless."""
     entry = QUANTITIES[name]
     return whole.unit**entry.per_time / whole.length**entry.length
 

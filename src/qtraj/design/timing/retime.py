@@ -1,4 +1,4 @@
-"""The fastest timing along a path whose shape is given."""
+"""`retime`: the fastest timing along a path of given shape."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ from qtraj.path.route import Route
 KNOTS = 256
 
 MARGIN = 1e-5
-"""Part of the limits that is not used, for what may happen between the nodes at which they are imposed."""
+"""Fraction by which the search reduces the limits, because it imposes them only at nodes."""
 
 REACHED = 1e-5
-"""Relative difference from a given speed at an end that counts as reached."""
+"""An end speed counts as reached if it is lower than required by at most this fraction."""
 
 
 def retime(
@@ -48,28 +48,28 @@ def retime(
     knots: int = KNOTS,
     throw: bool = False,
 ) -> Retimed:
-    """The fastest timing along `path`, whose shape stays as it is, within `limits`.
+    """The fastest timing along `path` that satisfies `limits`; the shape of the path does not change.
 
-    `limits` are those that depend on the timing: `speed`, `acceleration`, `lateral_acceleration`,
+    `limits` may contain only limits that depend on the timing: `speed`, `acceleration`, `lateral_acceleration`,
     `longitudinal_acceleration`, `jerk`, `yaw_rate`, `yaw_acceleration` and `angular_rate`. `start_speed` and
-    `end_speed` [m/s]: zero for rest, None for a speed that is free. The squared path speed u̇², u the path's own
-    parameter, is a cubic spline of u with continuous second derivative in `knots` cells, a power of two; more cells
-    come closer to the least time of all. At rest the acceleration begins with a jump, so a limit on the jerk is one on
-    the motion after the start and before the end.
+    `end_speed` [m/s]: zero for rest, None for a free speed. The squared path speed u̇², where u is the parameter of
+    `path`, is a cubic spline in u with continuous second derivative and `knots` cells, a power of two; with more cells
+    the duration is closer to the minimum over all timings. At rest the acceleration starts with a jump, so a limit on
+    the jerk applies to the motion after the start and before the end.
 
-    A route is cut where it stops. Each drive between two stops is timed in at least `knots` cells, from rest to rest,
-    and stops keep their lengths.
+    A route is cut at its stops. Each drive between two stops is timed with at least `knots` cells, from rest to rest,
+    and the stops keep their durations.
 
-    The time is minimised by an interior-point method whose steps cost in proportion to the number of cells, and whose
-    iterates satisfy all limits; without a limit on the jerk the problem is convex. Limits are imposed at two places of
-    each cell, tightened where they are passed between these, and then proved on the whole of each cell if the path has
-    polynomials. `duration` is differentiable in the path and the limits, in forward and reverse mode; batches by
-    `jax.vmap`. A route must be known, but its limits may be traced.
+    An interior-point method minimises the duration. The cost of a step is proportional to the number of cells, and all
+    iterates satisfy the limits at the nodes. Without a limit on the jerk the problem is convex. Limits are imposed at
+    the knots and at one instant inside each cell, and are tightened in cells that exceed them elsewhere. If the path
+    has polynomials, they are then proved to be satisfied on every whole cell. `duration` is differentiable with respect
+    to the path and the limits, in forward and reverse mode; `jax.vmap` builds batches. A route must have concrete
+    values, but its limits may be traced.
 
-    **Raises:** ValueError for limits that do not depend on the timing or leave the speed unbounded, for a negative
-    speed, for `knots` that are no power of two from 16 on, in float32, for a path that stands still in its own
-    parameter, and for a route whose velocity jumps or that stops within a segment. RuntimeError with `throw` where the
-    result is no success.
+    **Raises:** ValueError for limits that do not depend on the timing or do not bound the speed, a negative speed,
+    `knots` that is not a power of two or less than 16, float32, a path whose velocity is zero at an instant, and a
+    route whose velocity jumps or that stops within a segment. RuntimeError with `throw` if the retiming fails.
     """
     require_float64(path)
     names = _require_limits(limits)
@@ -85,7 +85,7 @@ def retime(
 
 
 class _Timed(NamedTuple):
-    """The timing of a part: powers of a, used parts of limits and statuses for each cell; knots; what was found."""
+    """The timing of a part: coefficients of a, usage and statuses of limits on each cell; knots; search result."""
 
     powers: Float[Array, "cells 4"]
     usage: Float[Array, "limits cells"]
@@ -105,7 +105,7 @@ def _retimed(
     pace = jnp.where(jnp.asarray(standing), 0.0, _paced(path))
     wanted = jnp.stack([jnp.asarray(np.inf if v is None else v, pace.dtype) for v in speeds])
     bounded = (pace > 0) & (wanted > 0) & jnp.isfinite(wanted)
-    ratio = jnp.where(bounded, wanted, 1.0) / jnp.where(pace > 0, pace, 1.0)  # finite, for finite derivatives
+    ratio = jnp.where(bounded, wanted, 1.0) / jnp.where(pace > 0, pace, 1.0)  # the divisor 1 keeps derivatives finite
     largest = jnp.where(bounded, ratio**2, jnp.inf)
     rest = tuple(known_zero(v) and not s for v, s in zip(speeds, standing, strict=True))
     timed = []
@@ -130,7 +130,7 @@ def _retimed(
 
 
 class _Facts(NamedTuple):
-    """What the judgement needs: used parts and statuses of limits in all cells, ends, and how the searches ended."""
+    """The data that decide on the result: usage and statuses of limits in all cells, end speeds, and search errors."""
 
     usage: Float[Array, "limits cells"]
     codes: Int[Array, "limits cells"]
@@ -164,7 +164,7 @@ def _timed(
 
 
 def source(path: AbstractHodograph) -> Source | None:
-    """The polynomials of the segments of a path, with their directions where it stops; None if it has none."""
+    """The polynomials of the segments of a path, with the directions at stops; None for a path without polynomials."""
     if isinstance(path, Route):
         segments = known_segments(path)
         more = pieces.padded_size(segments.durations.size) - segments.durations.size
@@ -184,7 +184,10 @@ def source(path: AbstractHodograph) -> Source | None:
 def _in_world(c: Float[np.ndarray, "segments terms 3"]) -> MovingPolynomials:
     _, padded = pieces.padded(np.zeros(len(c)), c)  # routes of similar length share an executable
     x, y, z = (np.array(padded[..., k].T) for k in range(3))
-    x[0], y[0] = 0.0, 0.0  # where a segment starts does not matter, and must not coarsen its unit of length
+    x[0], y[0] = (
+        0.0,
+        0.0,
+    )  # only derivatives are needed; a distant start would enlarge the unit of length and so the rounding errors
     return MovingPolynomials(jnp.asarray(x), jnp.asarray(y), jnp.asarray(z), jnp.zeros((1, x.shape[1])))
 
 
@@ -198,7 +201,7 @@ def _paced(path: AbstractHodograph) -> Float[Array, " 2"]:
 def _judged(
     timing: Timing, facts: _Facts, polynomials: MovingPolynomials | None, names: tuple[str, ...]
 ) -> tuple[Certificate, Array, Array]:
-    """The certificate, the speeds at the ends and the code of the result."""
+    """The certificate, the speeds at the ends and the result code."""
     certificate = _certificate(timing, facts, polynomials, names)
     powers, wanted = timing.coefficients, facts.wanted
     ends = jnp.sqrt(jnp.maximum(jnp.stack([powers[0, 0], jnp.sum(powers[-1])]), 0.0)) * facts.pace
@@ -229,33 +232,34 @@ def _require_limits(limits: Limits) -> tuple[str, ...]:
     names = tuple(limits.given())
     if unknown := [name for name in names if name not in NAMES]:
         raise ValueError(
-            f"a timing cannot change {unknown[0]} in the way that retime needs: it takes limits on {', '.join(NAMES)}. "
-            "Call qtraj.certify for the others, which depend on the shape of the path alone."
+            f"retime does not support a limit on {unknown[0]}; it supports limits on {', '.join(NAMES)}. Use "
+            "qtraj.certify to check other limits."
         )
     if not any(QUANTITIES[name].bounds_speed for name in names):
         raise ValueError(
-            f"without a limit on the speed or an acceleration there is no fastest timing, but {limits!r} was given"
+            "the fastest timing needs a limit that bounds the speed, such as speed or acceleration, but "
+            f"{limits!r} was given"
         )
     return names
 
 
 def _require_knots(knots: int) -> None:
     if not isinstance(knots, int) or knots < 16 or knots & (knots - 1):
-        raise ValueError(f"knots must be a power of two from 16 on, such as 256, but {knots!r} was given")
+        raise ValueError(f"knots must be a power of two and at least 16, such as 256, but {knots!r} was given")
 
 
 def _require_regular(path: AbstractHodograph) -> None:
     slowest = concrete(_slowest(path))
     if slowest is not None and not (np.asarray(slowest) > 1e-9).all():
         raise ValueError(
-            "this path stands still somewhere in its own parameter, where a timing along it is not defined: take the "
-            "parts between its stops, or describe it by another parameter, such as its arc length"
+            "the velocity of the path is zero at some instant, so it cannot be retimed there: retime the parts between "
+            "the stops, or parametrise the path differently, for example by arc length"
         )
 
 
 @eqx.filter_jit
 def _slowest(path: AbstractHodograph) -> Scalar:
-    """The lowest speed of the path in its own parameter, relative to the highest."""
+    """The lowest speed |r'(u)| of the path relative to the highest."""
     times = path.duration * jnp.linspace(0.0, 1.0, 257, dtype=path.duration.dtype)
     speeds = jax.vmap(lambda t: jnp.linalg.norm(path.velocity(t)))(times)
     return jnp.min(speeds) / jnp.max(speeds)

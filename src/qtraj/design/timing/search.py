@@ -1,4 +1,4 @@
-"""The fastest timing of a path in given cells: interior-point searches, with limits tightened between the nodes."""
+"""The fastest timing on a grid of cells: interior-point searches, with limits tightened where cells exceed them."""
 
 from typing import Any, NamedTuple
 
@@ -16,24 +16,23 @@ from qtraj.design.timing.spline import DEGREE, Nodes, at_nodes, local, nodes, po
 from qtraj.foundation.types import Scalar
 
 GAPS = ((1.0, 1e-2), (1e-2, 1e-5), (1e-4, 1e-8))
-"""Relative duality gaps at which searches begin and end; later ones are as the last. They follow on each other with
-tighter limits."""
+"""Relative duality gaps at the start and at the end of successive searches; all further searches use the last pair."""
 
 FINEST = 128
-"""Cells from which on the last gap grows with their squared number: rounding in the jerk keeps it from 1e-8."""
+"""With more cells the final gap grows with their squared number, because rounding errors in the jerk prevent 1e-8."""
 
 ROUNDS, ALLOWED = 8, 2e-6
-"""Searches at most, until no limit is exceeded by more than this part of it between the nodes."""
+"""Maximum number of searches, and the relative excess of a limit between the nodes that ends them."""
 
 OVER, CHECKED = 1.3, 17
-"""Limits are tightened by this part of the excess between the nodes, as seen at so many places of each cell."""
+"""Limits are tightened by `OVER` times the excess found at `CHECKED` places of each cell."""
 
 INSIDE, CLOSE = 0.9, 0.98
-"""Part of the limits up to which the initial values of the first and of later searches go."""
+"""The initial values of the first and of later searches are scaled to this fraction of the largest feasible ones."""
 
 
 class Problem(NamedTuple):
-    """A path, its limits by name (infinite where there is none), and the largest squared path speed at its ends."""
+    """A path, its limits by name (infinite if absent), and the largest squared path speed at its ends."""
 
     shape: Shape
     bounds: dict[str, Scalar]
@@ -41,7 +40,7 @@ class Problem(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """What the cells alone determine: the grid, its nodes, and the spline at places within each cell."""
+    """Data that depend only on the cells: the grid, its nodes, and the values of the spline within each cell."""
 
     grid: Grid
     nodes: Nodes
@@ -50,11 +49,12 @@ class Tables(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The fastest timing of a path in its cells.
+    """The fastest timing of a path on its cells.
 
-    `powers` (cells, 4): the squared path speed in powers of the place in each cell. `usage` (limits, cells): the
-    largest part of each limit that is used, in the order of `NAMES`. `sensitivity` is zero and has the derivatives of
-    the least time. `steps` counts those of all searches, and `error` is the last one's.
+    `powers` (cells, 4): the coefficients of the squared path speed in powers of the place in each cell. `usage`
+    (limits, cells): the largest ratio of each quantity to its limit, in the order of `NAMES`. `sensitivity` has the
+    value zero and the derivatives of the minimum duration. `steps` is the number of steps of all searches, `error` the
+    error of the last search.
     """
 
     powers: Float[Array, "cells 4"]
@@ -75,7 +75,7 @@ def tables(grid: Grid, rest: tuple[bool, bool]) -> Tables:
 
 
 def fastest(problem: Problem, t: Tables) -> Found:
-    """The fastest timing; `sensitivity` has derivatives in the path and the limits."""
+    """The fastest timing; `sensitivity` has derivatives with respect to the path and the limits."""
     program, places = _imposed(problem, t)
     r = _searched(*stop_gradient((program, places)), t.within)
     powers, usage, slower = _satisfied(r, stop_gradient(places), t)
@@ -84,7 +84,7 @@ def fastest(problem: Problem, t: Tables) -> Found:
 
 
 class _Round(NamedTuple):
-    """The last search's solution with the factors it used, those for the next, usage; numbers of searches and steps."""
+    """The solution of the last search, the factors it `used` and those of the next, the usage, and counters."""
 
     coefficients: Float[Array, " cells+3"]
     multipliers: Float[Array, "5 nodes"]
@@ -148,7 +148,7 @@ def _searched(program: Program, between: Parts, within: Float[Any, "places 3 4 c
 
 @eqx.filter_jit
 def _satisfied(r: _Round, between: Parts, t: Tables) -> tuple[Array, Array, Array]:
-    """Powers of a, the used part of limits, and a factor: what little excess is left goes by driving slower."""
+    """The powers of a, the usage, and a factor of a: a small remaining excess is removed by driving more slowly."""
     excess = jnp.max(_grouped(r.usage))
     slower = jnp.where(excess > 1 + ALLOWED, 1 / excess, 1.0)
     coefficients = r.coefficients * slower
@@ -157,24 +157,24 @@ def _satisfied(r: _Round, between: Parts, t: Tables) -> tuple[Array, Array, Arra
 
 
 def _between_nodes(between: Parts, within: Any, coefficients: Array) -> Float[Array, "8 cells"]:
-    """The largest used part of each limit in each cell: of samples, and of parabolas through three of them."""
+    """The largest ratio of each quantity to its limit in each cell, from samples and parabolas through them."""
     v = jnp.sum(jnp.asarray(within, coefficients.dtype) * local(coefficients)[None, None], axis=2)
     usage = used(between, jnp.moveaxis(v, 1, 0).reshape(3, -1)).reshape(-1, CHECKED, v.shape[-1])
     before, at, after = usage[:, :-2], usage[:, 1:-1], usage[:, 2:]
     bend, change = 2 * at - before - after, after - before
-    peak = (bend > 0) & (jnp.abs(change) <= 2 * bend)  # between the three
+    peak = (bend > 0) & (jnp.abs(change) <= 2 * bend)  # the vertex is between the three samples
     rise = jnp.where(peak, change**2 / (8 * jnp.where(peak, bend, 1.0)), 0.0)
     return jnp.maximum(jnp.max(usage, axis=1), jnp.max(at + rise, axis=1))
 
 
 def _grouped(usage: Float[Array, "8 cells"]) -> Float[Array, "5 cells"]:
-    """By constraints: the upper bounds, in a instead of √a for speeds, are one."""
+    """The usage by constraint: the upper bounds on a are one constraint, for which speeds are squared."""
     upper = jnp.max(usage[: len(UPPER)], axis=0) ** 2
     return jnp.concatenate([upper[None], usage[len(UPPER) :]])
 
 
 def _at_nodes(factors: Float[Array, "5 cells"]) -> Float[Array, "5 nodes"]:
-    """Those of the cells; at a knot the larger of its two."""
+    """The factors at the nodes; at a knot, the larger one of the two cells."""
     one = jnp.ones_like(factors[:, :1])
     before, after = jnp.concatenate([one, factors], axis=1), jnp.concatenate([factors, one], axis=1)
     return jnp.concatenate([jnp.maximum(before, after), factors], axis=1)
@@ -189,7 +189,7 @@ def _initial(p: Program) -> Float[Array, " cells+3"]:
 
 
 def _largest_part(c: Constraints, v: Array) -> Scalar:
-    """The factor by which a may grow until it reaches a limit."""
+    """The factor by which a can be multiplied until it reaches a limit."""
     g = values(c, v) + 1
     return 1 / jnp.maximum(
         jnp.maximum(jnp.max(g[0]), jnp.max(g[1:-1]) ** 0.5), jnp.maximum(jnp.max(g[-1]) ** (1 / 3), 1e-12)
@@ -198,7 +198,7 @@ def _largest_part(c: Constraints, v: Array) -> Scalar:
 
 @eqx.filter_jit
 def _sensitivity(program: Program, r: _Round) -> Scalar:
-    """Zero, with the derivatives of the least time: those of the Lagrangian at the optimum (envelope theorem)."""
+    """Zero, with the derivatives of the minimum duration: those of the Lagrangian at the optimum (envelope theorem)."""
     v = stop_gradient(at_nodes(program.nodes, r.coefficients))
     limits = values(tightened(program.constraints, _at_nodes(r.used)), v)
     lagrangian = duration(program, v) + jnp.sum(r.multipliers * limits)

@@ -1,8 +1,8 @@
-"""Clamped cubic splines with cells of any length: values at nodes from the coefficients, and the power form.
+"""Clamped cubic splines with cells of unequal length: values at nodes, and the power form.
 
-A spline of n cells has n + 3 coefficients and is twice continuously differentiable. Cell j depends on coefficients j to
-j + 3 alone, so every system of equations for them has a band of width three beside the diagonal. The nodes are the
-n + 1 knots, on which three coefficients each have an influence, and one place inside each cell.
+A spline with n cells has n + 3 coefficients and is twice continuously differentiable. Cell j depends only on the
+coefficients j to j + 3, so the matrix of every linear system for the coefficients has three subdiagonals. The nodes are
+the n + 1 knots, at which the values depend on three coefficients, and one place inside each cell.
 """
 
 import functools
@@ -18,17 +18,17 @@ ORDERS = 3
 """Value, first and second derivative."""
 
 REST_PLACE, REST_WEIGHT = 1 / 3, 2 / 3**0.5
-"""Gauss's rule with one node for ∫ f(z)/√z dz, f linear, as a rule for the integral of f/√z from its value."""
+"""Gauss quadrature with one node for ∫ f(z)/√z dz, exact for a linear f: the node, and the weight of f/√z there."""
 
 Numbers = Float[np.ndarray, "..."]
 
 
 class Nodes(NamedTuple):
-    """The nodes of a spline, knots first; derivatives in the unit in which the knots are given.
+    """The nodes of a spline, knots first; derivatives are with respect to the parameter in units of the knots.
 
-    `place`: parameters of the nodes; `weight` of the integral over all cells; `knot` (orders, 3, n + 1) and `inner`
-    (orders, 4, n) take the coefficients to values and derivatives. `free` is 0 for coefficients that must vanish, those
-    of an end at rest, and 1 for all others; `standing` is 1 for nodes at rest.
+    `place`: the parameters of the nodes; `weight`: the weights of the integral over all cells; `knot` (orders, 3,
+    n + 1) and `inner` (orders, 4, n): the matrices from coefficients to values and derivatives. `free` is 0 for the
+    coefficient at an end at rest, which must be zero, and 1 for all others; `standing` is 1 for nodes at rest.
     """
 
     place: Float[np.ndarray, " nodes"]
@@ -40,9 +40,9 @@ class Nodes(NamedTuple):
 
 
 def power_form(knots: Float[np.ndarray, " cells+1"]) -> Float[np.ndarray, "4 4 cells"]:
-    """[p, k]: what coefficient k of a cell contributes to the p-th power of the place in [0, 1] in the cell.
+    """[p, k]: the contribution of coefficient k of a cell to the coefficient of zᵖ, where z in [0, 1] is the place.
 
-    By the recursion of Cox and de Boor, with polynomials in the place for numbers.
+    It is computed by the Cox–de Boor recursion, applied to polynomials in z.
     """
     cells = knots.size - 1
     t = np.concatenate([knots[:1].repeat(DEGREE), knots, knots[-1:].repeat(DEGREE)])
@@ -97,7 +97,7 @@ def _nodes(listed: tuple[float, ...], rest: tuple[bool, bool]) -> Nodes:
 
 
 def within(knots: Float[np.ndarray, " cells+1"], count: int) -> Float[np.ndarray, "count 3 4 cells"]:
-    """Value and derivatives at equally spaced places of each cell, both ends among them, from its coefficients."""
+    """The matrices from the coefficients of a cell to value and derivatives at equally spaced places, ends included."""
     length = np.diff(knots)
     form = power_form(knots)
     return np.stack([_at(form, np.full(length.size, z), length) for z in np.linspace(0.0, 1.0, count)])
@@ -124,7 +124,7 @@ def at_nodes(n: Nodes, coefficients: Float[Array, " cells+3"]) -> Float[Array, "
 
 
 def gathered(n: Nodes, parts: Float[Array, "3 nodes"]) -> Float[Array, " cells+3"]:
-    """Derivatives in the coefficients, from those in values and derivatives at the nodes."""
+    """The gradient with respect to the coefficients, from that with respect to values and derivatives at the nodes."""
     knots = n.knot.shape[-1]
     families = ((n.knot, parts[:, None, :knots]), (n.inner, parts[:, None, knots:]))
     total: Array | float = 0.0
@@ -136,7 +136,7 @@ def gathered(n: Nodes, parts: Float[Array, "3 nodes"]) -> Float[Array, " cells+3
 
 
 def gathered_band(n: Nodes, parts: Float[Array, "3 3 nodes"]) -> Float[Array, "4 cells+3"]:
-    """The same for second derivatives: a symmetric matrix by diagonals, entries (i, i − d) at place i of row d."""
+    """The same for second derivatives: the subdiagonals of a symmetric matrix, entry (i, i − d) at index i of row d."""
     knots = n.knot.shape[-1]
     rows: list[Array | float] = [0.0] * (DEGREE + 1)
     for basis, part in ((n.knot, parts[..., :knots]), (n.inner, parts[..., knots:])):

@@ -1,4 +1,4 @@
-"""The relation of a path's own parameter u and time t, u̇² = a(u) with a piecewise cubic, and the path in time."""
+"""The relation of the parameter u of a path and time, u̇² = a(u) with a piecewise cubic a, and the path in time."""
 
 from __future__ import annotations
 
@@ -20,18 +20,19 @@ from qtraj.foundation.types import ArrayInput, Scalar, ScalarLike
 from qtraj.path.hodograph import AbstractHodograph
 
 QUADRATURE = np.polynomial.legendre.leggauss(12)
-"""Of the time within a cell."""
+"""Nodes and weights on [−1, 1] for the time within a cell."""
 
 NEWTON_STEPS = 8
 
 
 @storable
 class Timing(eqx.Module):
-    """Time along a path: u̇² = a(u) > 0, a cubic polynomial in each cell between `knots` of the path's parameter u.
+    """Time along a path with the parameter u: u̇² = a(u) > 0, a cubic polynomial in each cell between two `knots`.
 
-    `knots` (n + 1,) increase from 0; `coefficients` (n, 4) are ascending powers of the place in [0, 1] within each
-    cell. `rest` says whether a vanishes at the start and at the end, where the vehicle is at rest. `times` (n + 1,) [s]
-    are those of the knots. `time` and `parameter` are inverse to each other to about 1e-12 of the duration.
+    `knots` (n + 1,) increase from 0. `coefficients` (n, 4) are those of ascending powers of the place in [0, 1] within
+    each cell. `rest`: whether a is zero at the start and at the end, because the vehicle is at rest there. `times`
+    (n + 1,) [s] are the times of the knots. `time` and `parameter` are inverse functions, to about 1e-12 of the
+    duration.
     """
 
     coefficients: Float[Array, "cells 4"]
@@ -50,8 +51,8 @@ class Timing(eqx.Module):
         self.rest = (bool(rest[0]), bool(rest[1]))
         if self.coefficients.shape[-1:] != (4,) or self.knots.shape[-1] != self.coefficients.shape[-2] + 1:
             raise ValueError(
-                "a timing has coefficients (cells, 4) and one knot more than cells, but arrays of the shapes "
-                f"{self.coefficients.shape} and {self.knots.shape} were given"
+                "a timing needs coefficients of shape (cells, 4) and knots of shape (cells + 1,), but arrays of the "
+                f"shapes {self.coefficients.shape} and {self.knots.shape} were given"
             )
         self.times = _times(self) if times is None else as_float(times)
 
@@ -60,7 +61,7 @@ class Timing(eqx.Module):
 
     @property
     def duration(self) -> Float[Array, "*batch"]:
-        """The time for the whole path [s]."""
+        """The duration of the whole path [s]."""
         return self.times[..., -1]
 
     def squared_speed(self, u: ScalarLike) -> Scalar:
@@ -76,17 +77,19 @@ class Timing(eqx.Module):
         return jnp.stack(shifted) / (self.knots[cell + 1] - self.knots[cell]) ** jnp.arange(4, dtype=c.dtype)
 
     def time(self, u: ScalarLike) -> Scalar:
-        """The time [s] at which the parameter is u; outside the knots that of the nearer end."""
+        """The time [s] at which the parameter is u; outside the knots, the time at the nearer end."""
         cell, place = self._locate(one_instant(u))
         starts, ends = self._kinds(cell)
         z = _unstretched(place, starts, ends)
         return self.times[cell] + _elapsed(self._form(cell), self._length(cell), starts, ends, z)
 
     def parameter(self, t: ScalarLike) -> Scalar:
-        """The parameter at a time [s]; outside [0, duration] that of the nearer end."""
+        """The parameter at a time [s]; outside [0, duration], the parameter of the nearer end."""
         t = jnp.clip(one_instant(t), 0.0, self.duration)
         u = stop_gradient(self._inverted(t))
-        return u + _root(self.squared_speed(u)) * (t - self.time(u))  # derivatives of the inverse
+        return u + _root(self.squared_speed(u)) * (
+            t - self.time(u)
+        )  # the second term is zero, but has the derivatives of the inverse
 
     def _inverted(self, t: Scalar) -> Scalar:
         cell = jnp.clip(jnp.searchsorted(self.times, t, side="right") - 1, 0, self._cells - 1)
@@ -119,8 +122,8 @@ class Timing(eqx.Module):
         return cell, jnp.clip((u - self.knots[cell]) / (self.knots[cell + 1] - self.knots[cell]), 0.0, 1.0)
 
 
-# In a cell that begins or ends at rest time goes with the square root of the way: there the place is z² from the start,
-# or 1 − (1 − z)² to the end, and time is a smooth function of z.
+# Near a state of rest, time is proportional to the square root of the distance. So in a cell that starts or ends at
+# rest the place is z² or 1 − (1 − z)², and time is a smooth function of z.
 
 
 @eqx.filter_jit
@@ -135,7 +138,7 @@ def _times(timing: Timing) -> Float[Array, "*batch cells+1"]:
 
 
 def _elapsed(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Array:
-    """The time from the beginning of a cell to its place f(z)."""
+    """The time [s] from the start of a cell to the place `_stretched(z)`."""
     at = (jnp.asarray(QUADRATURE[0], z.dtype) + 1) / 2
     weights = jnp.asarray(QUADRATURE[1] / 2, z.dtype)
     c, length, starts, ends = (jnp.asarray(x)[..., None] for x in (c, length, starts, ends))
@@ -163,9 +166,9 @@ def _pace(c: Array, length: Array, starts: Array, ends: Array, z: Array) -> Arra
 
 @storable
 class RetimedPath(AbstractHodograph):
-    """A path r(u) driven by a timing: r(u(t)), t in seconds from its start.
+    """A path r(u) with a timing u(t): the hodograph r(u(t)), with t in seconds from its start.
 
-    It has no polynomials of its own: `retime` proves limits on its timing and on the path together.
+    It has no polynomials in t, so `certify` can only sample it; the proofs of `retime` use r(u) and u̇² instead.
     """
 
     path: AbstractHodograph
@@ -179,11 +182,11 @@ class RetimedPath(AbstractHodograph):
 
     @property
     def duration(self) -> Scalar:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The time for the whole path [s]."""
+        """The duration of the whole path [s]."""
         return self.timing.duration
 
     def nodes(self) -> Float[Array, " nodes"]:
-        """The times of the timing's knots [s], between which the path is smooth."""
+        """The times of the knots [s]; the path is smooth between them."""
         return self.timing.times
 
     def derivatives(self, t: ScalarLike, order: int) -> Float[Array, "{order}+1 3"]:
@@ -206,7 +209,7 @@ def _increments(a: Float[Array, " 4"], order: int) -> list[Scalar]:
 
 
 def _composed(shape: Float[Array, "orders 3"], change: list[Scalar]) -> Float[Array, "orders 3"]:
-    """Taylor coefficients of Σ shape_j δ^j, truncated, δ = Σ change_k t^k with change_0 = 0."""
+    """The truncated Taylor coefficients of Σ shape_j δ^j, where δ = Σ change_k t^k and change_0 = 0."""
     orders = shape.shape[0]
     result = jnp.zeros_like(shape).at[0].set(shape[-1])
     for row in shape[-2::-1]:
@@ -222,5 +225,5 @@ def _horner(c: Array, x: Array) -> Array:
 
 
 def _root(x: Array) -> Array:
-    """√x, with derivative 0 where x vanishes."""
+    """√x, with derivative 0 at x = 0."""
     return jnp.where(x > 0, jnp.sqrt(jnp.where(x > 0, x, 1.0)), 0.0)

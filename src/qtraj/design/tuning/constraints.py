@@ -1,12 +1,13 @@
-"""Limits as constraints on a path: their values at many places.
+"""Evaluate the limits as constraints at many instants of a path.
 
 A constraint is g(z, u) = ½((value/limit)² − 1) ≤ 0 at the fraction u of the duration. In unit time the duration T only
 scales the limit: (value/limit)² = κ·G with κ = T^−2p/limit², where p is the power of 1/s in the quantity's unit. G is a
-function of a few invariants. These are scalar products of r', r'', …, c = r'×r'' and c' = r'×r''', called blocks.
+function of a few invariants. These invariants are scalar products of the vectors r', r'', …, c = r'×r'' and
+c' = r'×r''', which the code calls blocks.
 
 The limit is selected by an index that all searches of a batch share. So the formula of each limit is compiled once, and
-only the limits that are set are evaluated. All functions here take a batch of paths, because a branch or a loop that
-`jax.vmap` adds the batch to is traced several times.
+only the limits that are set are evaluated. All functions here take a batch of paths instead of being vmapped, because
+`jax.vmap` traces branches and loops several times.
 """
 
 from collections.abc import Callable, Sequence

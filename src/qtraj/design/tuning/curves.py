@@ -113,10 +113,12 @@ def _angle_rate(problem: Problem, cubic: Float[Array, "4 3"]) -> Float[Array, " 
 def _orders(
     cubic: Float[Array, "rows 4 3"], angle_rate: Float[Array, " rates"], moved_rate: Float[np.ndarray, "k rates"] | None
 ) -> Float[Array, "rows_ orders terms 3"]:
-    """The coefficients of r', r'', … of a path, of its derivatives in the k slopes, and in `pairs` of these.
+    """The coefficients of r', r'', … of a path and of their derivatives with respect to the slopes.
 
-    `cubic` holds ρ, φ and h: of the path, and where wanted their derivatives in the slopes. The pairs are included if
-    `moved_rate`, the derivatives of φ', is given. With x = (a, b, h), the recursion is x ← x' + φ'·(−b, a, 0).
+    The first derivatives are those with respect to the k slopes, the second ones those with respect to the `pairs` of
+    slopes. `cubic` contains the coefficients of ρ, φ and h, and optionally their derivatives with respect to the
+    slopes. The pairs are included if `moved_rate`, the derivatives of φ', is given. With x = (a, b, h), the recursion
+    is x ← x' + φ'·(−b, a, 0).
     """
     terms = TERMS if angle_rate.shape[0] == 1 else TERMS + (TERMS - 2) * ORDERS
     n_pairs = 0 if moved_rate is None else len(pairs())

@@ -75,7 +75,7 @@ def find_peaks(settings: Setting, slots: LimitSlots, limits: Float[Array, "batch
 
     def of_slot(step: Int[Array, ""], carry: tuple[Peaks, Array]) -> tuple[Peaks, Array]:
         peaks, hint_times = carry
-        # The hints come first, the last of them first: the times at which the path is straightest and slowest.
+        # First compute the hints (the times at which the path is straightest and slowest), in reverse order.
         is_hint = step < n_hints
         place, hint = jnp.where(is_hint, 0, step - n_hints), n_hints - 1 - step
         quantity, slot_hint = element((quantity_index, slot_hints), place)

@@ -43,7 +43,10 @@ class _Unknowns(NamedTuple):
 
 
 class _Active(NamedTuple):
-    """The active set at the solution: active constraints, which of them are inner peaks, and variables at a bound."""
+    """The active set at the solution.
+
+    It contains the active constraints, whether each is at an interior maximum, and the variables at a bound.
+    """
 
     constraints: Bool[Array, "slots k"]
     inner: Bool[Array, "slots k"]

@@ -128,7 +128,7 @@ def _solve(
     multipliers, reaction, violation = _multipliers(
         slots, at, slopes, correction, solution.active, jnp.maximum(penalty, 1.0), convex[2], largest + mean
     )
-    # The multipliers never need to exceed the penalty; an inaccurate QP solution must not either.
+    # The sum of the multipliers never needs to exceed the penalty, so scale down those of an inaccurate QP solution.
     part = jnp.minimum(1.0, penalty / jnp.maximum(jnp.sum(multipliers, axis=(1, 2)), penalty))
     d = at.d + correction
     cost_slope = model.slope + jnp.einsum("bij,bj->bi", model.curvature, d)

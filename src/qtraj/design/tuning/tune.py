@@ -80,8 +80,8 @@ def tune(
     to (lower, upper), where None means no bound. `weights` multiplies the squared changes that "nearest" sums.
 
     `corridor` [m] bounds the deviation from the initial path: the distance at equal fractions of the two durations,
-    measured along the arc (an upper bound of the straight distance). It is an additional limit, proved like the others,
-    and the last one in the certificate.
+    measured along the arc (an upper bound of the straight distance). It is an additional limit, certified like the
+    others, and the last one in the certificate.
 
     The search runs from `starts` starts, the initial states and perturbations of them, and keeps the best result. If no
     path is found that satisfies the limits, the result is the path with the smallest violation, with advice. `progress`

@@ -1,1 +1,1 @@
-"""Routes changed so that their limits are satisfied: all joint states and durations together."""
+"""Change all joint states and durations of a route together, so that it satisfies its limits."""

@@ -1,7 +1,8 @@
-"""Gradients and second derivatives of objective and constraints in the variables of the joints.
+"""Gradients and second derivatives of objective and constraints with respect to the variables of the joints.
 
-Derivatives at the nodes become derivatives in the end data of a segment by products with constant matrices, and then
-derivatives in the states and times of its joints by the chain rule for y = (p, hv, h²a).
+Products with constant matrices turn derivatives at the nodes into derivatives with respect to the end data of a
+segment. The chain rule for y = (p, hv, h²a) then gives the derivatives with respect to the states and times of its
+joints.
 """
 
 from typing import NamedTuple
@@ -20,14 +21,14 @@ _POWERS = np.array(basis.POWERS, float)
 
 
 class Local(NamedTuple):
-    """First derivatives of a sum over segments in the end data (6, 3, n) and the durations (n,)."""
+    """First derivatives of a sum over segments with respect to the end data (6, 3, n) and the durations (n,)."""
 
     ends: Float[Array, "6 3 n"]
     h: Float[Array, " n"]
 
 
 class LocalSecond(NamedTuple):
-    """Second derivatives likewise: in the end data twice (6, 6, 3, 3, n), mixed (6, 3, n), in the durations (n,)."""
+    """Second derivatives with respect to the end data (6, 6, 3, 3, n), mixed (6, 3, n), and to the durations (n,)."""
 
     ends: Float[Array, "6 6 3 3 n"]
     mixed: Float[Array, "6 3 n"]
@@ -56,7 +57,7 @@ def objective_second(problem: RouteProblem, s: Segments) -> LocalSecond:
 
 
 def _table(order: int) -> tuple[np.ndarray, np.ndarray]:
-    """H_l at the nodes, and its derivatives from the first to `order` (order, nodes, 6)."""
+    """H_l at the nodes (nodes, 6), and its derivatives from the first to the `order`-th (order, nodes, 6)."""
     rows = basis.at_nodes(basis.NODES, order)
     return rows[0], rows[1:]
 
@@ -67,7 +68,7 @@ def constraints_first(
     away: Float[Array, "3 nodes n"],
     weights: Float[Array, "constraints nodes n"],
 ) -> Local:
-    """First derivatives of the weighted sum of the constraints, from those at the nodes (see `Expansion`)."""
+    """First derivatives of the weighted sum of the constraints, from the derivatives at the nodes (see `Expansion`)."""
     order, n = (slopes.shape[0] - 1) // 3, away.shape[-1]
     place, table = _table(order)
     slopes = jnp.sum(slopes * weights[None, :-2], axis=1)
@@ -85,7 +86,7 @@ def constraints_second(
     weights: Float[Array, "constraints nodes n"],
     stiffness: Float[Array, "constraints nodes n"],
 ) -> LocalSecond:
-    """Σ weight·∇²g + stiffness·∇g∇gᵀ over all constraints; the expansion has the weighted second derivatives."""
+    """Σ weight·∇²g + stiffness·∇g∇gᵀ over all constraints; the expansion contains the weighted second derivatives."""
     order, n = (at.slopes.shape[0] - 1) // 3, at.away.shape[-1]
     place, table = _table(order)
     stiff = stiffness[:-2]
@@ -112,7 +113,7 @@ def constraints_second(
 
 
 def segment_gradient(problem: RouteProblem, s: Segments, first: Local) -> Float[Array, "20 n"]:
-    """First derivatives in the variables of both joints of each segment."""
+    """First derivatives with respect to the variables of both joints of each segment."""
     power = _POWERS[:, None, None]
     grown = power * s.ends / lifted(s.h, 3)
     states = (first.ends * powers(s.h)).reshape(2, 3, 1, 3, -1)
@@ -123,7 +124,7 @@ def segment_gradient(problem: RouteProblem, s: Segments, first: Local) -> Float[
 
 
 def segment_hessian(problem: RouteProblem, s: Segments, first: Local, second: LocalSecond) -> Float[Array, "20 20 n"]:
-    """Second derivatives in the variables of both joints of each segment."""
+    """Second derivatives with respect to the variables of both joints of each segment."""
     n = s.h.shape[0]
     power = _POWERS[:, None, None]
     duration = lifted(s.h, 3)
@@ -154,13 +155,13 @@ def segment_hessian(problem: RouteProblem, s: Segments, first: Local, second: Lo
 
 
 def gradient(problem: RouteProblem, rows: Float[Array, "20 n"]) -> Float[Array, "10 joints"]:
-    """The sum over segments in the variables of the joints; zero for fixed ones."""
+    """The gradient summed over the segments, with respect to the variables of the joints; zero for fixed variables."""
     total = jnp.pad(rows[:BLOCK], ((0, 0), (0, 1))) + jnp.pad(rows[BLOCK:], ((0, 0), (1, 0)))
     return total * problem.free
 
 
 def hessian(problem: RouteProblem, rows: Float[Array, "20 20 n"]) -> Chain:
-    """The sum over segments in the variables of the joints; fixed variables have the rows of the identity."""
+    """The second derivatives summed over the segments; the rows of fixed variables are those of the identity."""
     blocks, free = jnp.moveaxis(rows, -1, 0), problem.free.T
     first, last = blocks[:, :BLOCK, :BLOCK], blocks[:, BLOCK:, BLOCK:]
     diagonal = jnp.pad(first, ((0, 1), (0, 0), (0, 0))) + jnp.pad(last, ((1, 0), (0, 0), (0, 0)))

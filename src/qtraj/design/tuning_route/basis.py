@@ -1,7 +1,7 @@
-"""Quintic segments by the states at their ends: values at nodes, and integrals of squared derivatives.
+"""Quintic segments from the states at their ends: values at nodes, and integrals of squared derivatives.
 
-A segment of duration h is r(u) = Σ H_l(u) y_l for 0 ≤ u ≤ 1, with the end data y = (p, hv, h²a) of its start and its
-end in units of length. Derivatives are with respect to u, so that the matrices are the same for all segments.
+A segment of duration h is r(u) = Σ H_l(u) y_l for 0 ≤ u ≤ 1. The end data y = (p, hv, h²a) at its start and end have
+the unit of a length. Derivatives are with respect to u, so that the matrices are the same for all segments.
 """
 
 from typing import Any
@@ -16,10 +16,10 @@ POWERS = (0, 1, 2, 0, 1, 2)
 """The power of h in each entry of the end data."""
 
 CELLS = 10
-"""Cells of a segment; limits are constraints at the nodes between them and at the ends."""
+"""Number of cells of a segment; limits are imposed at the nodes between the cells and at both ends."""
 
 FINER = 8
-"""Parts of a cell between which the largest values are sought."""
+"""Number of subdivisions of a cell on the grid on which the largest values are searched."""
 
 NODES = np.linspace(0.0, 1.0, CELLS + 1)
 
@@ -27,12 +27,12 @@ FINE_NODES = np.linspace(0.0, 1.0, CELLS * FINER + 1)
 
 
 def lifted(x: Any, dimensions: int) -> Any:
-    """An array with leading axes of length 1 up to a number of dimensions."""
+    """The array with leading axes of length 1 added, so that it has a number of dimensions."""
     return x.reshape((1,) * (dimensions - x.ndim) + x.shape)
 
 
 def _polynomials() -> list[np.ndarray]:
-    """Ascending coefficients of H_l."""
+    """The ascending coefficients of each H_l."""
     data = np.eye(6).reshape(2, 3, 6)
     return list(pieces.hermite(np.ones(1), data)[0].T)
 

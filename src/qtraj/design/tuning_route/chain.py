@@ -1,8 +1,8 @@
-"""Symmetric block-tridiagonal systems by elimination along the chain, in O(blocks).
+"""Solve symmetric block-tridiagonal systems by block elimination, in time proportional to the number of blocks.
 
-Each block is eliminated by Gauss–Jordan steps without pivoting, which are exact for positive definite matrices: the
-pivots are positive there, and their signs say whether the matrix is. Blocks are small, so the steps are products of
-whole arrays rather than calls of a linear algebra library, which take longer.
+Each block is eliminated by Gauss–Jordan steps without pivoting, which are stable for positive definite matrices. All
+pivots are positive if and only if the matrix is positive definite. The blocks are small, so products of whole arrays
+are faster than calls of a linear algebra library.
 """
 
 from typing import NamedTuple
@@ -13,14 +13,14 @@ from jaxtyping import Array, Bool, Float
 
 
 class Chain(NamedTuple):
-    """Blocks on the diagonal, and those below it: `lower[i]` couples block i + 1 (rows) to block i (columns)."""
+    """The diagonal blocks, and the blocks below them: `lower[i]` couples block i + 1 (rows) to block i (columns)."""
 
     diagonal: Float[Array, "n b b"]
     lower: Float[Array, "n-1 b b"]
 
 
 def solve(chain: Chain, right: Float[Array, "n b"]) -> tuple[Float[Array, "n b"], Bool[Array, ""]]:
-    """The solution, and whether the matrix is positive definite (to rounding; otherwise the solution is useless)."""
+    """The solution, and whether the matrix is positive definite to rounding; if it is not, the solution is invalid."""
     size = right.shape[1]
     below = jnp.concatenate([chain.lower, jnp.zeros_like(chain.diagonal[:1])])
     after = jnp.concatenate([chain.diagonal[1:], jnp.eye(size, dtype=right.dtype)[None]])
@@ -52,7 +52,7 @@ def solve(chain: Chain, right: Float[Array, "n b"]) -> tuple[Float[Array, "n b"]
 
 
 def product(chain: Chain, x: Float[Array, "n b"]) -> Float[Array, "n b"]:
-    """The matrix times a vector."""
+    """The product of the matrix and a vector."""
     own = jnp.sum(chain.diagonal * x[:, None], axis=2)
     up = jnp.sum(chain.lower * x[:-1, None], axis=2)
     down = jnp.sum(chain.lower * x[1:, :, None], axis=1)

@@ -1,7 +1,7 @@
 """Limits and the tube as constraints at the nodes of each segment: values and derivatives.
 
 A limit is (value/limit)² ≤ margin, where the margin (at most 1) accounts for larger values between the nodes. The tube
-is the horizontal and the vertical distance from the given path at equal fractions of a segment.
+bounds the horizontal and the vertical distance from the original path at equal fractions of a segment.
 """
 
 from typing import Any, NamedTuple
@@ -20,12 +20,12 @@ Names = tuple[str, ...]
 
 
 def orders(names: Names) -> int:
-    """The highest derivative that the limits need."""
+    """The highest order of the derivatives of the path in the limits, at least 2."""
     return max([2, *(quantity(name).order for name in names)])
 
 
 def ratios(names: Names, q: Any, squares: Float[Array, " limits"]) -> Float[Array, "limits ..."]:
-    """(value/limit)² of each limit, for derivatives in u and durations, stacked on the first axis of `q`."""
+    """(value/limit)² of each limit; `q` has the derivatives with respect to u and the durations on its first axis."""
     h = q[-1]
     order = (q.shape[0] - 1) // 3
     i = Invariants([None, *(tuple(q[3 * k + c] / h ** (k + 1) for c in range(3)) for k in range(order))])
@@ -38,7 +38,7 @@ def ratios(names: Names, q: Any, squares: Float[Array, " limits"]) -> Float[Arra
 
 
 def stacked(names: Names, s: Segments, nodes: Any) -> Float[Array, "q nodes n"]:
-    """The arguments of `ratios` at nodes of all segments."""
+    """The argument `q` of `ratios` at nodes of all segments."""
     order = orders(names)
     table = basis.at_nodes(nodes, order)[1:].reshape(-1, 6)
     rows = (table @ s.ends.reshape(6, -1)).reshape(order, len(nodes), 3, -1)
@@ -47,7 +47,7 @@ def stacked(names: Names, s: Segments, nodes: Any) -> Float[Array, "q nodes n"]:
 
 
 def distances(s: Segments, nodes: Any, offset: Float[Array, "3 nodes n"]) -> Float[Array, "3 nodes n"]:
-    """The displacements from the given path."""
+    """The displacements from the original path."""
     table = basis.at_nodes(nodes, 0)[0]
     return jnp.moveaxis((table @ s.change.reshape(6, -1)).reshape(len(nodes), 3, -1), 1, 0) + offset
 
@@ -66,8 +66,9 @@ def values(names: Names, problem: RouteProblem, s: Segments, fine: bool = False)
 class Expansion(NamedTuple):
     """The constraints at the nodes with their gradients and the weighted sum of their second derivatives.
 
-    `slopes` (q, limits, nodes, n) and `bending` (q, q, nodes, n) are derivatives in the arguments of `ratios`; `away`
-    (3, nodes, n) is the displacement, whose squares are the last two constraints.
+    `slopes` (q, limits, nodes, n) and `bending` (q, q, nodes, n) are derivatives with respect to the argument of
+    `ratios`. `away` (3, nodes, n) is the displacement, whose horizontal and vertical squares are the last two
+    constraints.
     """
 
     values: Float[Array, "constraints nodes n"]
@@ -77,7 +78,7 @@ class Expansion(NamedTuple):
 
 
 def expand(names: Names, problem: RouteProblem, s: Segments, weights: Float[Array, "constraints nodes n"]) -> Expansion:
-    """The constraints and their derivatives; `weights` are those of the second derivatives."""
+    """The constraints and their derivatives; `weights` multiply the second derivatives."""
     away = distances(s, basis.NODES, problem.offset)
     near = jnp.stack([away[0] ** 2 + away[1] ** 2, away[2] ** 2]) / problem.tube
     q = stacked(names, s, basis.NODES)

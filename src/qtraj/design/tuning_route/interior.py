@@ -1,9 +1,9 @@
 """A primal-dual interior-point method for routes, in one compiled loop.
 
-The constraints g(z) + s = 0, s ≥ 0 are kept by a logarithmic barrier with the parameter μ → 0 (Nocedal and Wright,
-*Numerical Optimization*, chapter 19; Wächter and Biegler, *Math. Program.* 106, 2006, sections 2 and 3). Second
-derivatives are exact; where they are not positive definite, a multiple of the identity is added. A line search on the
-merit function f − μΣ ln s + ν Σ|g + s| ensures progress.
+The inequalities are written as g(z) + s = 0 with slacks s ≥ 0, which a logarithmic barrier with the parameter μ → 0
+keeps positive (Nocedal and Wright, *Numerical Optimization*, chapter 19; Wächter and Biegler, *Math. Program.* 106,
+2006, sections 2 and 3). Second derivatives are exact; if the matrix is not positive definite, a multiple of the
+identity is added. A line search on the merit function f − μΣ ln s + ν Σ|g + s| ensures progress.
 """
 
 from typing import Any, NamedTuple
@@ -19,13 +19,13 @@ from qtraj.design.tuning_route.problem import RouteProblem, objective, segments
 from qtraj.foundation.types import Scalar
 
 TOLERANCE = 1e-7
-"""The largest residual of the optimality conditions at the end."""
+"""The search ends if no residual of the optimality conditions is larger."""
 
 LEAST_SLACK = 0.1
-"""Slacks at the start, at least."""
+"""Lower bound on the initial slacks."""
 
 SHIFT, MOST_SHIFT = 1e-6, 1e10
-"""The first and the largest multiple of the identity that is added."""
+"""The first and the largest multiple of the identity that is added to the second derivatives."""
 
 HALVINGS = 14
 
@@ -37,13 +37,13 @@ CAP = 1e10
 LEAST_MARGIN = 0.5
 
 RENEWED, RENEWALS = 1e-2, 15
-"""Margins are renewed whenever the barrier parameter decreases below this, so often at most."""
+"""Margins are updated if the barrier parameter is below `RENEWED`, at most `RENEWALS` times."""
 
 FREE = 4
-"""From this renewal on margins only decrease, so that they converge."""
+"""After this number of updates margins may only decrease, so that they converge."""
 
 SETTLED = 5e-6
-"""Margins that change less are kept from then on."""
+"""If the margins change by less than this, they are not updated any more."""
 
 
 class Search(NamedTuple):
@@ -61,7 +61,7 @@ class Search(NamedTuple):
 
 
 def start(names: Names, problem: RouteProblem, z: Float[Array, "10 joints"], margins: Any, mu: Any) -> Iterate:
-    """An iterate at the variables `z`: slacks from the constraints, multipliers from the slacks."""
+    """The iterate with the variables `z`, slacks computed from the constraints, and multipliers from the slacks."""
     excess = excess_of(names, problem, segments(problem, z), margins)
     count = used(problem)
     slacks = jax.tree.map(lambda g, u: jnp.where(u > 0, jnp.maximum(-g, LEAST_SLACK), 1.0), excess, count)
@@ -82,11 +82,11 @@ def _error(problem: RouteProblem, at: Iterate, linear: Linear, mu: Any) -> Scala
 
 
 def refreshed(names: Names, problem: RouteProblem, z: Float[Array, "10 joints"], margins: Any) -> Any:
-    """Margins such that the constraint at each node bounds the peaks in the half cells beside it.
+    """Margins with which the constraint at each node also bounds the maxima in the half cells beside it.
 
-    They are the ratios of the values at the nodes to those of the peaks, at the present variables; the latter from
-    parabolas through the values on a finer grid. Slopes, on which the value between nodes is larger than at one of
-    them but not than at both, need no margin.
+    A margin is the ratio of the value at the node to the maximum, at the current variables. Parabolas through the
+    values on a finer grid give the maxima. No margin is needed where the values between two nodes do not exceed the
+    larger one of the values at the nodes.
     """
     s = segments(problem, z)
     fine = values(names, problem, s, fine=True)
@@ -102,15 +102,15 @@ def refreshed(names: Names, problem: RouteProblem, z: Float[Array, "10 joints"],
     largest = _joined(jnp.maximum(own, jnp.max(jnp.stack(shifted), axis=0)), problem.used)
     safe = largest > 1e-3
     ratio = jnp.where(safe, own / jnp.where(safe, largest, 1.0), 1.0)
-    # Only where the limit is nearly attained does the ratio matter; elsewhere it would shut out useful values.
+    # The ratio matters only where the limit is nearly reached; elsewhere it would restrict the search needlessly.
     return jnp.where(largest > 0.8 * margins.max(), jnp.maximum(ratio, LEAST_MARGIN), 1.0)
 
 
 def _joined(largest: Array, used: Array) -> Array:
-    """The largest values near nodes, with those near nodes that do not count given to neighbours that do.
+    """The largest values near nodes, where unused nodes pass their values on to used neighbours.
 
-    The end of a segment counts as the start of the next one, unless the limit may jump there; where neither counts,
-    because the joint is fixed, the next node inside the segment stands for it.
+    The end of a segment passes its value to the start of the next one, unless the quantity may jump there. If neither
+    is used because the joint is fixed, the nearest node inside the segment gets the value.
     """
     before = jnp.pad(largest[:, -1, :-1] * (1 - used[:, -1, :-1]), ((0, 0), (1, 0)))
     after = jnp.pad(used[:, 0, 1:], ((0, 0), (0, 1)))
@@ -145,7 +145,7 @@ def _shifted_step(names: Names, problem: RouteProblem, search: Search, linear: L
 
 
 def _longest(values: Rows, changes: Rows, keep: Any) -> Scalar:
-    """The largest part of a step, at most 1, that keeps positive numbers above a small part of themselves."""
+    """The largest fraction of a step, at most 1, that reduces no positive value by more than the fraction `keep`."""
     parts = [
         jnp.min(jnp.where(d < 0, -keep * v / jnp.where(d < 0, d, -1.0), 1.0))
         for v, d in zip(values, changes, strict=True)
@@ -166,7 +166,7 @@ def _iteration(names: Names, problem: RouteProblem, search: Search, factor: Any,
     renew = close & (search.mu < RENEWED) & (search.renewals < RENEWALS)
     margins = jax.lax.cond(renew, lambda: refreshed(names, problem, at.z, at.margins) * factor, lambda: at.margins)
     margins = jnp.where(search.renewals >= FREE, jnp.minimum(margins, at.margins), margins)
-    # With new margins the constraints jump by this; smaller slacks would block the way.
+    # New margins change the constraints by up to this much; with smaller slacks the next step would be too short.
     jump = jnp.max(jnp.abs(margins - at.margins) * problem.used)
     settled = jump <= SETTLED
     margins = jnp.where(settled, at.margins, margins)
@@ -195,7 +195,7 @@ def _iteration(names: Names, problem: RouteProblem, search: Search, factor: Any,
         return z, slacks, _merit(problem, z, excess, slacks, mu, penalty)
 
     def reset(slack: Array, g: Array, before: Array, u: Array) -> Array:
-        """The slack of a satisfied constraint is its distance: of all slacks it has the smallest merit."""
+        """Set the slack of a clearly satisfied constraint to −g, which gives the smallest merit function."""
         exact = -g > jnp.maximum(mu / penalty, 0.01 * before)
         return jnp.where(u > 0, jnp.where(exact, -g, slack), 1.0)
 
@@ -227,10 +227,10 @@ def _iteration(names: Names, problem: RouteProblem, search: Search, factor: Any,
 def solve(
     names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu: Any, least: Any, most: Any, renewals: Any
 ) -> Search:
-    """The search from an iterate, with the barrier parameter from `mu` to `least`, in at most `most` steps.
+    """Search from an iterate, with the barrier parameter from `mu` to `least`, in at most `most` steps.
 
-    `names` are the limits in the order of their squares. Margins are multiplied by `factor`, below 1, and were renewed
-    `renewals` times before.
+    `names` are the limits in the order of `problem.squares`. Margins are multiplied by `factor` < 1; `renewals` is the
+    initial number of their updates.
     """
     one = jnp.ones_like(problem.durations[0])
     first = Search(

@@ -1,4 +1,4 @@
-"""One Newton step of the interior-point method: the optimality conditions, linearised at the present iterate."""
+"""One Newton step of the interior-point method: the optimality conditions, linearised at the current iterate."""
 
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ from qtraj.foundation.types import Scalar
 
 
 class Rows(NamedTuple):
-    """One number for each constraint: those at nodes, and the two bounds on each duration."""
+    """One number for each constraint: for the constraints at the nodes, and for the two bounds on each duration."""
 
     nodes: Float[Array, "constraints nodes n"]
     bounds: Float[Array, "2 n"]
@@ -33,7 +33,8 @@ class Iterate(NamedTuple):
 class Step(NamedTuple):
     """A Newton step.
 
-    `slope` is the derivative of the barrier objective along it, `curvature` zᵀHz, and `positive` whether H > 0.
+    `slope` is the derivative of the barrier function along the step, `curvature` is zᵀHz, and `positive` is whether H
+    is positive definite.
     """
 
     z: Float[Array, "10 joints"]
@@ -45,7 +46,7 @@ class Step(NamedTuple):
 
 
 class Linear(NamedTuple):
-    """Everything at an iterate that its Newton steps need."""
+    """The values and derivatives at an iterate from which its Newton steps are computed."""
 
     segments: Segments
     slopes: Float[Array, "q limits nodes n"]
@@ -57,12 +58,12 @@ class Linear(NamedTuple):
 
 
 def used(problem: RouteProblem) -> Rows:
-    """Ones for the constraints that count, zeros for the others."""
+    """1 for the constraints that are used, 0 for the others."""
     return Rows(problem.used, jnp.stack([problem.moving] * 2))
 
 
 def excess_of(names: Names, problem: RouteProblem, s: Segments, margins: Any) -> Rows:
-    """The constraints g ≤ 0; zero for those that do not count."""
+    """The values g of the constraints g ≤ 0; 0 for unused ones."""
     nodes = (values(names, problem, s) - margins) * problem.used
     return Rows(nodes, _bounds(problem, s))
 
@@ -72,7 +73,7 @@ def _bounds(problem: RouteProblem, s: Segments) -> Array:
 
 
 class _Local(NamedTuple):
-    """What `linearise` computes for each segment on its own."""
+    """The results of `linearise` that depend on one segment only."""
 
     values: Float[Array, "constraints nodes n"]
     slopes: Float[Array, "q limits nodes n"]
@@ -83,7 +84,7 @@ class _Local(NamedTuple):
 
 
 def linearise(names: Names, problem: RouteProblem, at: Iterate) -> Linear:
-    """The derivatives at an iterate. Its multipliers of constraints that do not count are zero."""
+    """The values and derivatives at an iterate. The multipliers of unused constraints must be zero."""
     s = segments(problem, at.z)
     stiffness = jax.tree.map(lambda a, b: a / b, at.multipliers, at.slacks)
 
@@ -148,7 +149,7 @@ def _pushed(problem: RouteProblem, linear: Linear, dz: Array, order: int) -> Row
 
 
 def newton(names: Names, problem: RouteProblem, at: Iterate, linear: Linear, mu: Scalar, shift: Scalar) -> Step:
-    """The step for the barrier parameter `mu`; `shift` is added to the diagonal of the second derivatives."""
+    """The Newton step for the barrier parameter `mu`; `shift` is added to the diagonal of the second derivatives."""
     count = used(problem)
     gaps = jax.tree.map(lambda g, s, u: (g + s) * u, linear.excess, at.slacks, count)
     target = jax.tree.map(lambda m, s, g, u: u * (mu + m * g) / s, at.multipliers, at.slacks, gaps, count)

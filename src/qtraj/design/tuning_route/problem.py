@@ -1,11 +1,10 @@
 """A route as an optimisation problem: variables at the joints, the data of each segment, and the objective.
 
-The variables of a joint are the changes of its position, velocity, acceleration and time, scaled to lengths, the
-vectors along and across the given path. The position changes only across it: a joint that slides along the path changes
-nothing but where the path is divided, and an objective would hardly determine by how much. A segment depends on the
-variables of its two joints only, so that the second derivatives of everything form a block-tridiagonal matrix. Arrays
-have the segments or joints on the last axis; segments that stay as they are, and padding, have `moving` = 0 and no
-constraints.
+The variables of a joint are the changes of its position, velocity, acceleration and time, scaled to lengths. Vectors
+have components along and across the original path. The position changes only across the path: a shift of a joint along
+the path changes only the subdivision, and the objective would hardly determine it. A segment depends only on the
+variables of its two joints, so the matrix of second derivatives is block tridiagonal. The segments or joints are on the
+last axis of all arrays. Segments that stay as they are, and padding, have `moving` = 0 and no constraints.
 """
 
 from collections.abc import Callable
@@ -18,26 +17,27 @@ from jaxtyping import Array, Float
 from qtraj.design.tuning_route import basis
 
 BLOCK = 10
-"""Variables of a joint: position, velocity, acceleration, time."""
+"""Number of variables of a joint: position, velocity, acceleration (3 each) and time."""
 
 CACHED = 32
-"""Segments whose derivatives are computed at once, few enough for the processor's cache."""
+"""Number of segments whose derivatives are computed at once; it fits into the cache of the processor."""
 
 JERK = basis.gram(3)
 
 
 class RouteProblem(NamedTuple):
-    """The data of all segments; n of them with n + 1 joints.
+    """The data of n segments with n + 1 joints.
 
-    `ends` (6, 3, n) [m] and `durations` (n,) [s]: the end data (see `basis`) before tuning, with positions relative to
-    the segment's start. `offset`, `fine_offset` (3, nodes, n) [m]: that quintic minus the given path. `squares`
-    (limits,): the squares of the limits. `tube` (2, nodes, n) [m²]: the squares of the half-widths. `used`
-    (limits + 2, nodes, n): which constraints count. `shortest`, `longest` (n,) [s]: bounds on the durations.
+    `ends` (6, 3, n) [m] and `durations` (n,) [s]: the original end data (see `basis`), with positions relative to the
+    start of the segment. `offset`, `fine_offset` (3, nodes, n) [m]: the quintic through the end data minus the original
+    path. `squares` (limits,): the squares of the limits. `tube` (2, nodes, n) [m²]: the squares of the half-widths.
+    `used` (limits + 2, nodes, n): 1 for the constraints that are used. `shortest`, `longest` (n,) [s]: bounds on the
+    durations.
 
     The objective is the sum over segments of δᵀ`near`δ + `pace`(h/h₀ − 1)² + `jerk`∫|r⃛|²dt + `time`·h, where δ is the
-    change of the end data; in the user's units it is `unit` times that. `free` (10, n + 1) has zeros for fixed
-    variables; `scale` (10,) converts variables to SI.
-    `axes` (2, 3, 3, n): unit vectors along, to the left of and above the given path at both ends, in rows.
+    change of the end data. `unit` times this sum is the objective in the units of the user. `free` (10, n + 1) is 0 for
+    fixed variables; `scale` (10,) converts variables to SI.
+    `axes` (2, 3, 3, n): in rows, unit vectors along, to the left of and above the original path at both ends.
     """
 
     ends: Float[Array, "6 3 n"]
@@ -62,7 +62,7 @@ class RouteProblem(NamedTuple):
 
 
 class Segments(NamedTuple):
-    """Segments at given variables: duration, states (6, 3, n) [SI], change of the end data, and the end data [m]."""
+    """Segments for some variables: durations, states (6, 3, n) [SI], changes of the end data [m], and end data [m]."""
 
     h: Float[Array, " n"]
     states: Float[Array, "6 3 n"]
@@ -74,9 +74,9 @@ _JOINT_FIELDS = ("free", "unit", "squares", "scale", "fine_offset", "fine_tube")
 
 
 def by_blocks(function: Callable[..., Any], problem: RouteProblem, *trees: Any) -> Any:
-    """A function of a problem and arrays with the segments last, called for blocks of segments that fit into the cache.
+    """Call a function of a problem and arrays (segments last) for blocks of segments that fit into the cache.
 
-    It must be local: each segment's result may depend on this segment only.
+    The result of the function for a segment may depend on this segment only.
     """
     n = problem.durations.shape[0]
     own = {name: x for name, x in problem._asdict().items() if name not in _JOINT_FIELDS}
@@ -88,12 +88,12 @@ def by_blocks(function: Callable[..., Any], problem: RouteProblem, *trees: Any) 
 
 
 def powers(h: Float[Array, " n"]) -> Float[Array, "6 1 n"]:
-    """The factors 1, h, h² of the states in the end data."""
+    """The factors 1, h, h² that convert states to end data."""
     return jnp.stack([jnp.ones_like(h), h, h * h] * 2)[:, None]
 
 
 def segments(problem: RouteProblem, z: Float[Array, "10 joints"]) -> Segments:
-    """The segments at the variables `z`."""
+    """The segments for the variables `z`."""
     shifts, longer = moved(problem, z)
     h0 = problem.durations
     h = h0 + longer
@@ -114,7 +114,7 @@ def moved(problem: RouteProblem, z: Float[Array, "10 joints"]) -> tuple[Float[Ar
 
 
 def objective(problem: RouteProblem, z: Float[Array, "10 joints"]) -> Float[Array, ""]:
-    """The objective at the variables `z`."""
+    """The objective for the variables `z`."""
     s = segments(problem, z)
     bent = jnp.einsum("lm,mcn->lcn", JERK, s.ends)
     near = jnp.sum(problem.near[:, :, None] * s.change[:, None] * s.change[None])

@@ -1,7 +1,7 @@
-"""Rounds of searches until every limit and the tube are proved on every segment that may change.
+"""Repeat the search until every limit and the tube are proved to be satisfied on every segment that may change.
 
-A search satisfies the limits at nodes, with margins for larger values between them (`refreshed`). The certificate then
-judges whole segments; where a proof is missing, the margins shrink a little and the search continues from its solution.
+A search satisfies the limits at nodes, with margins for larger values between them (`refreshed`). Whole segments are
+then certified. Where a proof is missing, the margins are reduced a little, and the search continues from its solution.
 """
 
 from __future__ import annotations
@@ -28,21 +28,25 @@ from qtraj.path import pieces
 from qtraj.path.route import Route, from_segments
 
 ROUNDS = 10
-"""Searches, at most."""
+"""Maximum number of repeated searches."""
 
 BARRIER, LEAST = 0.1, 1e-9
-"""The barrier parameter at the start and at the end of a search; the objective is then at most `LEAST` times the number
-of constraints above its minimum."""
+"""The barrier parameter at the start and at the end of a search. At the end, the objective exceeds its minimum by at
+most about `LEAST` times the number of constraints."""
 
 AGAIN = (1e-7, 1e-3)
-"""At the start of a further search it is the largest relative violation between the nodes, within these bounds."""
+"""A repeated search starts with the largest relative violation as barrier parameter, clipped to these bounds."""
 
 SAFETY = 1e-5
-"""The squares stay below their margins by this part, in each further round by twice as much."""
+"""Margins are reduced by this fraction, which doubles with each repetition."""
 
 
 class Judged(NamedTuple):
-    """A route with its proofs: of the limits, and of the horizontal and vertical distance (segments, 2)."""
+    """A route with its certificate.
+
+    `within` (segments, 2): whether the horizontal and the vertical distance are proved to be within the tube;
+    `distances` (segments, 2) [m]: their largest values.
+    """
 
     route: Route
     certificate: RouteCertificate
@@ -51,7 +55,7 @@ class Judged(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The variables and what is known of their route; `proved` on all segments that may change."""
+    """The variables and their certified route; `proved`: whether all proofs succeeded where segments may change."""
 
     z: Any
     judged: Judged
@@ -66,7 +70,7 @@ def _search(names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu: A
 
 @eqx.filter_jit
 def _prepared(names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu: Any) -> Iterate:
-    """The iterate for the next search: new margins, and slacks that suit the multipliers."""
+    """The initial iterate of the next search, with new margins, slacks and multipliers."""
     margins = jnp.minimum(at.margins, interior.refreshed(names, problem, at.z, at.margins) * factor)
     excess = excess_of(names, problem, segments(problem, at.z), margins)
 
@@ -81,7 +85,7 @@ def _prepared(names: Names, problem: RouteProblem, at: Iterate, factor: Any, mu:
 
 @eqx.filter_jit
 def attained(problem: RouteProblem, z: Any) -> Any:
-    """The objective in the units of `tune_route`; of "fastest" without the segments that stay as they are."""
+    """The objective in the units of `tune_route`; for "fastest", without the segments that stay as they are."""
     return objective(problem, z) * problem.unit
 
 
@@ -123,7 +127,7 @@ def _start(names: Names, problem: RouteProblem) -> Iterate:
 
 
 def judge(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem, z: np.ndarray) -> Judged:
-    """The route at the variables `z`, with its proofs."""
+    """The certified route for the variables `z`."""
     c, h = changed(given, problem, z)
     starts = np.append(0.0, np.cumsum(h))
     h = np.diff(starts)
@@ -133,14 +137,14 @@ def judge(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem:
 
 
 def unproved(judged: Judged, names: Names, moving: np.ndarray) -> np.ndarray:
-    """Which limits (then both distances) lack a proof, on which segments that may change."""
+    """Whether the proof for each limit, then for both distances, is missing on each segment that may change."""
     codes = np.asarray(judged.certificate.segments.codes)
     order = [judged.certificate.names.index(name) for name in names]
     return np.concatenate([codes[:, order].T != PROVED, ~judged.within.T]) & moving
 
 
 def changed(given: Parts, problem: RouteProblem, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients and durations at the variables `z`; segments that stay as they are keep theirs exactly."""
+    """Coefficients and durations for the variables `z`; segments that stay as they are keep theirs exactly."""
     states, h = states_at(given, problem, z)
     c = pieces.hermite(h, states)
     c, old = same_terms(c, given.c)
@@ -150,7 +154,7 @@ def changed(given: Parts, problem: RouteProblem, z: np.ndarray) -> tuple[np.ndar
 
 
 def states_at(given: Parts, problem: RouteProblem, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The states of the joints (n + 1, 3, 3) and the durations (n,)."""
+    """The states of the joints (n + 1, 3, 3) and the durations (n,) for the variables `z`."""
     count = len(given.h)
     move = (z * np.asarray(problem.scale)[:, None])[:, : count + 1]
     axes = np.asarray(problem.axes)[..., :count]

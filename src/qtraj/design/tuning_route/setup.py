@@ -1,4 +1,4 @@
-"""From a route, its limits and the tube to the arrays of `RouteProblem`; computed by NumPy."""
+"""Compute the arrays of `RouteProblem` from a route, its limits and the tube, in NumPy."""
 
 from typing import NamedTuple
 
@@ -13,17 +13,17 @@ from qtraj.path.quantity import quantity
 from qtraj.path.route import Route
 
 SLOW = 0.02
-"""A segment in which the speed falls below this part of the largest one touches a stop and stays as it is."""
+"""A segment touches a stop, and stays as it is, if the speed falls below this fraction of the largest speed."""
 
 TIME_SCALE = 1.0
-"""[s] Changes of velocity and acceleration count in the objective "nearest" as those of position in this time."""
+"""[s] The objective "nearest" multiplies changes of velocity by this time, changes of acceleration by its square."""
 
 SHORTEST, LONGEST = 0.1, 10.0
-"""Durations stay within these factors of the given ones."""
+"""Bounds on the ratio of a duration to the original one."""
 
 
 class Parts(NamedTuple):
-    """The given route by its segments: coefficients (n, terms, 3), durations (n,), and states (n + 1, 3, 3)."""
+    """The segments of the original route: coefficients (n, terms, 3), durations (n,), and states (n + 1, 3, 3)."""
 
     c: np.ndarray
     h: np.ndarray
@@ -31,7 +31,7 @@ class Parts(NamedTuple):
 
 
 def parts(route: Route) -> Parts:
-    """The segments of a route, with the mean of both sides as the state of a joint where it jumps."""
+    """The segments of a route. Where a state jumps at a joint, it is the mean of both sides."""
     count = route.segments
     c, h = np.asarray(route.coefficients)[:count], np.diff(np.asarray(route.times))
     first = np.stack(pieces.values(c, np.zeros(count), 2), axis=1)
@@ -42,14 +42,14 @@ def parts(route: Route) -> Parts:
 
 
 def same_terms(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two arrays of coefficients (n, terms, 3), the shorter one with zeros up to the terms of the longer one."""
+    """Two arrays of coefficients (n, terms, 3), padded with zeros to the same number of terms."""
     terms = max(one.shape[1], other.shape[1])
     first, second = (np.concatenate([c, np.zeros((len(c), terms - c.shape[1], 3))], axis=1) for c in (one, other))
     return first, second
 
 
 def size(count: int) -> int:
-    """The number of segments for which a program is compiled: four sizes in each doubling, at least 16."""
+    """The padded number of segments, so that few sizes are compiled: about four in each doubling, at least 16."""
     step = max(4, 1 << max(0, (count - 1).bit_length() - 3))
     return max(16, -(-count // step) * step) if count <= 64 else -(-count // max(step, 32)) * max(step, 32)
 
@@ -70,7 +70,11 @@ def problem_of(
     objective: str,
     timed: bool,
 ) -> RouteProblem:
-    """The problem, padded. `tube` (n + 1, 2) [m] and `fixed` (n + 1, 3) at the joints; `timed` keeps the durations."""
+    """The padded problem.
+
+    `tube` (n + 1, 2) [m] and `fixed` (n + 1, 3) belong to the joints. With `timed`, the durations of the parts between
+    segments that do not change stay fixed.
+    """
     count = len(given.h)
     n = size(count)
     still = standing(given)
@@ -149,7 +153,7 @@ def _filled(x: np.ndarray, n: int, value: float) -> np.ndarray:
 
 
 def _ends(given: Parts, n: int, moving: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The end data (6, 3, n), and the mean of the squared speed as a speed (n,); unit straights where nothing moves."""
+    """The end data (6, 3, n) and the RMS speeds (n,); segments that do not change become straight lines of length 1."""
     count = len(given.h)
     start, end = given.states[:-1].copy(), given.states[1:].copy()
     end[:, 0] -= start[:, 0]
@@ -164,7 +168,7 @@ def _ends(given: Parts, n: int, moving: np.ndarray, h: np.ndarray) -> tuple[np.n
 
 
 def _offsets(given: Parts, n: int, moving: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """The quintics through the states minus the given path (3, nodes, n); exactly zero where they agree to rounding."""
+    """The quintics through the states minus the original path (3, nodes, n); exactly zero if they agree to rounding."""
     found = np.zeros((3, len(nodes), n))
     own = pieces.hermite(given.h, given.states)
     own, c = same_terms(own, given.c)

@@ -1,7 +1,7 @@
-"""Proofs that a route stays within a tube about another one, segment by segment, at equal fractions of the segments.
+"""Prove, segment by segment, that a route stays within a tube about another one at equal fractions of the segments.
 
-The squares of the half-width minus those of the distance are polynomials of a degree up to 14 on each segment. Their
-Bernstein coefficients bound them from below; segments without a proof are halved. Everything here is NumPy.
+The square of the half-width minus the square of the distance is a polynomial of degree up to 14 on each segment. Its
+Bernstein coefficients are a lower bound; segments without a proof are halved. All computations use NumPy.
 """
 
 from math import comb
@@ -12,20 +12,20 @@ from jaxtyping import Bool, Float
 from qtraj.design.tuning_route.setup import same_terms
 
 DEPTH = 26
-"""Halvings of a segment, at most."""
+"""Maximum number of times that a segment is halved."""
 
 ROUNDINGS = 64
-"""Roundings in each coefficient, generously counted."""
+"""A generous bound on the number of roundings in each coefficient."""
 
 
 class Displacement:
     """The displacement of a route's segments from another's, as polynomials in the fraction u.
 
-    `c` (n, terms, 3) [m]: ascending coefficients in u. `error` (n,) [m]: a bound on their rounding at any u.
+    `c` (n, terms, 3) [m]: ascending coefficients in u. `error` (n,) [m]: a bound on the rounding error at any u.
     """
 
     def __init__(self, new: np.ndarray, h_new: np.ndarray, old: np.ndarray, h_old: np.ndarray):
-        """Coefficients (n, terms, 3) in time since the start of each segment, and durations (n,), of both routes."""
+        """From coefficients (n, terms, 3) in the time since the start of a segment, and durations (n,), of both."""
         powers = np.arange(max(new.shape[1], old.shape[1]))[None, :, None]
         ours, theirs = (
             c * h[:, None, None] ** powers for c, h in zip(same_terms(new, old), (h_new, h_old), strict=True)
@@ -74,12 +74,12 @@ def _bernstein(c: np.ndarray) -> np.ndarray:
 
 
 def _positive(b: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Whether polynomials with Bernstein coefficients (n, terms) are at least `error` (n,) on [0, 1]."""
+    """Whether polynomials with Bernstein coefficients (n, terms) are proved to be at least `error` (n,) on [0, 1]."""
     proved = np.ones(len(b), bool)
     index = np.arange(len(b))
     for _ in range(DEPTH):
         open_ = b.min(axis=1) < error[index]
-        # Coefficients at the ends are values: one below the error refutes, or cannot be decided.
+        # The first and last coefficients are values of the polynomial: if one is below `error`, no proof is possible.
         lost = open_ & (np.minimum(b[:, 0], b[:, -1]) < error[index])
         proved[index[lost]] = False
         kept = open_ & proved[index]
@@ -92,7 +92,7 @@ def _positive(b: np.ndarray, error: np.ndarray) -> np.ndarray:
 
 
 def _halves(b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """De Casteljau's division at the middle."""
+    """The Bernstein coefficients on both halves, by de Casteljau's algorithm."""
     left, right, row = [b[:, 0]], [b[:, -1]], b
     for _ in range(b.shape[1] - 1):
         row = 0.5 * (row[:, :-1] + row[:, 1:])

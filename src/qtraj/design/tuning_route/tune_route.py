@@ -1,4 +1,4 @@
-"""`tune_route`: a whole route, changed within limits and a tube."""
+"""`tune_route`: change a whole route so that it satisfies its limits within a tube."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from qtraj.path.route import Route
 OBJECTIVES = ("nearest", "smoothest", "fastest")
 
 UNSUITABLE = ("torsion", "angular_rate", "angular_acceleration")
-"""Limits on the natural trihedral, which does not exist on straights."""
+"""Limits on quantities of the natural trihedral, which does not exist on straights."""
 
 INFEASIBLE = 1e-6
-"""A relative violation that remains shows that the limits cannot be satisfied."""
+"""If a larger relative violation remains, the limits are reported as infeasible."""
 
 
 def tune_route(
@@ -39,34 +39,38 @@ def tune_route(
     max_steps: int = 300,
     throw: bool = False,
 ) -> TunedRoute:
-    """Change a `route` so that it satisfies `limits` everywhere and stays within a tube about the given one.
+    """Change a `route` so that it satisfies `limits` everywhere and stays within a tube about the original route.
 
     The positions of the joints (across the path), their velocities and accelerations, and the durations of the
-    segments change together. `tube` [m]: the half-width; a pair is (horizontal, vertical), each a number or one for
-    each joint, linear between them. The distance is that at equal fractions of corresponding segments.
+    segments change together. `tube` [m] is the half-width, or a pair (horizontal, vertical) of half-widths. Each is one
+    number or an array with one number for each joint, interpolated linearly. Distances are measured at equal fractions
+    of corresponding segments.
 
     `objective`:
 
-    - "nearest" [m²]: the mean over the given route of |δr|² + (1 s)²|δr'|² + (1 s)⁴|δr''|² + (1 s)²(v δh/h)², where δ
-      are the changes at equal fractions of a segment, with derivatives in the given time, v the given speed and δh the
-      change of the segment's duration h;
-    - "smoothest" [m²/s⁵]: ∫|r⃛|²dt, with the duration of the route, or of each part between stops, unchanged;
-    - "fastest" [s]: the duration, for which some limit must bound the speed.
+    - "nearest" [m²]: the mean over the original route of |δr|² + (1 s)²|δr'|² + (1 s)⁴|δr''|² + (1 s)²(v δh/h)². Here δ
+      is the change at equal fractions of a segment, derivatives are with respect to the original time, v is the
+      original speed, and δh is the change of the duration h of the segment;
+    - "smoothest" [m²/s⁵]: ∫|r⃛|²dt; the duration of the route, or of each part between stops, does not change;
+    - "fastest" [s]: the duration; at least one limit must bound the speed.
 
-    `fixed`: which states of the joints keep their values, bool (n,) or (n, 3) for position, velocity and acceleration
-    apart; by default those of both ends, so that a tuned `window` joins the rest without a jump in position, heading or
-    curvature. A joint's time changes even if its state is fixed. Segments that touch a stop stay as they are.
+    `fixed`: the states of the joints that do not change, bool (n,), or (n, 3) for position, velocity and acceleration
+    separately. By default the states at both ends are fixed, so that a tuned `window` joins the rest without a jump in
+    position, heading or curvature. The time of a joint may change even if its state is fixed. Segments that touch a
+    stop stay as they are.
 
-    The method is a primal-dual interior-point method with exact second derivatives, whose cost grows with the number of
-    segments (Wächter and Biegler 2006). It satisfies the limits at eleven instants of each segment, with margins for
-    larger values between them; `certify` then judges whole segments, and the margins shrink until everything is proved.
-    The result has quintic segments and a continuous acceleration, whatever the given route has.
+    The method is a primal-dual interior-point method with exact second derivatives (Wächter and Biegler 2006); the cost
+    of a step is proportional to the number of segments. It satisfies the limits at eleven instants of each segment,
+    with margins for larger values between them. Then whole segments are certified, as by `certify`, and the margins are
+    reduced until every limit is proved to be satisfied. The tuned segments are quintics with a continuous acceleration
+    at their joints, even if the original acceleration jumps.
 
-    The result is not differentiable in the arguments, but its route is a path like any other.
+    The result is not differentiable with respect to the arguments, but its route is a path like any other.
 
     **Raises:** ValueError for another path, a route inside jit, grad or vmap or in float32, an unknown objective, a
     limit on the natural trihedral (which does not exist on straights), "fastest" without a limit that bounds the speed,
-    half-widths that are not positive, or a wrong shape. RuntimeError with `throw` if the limits are not proved.
+    half-widths that are not positive, or a wrong shape. RuntimeError with `throw` if a limit is not proved to be
+    satisfied.
     """
     _require_route(route, limits)
     names = _names(limits, objective)
@@ -85,7 +89,7 @@ def tune_route(
 
 
 def _unchanged(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem) -> tuple:
-    """The given route itself, judged."""
+    """The original route with its certificate."""
     z = jnp.zeros_like(problem.free)
     judged = rounds.judge(route, given, limits, tube, problem, np.asarray(z))
     count = len(given.h)
@@ -136,15 +140,14 @@ def _code(found: rounds.Found, names: tuple[str, ...], moving: np.ndarray) -> Re
 def _require_route(route: Any, limits: Any) -> None:
     if not isinstance(route, Route):
         raise ValueError(
-            f"a Route was expected, but a {type(route).__name__} was given. Tune a SpiralHelix by tune; "
-            "Route.from_path converts it."
+            f"a Route was expected, but a {type(route).__name__} was given. Use tune for a SpiralHelix, or convert it "
+            "with Route.from_path."
         )
     if not isinstance(limits, Limits):
         raise ValueError(f"Limits were expected, but a {type(limits).__name__} was given")
     if route.duration.ndim or any(isinstance(x, Tracer) for x in jax.tree.leaves((route, limits))):
         raise ValueError(
-            "one route whose numbers are known can be tuned: call tune_route outside jit, grad and vmap, once for each "
-            "route"
+            "tune_route accepts one route with concrete values: call it outside jit, grad and vmap, once for each route"
         )
     require_float64(route)
 
@@ -154,8 +157,8 @@ def _names(limits: Limits, objective: str) -> tuple[str, ...]:
     wrong = [name for name in names if name in UNSUITABLE]
     if wrong:
         raise ValueError(
-            f"{', '.join(wrong)} belong to the natural trihedral, which does not exist on the straight parts of a "
-            "route. Limit curvature, yaw_rate or yaw_acceleration instead."
+            f"tune_route does not support limits on {', '.join(wrong)}, because the natural trihedral does not exist "
+            "on the straight parts of a route. Limit curvature, yaw_rate or yaw_acceleration instead."
         )
     if objective not in OBJECTIVES:
         raise ValueError(f"the objective must be one of {', '.join(OBJECTIVES)}, but {objective!r} was given")
@@ -171,14 +174,16 @@ def _widths(tube: Any, joints: int) -> np.ndarray:
     """The half-widths (joints, 2) [m]."""
     pair = tube if isinstance(tube, tuple) else (tube, tube)
     if len(pair) != 2:
-        raise ValueError(f"the tube is one half-width or a pair (horizontal, vertical), but {len(pair)} were given")
+        raise ValueError(
+            f"the tube must be one half-width or a pair (horizontal, vertical), but {len(pair)} half-widths were given"
+        )
     columns = []
     for value in pair:
         width = np.asarray(value, float)
         if width.shape not in ((), (joints,)):
             raise ValueError(
-                f"a half-width of the tube must be a number or have shape ({joints},), one for each joint, but an "
-                f"array of shape {width.shape} was given"
+                f"a half-width of the tube must be a number or an array of shape ({joints},), one value for each "
+                f"joint, but an array of shape {width.shape} was given"
             )
         columns.append(np.broadcast_to(width, (joints,)))
     widths = np.stack(columns, axis=1)
@@ -188,7 +193,7 @@ def _widths(tube: Any, joints: int) -> np.ndarray:
 
 
 def _fixed(fixed: Any, joints: int) -> np.ndarray:
-    """Which states are fixed (joints, 3)."""
+    """Whether each state of each joint is fixed (joints, 3)."""
     if fixed is None:
         held = np.zeros((joints, 3), bool)
         held[[0, -1]] = True
@@ -196,7 +201,8 @@ def _fixed(fixed: Any, joints: int) -> np.ndarray:
     given = np.asarray(fixed)
     if given.dtype != bool or given.shape not in ((joints,), (joints, 3)):
         raise ValueError(
-            f"fixed must be bool of shape ({joints},) or ({joints}, 3), for each joint or its position, velocity and "
-            f"acceleration, but an array of {given.dtype} of shape {given.shape} was given"
+            f"fixed must be a bool array of shape ({joints},), one value for each joint, or ({joints}, 3), one each "
+            f"for its position, velocity and acceleration, but an array of {given.dtype} of shape {given.shape} was "
+            "given"
         )
     return np.broadcast_to(given.reshape(joints, -1), (joints, 3)).copy()

@@ -23,14 +23,14 @@ from qtraj.path.route import Route
 class TunedRoute(AbstractOutcome):
     """The result of `tune_route`.
 
-    - `path`: the tuned `Route`, with quintic segments and as many joints as the given one.
+    - `path`: the tuned `Route`, with quintic segments and as many joints as the original route.
     - `certificate`: the findings on the limits, on the whole route and on each segment.
-    - `distance` (segments, 2) [m]: the largest horizontal and vertical distance from the given route on each segment.
-      `within` (segments,): whether both are proved to be at most the half-widths of the tube.
-    - `displacement` (n, 3) [m]: the change of the joints' positions, world axes.
-    - `delay` [s]: the change of the duration.
-    - `kept` (segments,): the segments that touch a stop; they stay as they are.
-    - `objective`: the attained value, in its own units. `iterations`: the steps of all searches.
+    - `distance` (segments, 2) [m]: the largest horizontal and vertical distance from the original route at sampled
+      instants of each segment. `within` (segments,): whether both are proved to be at most the half-widths everywhere.
+    - `displacement` (n, 3) [m]: the changes of the positions of the joints, world axes.
+    - `delay` [s]: the change of the duration, negative if the tuned route is faster.
+    - `kept` (segments,): whether a segment touches a stop and therefore stays as it is.
+    - `objective`: the attained value, in its own units. `iterations`: the number of steps of all searches.
     """
 
     path: Route
@@ -68,25 +68,26 @@ class TunedRoute(AbstractOutcome):
 
     @property
     def converged(self) -> bool:
-        """Whether every limit and the tube are proved on every segment that may change."""
+        """Whether each segment that may change is proved to satisfy every limit and to stay within the tube."""
         return bool(np.asarray(self.code) < FAILURES)
 
     def explain(self, at: tuple[int, ...]) -> str:
-        """The result in words: what is proved, where not, and what to do."""
+        """The result in words: what is proved, where a proof is missing, and advice."""
         code = ResultCode(int(np.asarray(self.code)))
         away = np.asarray(self.distance).max(axis=0, initial=0.0)
-        texts = [code.text] if code != ResultCode.successful else ["every limit is proved on every segment."]
+        success = "every limit is proved to be satisfied on every segment."
+        texts = [code.text if code != ResultCode.successful else success]
         open_ = self.unproved()
         if open_:
-            texts.append(f"Without a proof: {'; '.join(open_)}.")
+            texts.append(f"Not proved: {'; '.join(open_)}.")
         texts.append(
-            f"The route moves by at most {away[0]:.3g} m horizontally and {away[1]:.3g} m vertically, and takes "
-            f"{float(self.delay):+.3g} s."
+            f"The route moves by at most {away[0]:.3g} m horizontally and {away[1]:.3g} m vertically, and its duration "
+            f"changes by {float(self.delay):+.3g} s."
         )
         return " ".join(texts)
 
     def unproved(self) -> list[str]:
-        """The limits without a proof, in words: on how many segments, and the worst of them."""
+        """The limits that are not proved to be satisfied, in words: the number of segments and the worst value."""
         parts, found = self.certificate.segments, []
         codes = np.asarray(parts.codes)
         for k, name in enumerate(self.certificate.names):
@@ -107,21 +108,24 @@ class TunedRoute(AbstractOutcome):
             "objective": Quantity(self.objective, "", "attained value of the objective, in its own units"),
             "outcome": Quantity(np.asarray(name, dtype=str), "", "result of the tuning"),
             "code": Quantity(self.code, "1", "result code of the tuning"),
-            "iterations": Quantity(self.iterations, "1", "steps of all searches"),
+            "iterations": Quantity(self.iterations, "1", "number of steps of all searches"),
             "delay": Quantity(self.delay, "s", "change of the duration"),
             "distance": Quantity(
-                self.distance, "m", "largest distance from the given route on a segment", ("segment", "direction")
+                self.distance, "m", "largest distance from the original route on a segment", ("segment", "direction")
             ),
-            "within": Quantity(self.within, "1", "whether the tube is proved on a segment", ("segment",)),
+            "within": Quantity(self.within, "1", "whether a segment is proved to stay within the tube", ("segment",)),
             "kept": Quantity(self.kept, "1", "whether a segment touches a stop and stays as it is", ("segment",)),
             "displacement": Quantity(
-                self.displacement, "m", "change of the joints' positions, world axes", ("joint", "world")
+                self.displacement, "m", "change of the positions of the joints, world axes", ("joint", "world")
             ),
             **findings.variables,
             **path.variables,
         }
         directions = np.array(["horizontal", "vertical"])
-        coordinates = {"direction": Quantity(directions, "", "of a distance", ("direction",)), **findings.coordinates}
+        coordinates = {
+            "direction": Quantity(directions, "", "direction of a distance", ("direction",)),
+            **findings.coordinates,
+        }
         steps = extent(self.iterations)
         summary = f"{name}, objective {extent(self.objective)}, {steps} steps; {findings.summary}"
         return Record(summary, variables, coordinates, findings.attributes)

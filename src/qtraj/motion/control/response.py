@@ -59,7 +59,7 @@ def _response(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None, 
 def error_state(law: AccelerationLaw | RateLaw, mu0: Quat, mu_rate0: Quat | None, t: ScalarLike) -> tuple[Quat, Quat]:
     """The error quaternion and its derivative [1/s] at one instant `t` [s]; see `error_response`.
 
-    `mu_rate0` is None for zero.
+    `mu_rate0=None` means zero.
     """
     t = as_float(t).astype(mu0.dtype)
     if isinstance(law, RateLaw):

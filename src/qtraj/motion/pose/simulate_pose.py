@@ -27,7 +27,10 @@ from qtraj.motion.simulation.ode import MAX_STEPS, Grid, Method, State, Toleranc
 
 
 class _Task(eqx.Module):
-    """The parts of a simulation; `push` [m/s²] and `twist` [rad/s²] are disturbing accelerations."""
+    """The parts of a simulation.
+
+    `push` [m/s²] and `twist` [rad/s²] are the linear and the angular acceleration of the disturbance.
+    """
 
     program: PoseProgram
     law: PoseLaw

@@ -237,6 +237,6 @@ def _require_feasible(motion_profile: AbstractProfile, profile: Profile, minimum
         )
     raise ValueError(
         f"a slew by {angle} between these end rates cannot take exactly {fixed:.9g} s within the limits. The minimum "
-        f"is {minimum_text}, but with end rates not every longer duration is possible. Change the duration or the end "
-        "rates."
+        f"is {minimum_text}. If the end rates are not zero, some longer durations are impossible too. Change the "
+        "duration or the end rates."
     )

@@ -70,7 +70,10 @@ class ReactionWheels(eqx.Module):
         self.axes = axes / jnp.linalg.norm(axes, axis=1, keepdims=True)
         values = concrete(self.axes)
         if values is not None and not np.linalg.svd(np.nan_to_num(values), compute_uv=False)[-1] > MIN_SINGULAR_VALUE:
-            raise ValueError("the axes of the wheels must span the space, but there is no torque about one direction")
+            raise ValueError(
+                "the axes of the wheels must span three dimensions, but these wheels produce no torque about one "
+                "direction"
+            )
         count = axes.shape[0]
         self.max_torque = _per_wheel(max_torque, count, "max_torque", "N m")
         self.max_momentum = _per_wheel(max_momentum, count, "max_momentum", "N m s")

@@ -81,7 +81,7 @@ class BodyMotion(AbstractResult):
         text = f"the acceleration deviated from the law by up to {_largest(self.mismatch):.3g} rad/s²"
         if self.deviation is None:
             return text
-        return f"{text}, the error from its closed form by up to {_largest(self.deviation):.3g}"
+        return f"{text}, and the error deviated from its closed form by up to {_largest(self.deviation):.3g}"
 
     def largest(self) -> Float[Array, "*batch"]:
         """The largest magnitude of `mismatch` [rad/s²]; NaN if an instant was not reached."""

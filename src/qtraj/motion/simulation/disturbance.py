@@ -72,7 +72,7 @@ class DisturbanceAcceleration(AbstractDisturbance):
 
     A constant and a `Sinusoid` can be stored; other functions cannot.
 
-    **Raises:** ValueError for a function that cannot be called with the time alone, or another shape.
+    **Raises:** ValueError if `signal` cannot be called with the time alone, or if its value does not have shape (3,).
     """
 
     signal: Signal
@@ -133,7 +133,7 @@ def _require_function_of_time(signal: Callable[..., Any], name: str) -> None:
     except (
         TypeError,
         ValueError,
-    ):  # functions written in C may have no signature; a wrong one fails when called
+    ):  # functions written in C may have no signature; if the arguments are wrong, the call fails later
         return
     try:
         signature.bind(0.0)
