@@ -74,7 +74,7 @@ class Basis:
         return hamilton.product(self.orientation, q) if self.placed else q
 
     def invariants(self, rows: list[Triple], vehicle: Any = None) -> Invariants:
-        """The invariants of derivatives in this basis, with the world's vertical and the parameters of a vehicle."""
+        """The invariants of derivatives in this basis, with world z as the vertical; `vehicle` are road parameters."""
         return Invariants(rows, self.local(UP) if self.placed else None, vehicle, root)
 
 
