@@ -280,6 +280,7 @@ def test_the_tube_is_proved_or_not_at_a_peak_between_samples(peak, inside):
     ("change", "match"),
     [
         ({"limits": qt.Limits(torsion=0.1)}, "natural trihedral"),
+        ({"limits": qt.Limits(friction=0.5, vehicle=qt.Vehicle(1000.0, friction=0.8))}, "does not support .* friction"),
         ({"objective": "best"}, "nearest, smoothest, fastest"),
         ({"objective": "fastest", "limits": qt.Limits(curvature=0.1)}, "bounds the speed"),
         ({"tube": 0.0}, "must be positive"),

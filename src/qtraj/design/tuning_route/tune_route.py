@@ -160,6 +160,12 @@ def _names(limits: Limits, objective: str) -> tuple[str, ...]:
             f"tune_route does not support limits on {', '.join(wrong)}, because the natural trihedral does not exist "
             "on the straight parts of a route. Limit curvature, yaw_rate or yaw_acceleration instead."
         )
+    forces = [name for name in names if quantity(name).needs_vehicle]
+    if forces:
+        raise ValueError(
+            f"tune_route does not support limits on {', '.join(forces)}. Limit lateral_acceleration and "
+            "longitudinal_acceleration instead, and check the vehicle's limits with certify."
+        )
     if objective not in OBJECTIVES:
         raise ValueError(f"the objective must be one of {', '.join(OBJECTIVES)}, but {objective!r} was given")
     if objective == "fastest" and not any(quantity(name).bounds_speed for name in names):
