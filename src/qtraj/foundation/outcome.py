@@ -64,6 +64,11 @@ class ResultCode(enum.IntEnum):
         NOTES + 4,
         "every limit is proved except at stops, where a limited quantity is undefined; the route is not changed there.",
     )
+    not_optimal = (
+        NOTES + 5,
+        "every limit is proved on the segments that may change, but the search stopped before the optimum. Try a "
+        "larger max_steps for a better value of the objective.",
+    )
 
     max_steps_reached = (
         FAILURES + 0,
@@ -113,10 +118,11 @@ class ResultCode(enum.IntEnum):
         "a limited quantity is undefined somewhere on the path, where it stops or is straight. Limit another quantity, "
         "or change the path.",
     )
-    route_infeasible = (
+    route_not_found = (
         FAILURES + 12,
-        "no route was found within the tube that satisfies the limits. Widen the tube, raise the limits without a "
-        "proof, or fix fewer states; with the objective 'smoothest', which keeps the duration, take 'nearest'.",
+        "no route was found within the tube that satisfies the limits; a local search cannot show that there is none. "
+        "Widen the tube, raise the limits without a proof, or fix fewer states; with the objective 'smoothest', which "
+        "keeps the duration, take 'nearest'.",
     )
     broken_at_stops = (
         FAILURES + 13,
@@ -124,6 +130,11 @@ class ResultCode(enum.IntEnum):
         "give the route other states there.",
     )
 
+    route_not_converged = (
+        FAILURES + 15,
+        "the search for a route stopped before it converged. Try a larger max_steps; if it stops again, widen the "
+        "tube, raise the limits without a proof, or fix fewer states.",
+    )
     end_speed_not_reached = (
         FAILURES + 14,
         "a given speed at an end cannot be had within the limits. Give a lower speed there, or raise the limits.",

@@ -23,10 +23,10 @@ from qtraj.path.route import Route
 class TunedRoute(AbstractOutcome):
     """The result of `tune_route`.
 
-    - `path`: the tuned `Route`, with quintic segments and as many joints as the given one.
+    - `path`: the tuned `Route`, with as many joints as the given one; segments that changed are quintics.
     - `certificate`: the findings on the limits, on the whole route and on each segment.
-    - `distance` (segments, 2) [m]: the largest horizontal and vertical distance from the given route on each segment.
-      `within` (segments,): whether both are proved to be at most the half-widths of the tube.
+    - `distance` (segments, 2) [m]: the largest horizontal and vertical distance from the given route at 65 instants of
+      each segment. `within` (segments,): whether both are proved to be at most the half-widths of the tube everywhere.
     - `displacement` (n, 3) [m]: the change of the joints' positions, world axes.
     - `delay` [s]: the change of the duration.
     - `kept` (segments,): the segments that touch a stop; they stay as they are.
@@ -68,8 +68,9 @@ class TunedRoute(AbstractOutcome):
 
     @property
     def converged(self) -> bool:
-        """Whether every limit and the tube are proved on every segment that may change."""
-        return bool(np.asarray(self.code) < FAILURES)
+        """Whether every limit and the tube are proved on every segment that may change, at a local optimum."""
+        code = int(np.asarray(self.code))
+        return code < FAILURES and code != ResultCode.not_optimal
 
     def explain(self, at: tuple[int, ...]) -> str:
         """The result in words: what is proved, where not, and what to do."""
