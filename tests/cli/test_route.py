@@ -110,6 +110,9 @@ def test_a_recording_alone_is_fitted_without_limits(qtraj, tmp_path):
     [
         ("[fit]\nsmoothing = 1.0\ntolerance = 0.1\n", "smoothing and tolerance were both given: give one of them"),
         ("[tune]\ntube = 1.0\n", "[tune] needs limits: add a table [limits]"),
+        ("[limits]\ntorsion = 1.0\n[tune]\n", "torsion belong to the natural trihedral"),
+        ('[limits]\ncurvature = 1.0\n[tune]\nobjective = "fastest"\n', "needs a limit that bounds the speed"),
+        ("[limits]\nspeed = 9.0\n[tune]\nmax_steps = 0\n", "expected a whole number, 1 or more"),
         ("[fit]\nspacing = 0\n", "the key 'fit.spacing' has the value 0, but expected a positive finite number"),
         ('[purpose]\nspeed = "slow"\n', "there is no limit 'speed' in [limits]"),
         ("[limits]\ncurvatur = 1.0\n", "unknown key 'limits.curvatur'; did you mean 'curvature'?"),
@@ -124,6 +127,20 @@ def test_bad_scenarios_are_refused(qtraj, tmp_path, text, message):
     assert result.stderr.startswith(f"error: {scenario}: ")
     assert message in result.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_the_settings_of_the_tuning_are_passed_on(qtraj, tmp_path, monkeypatch):
+    def refuse(route, limits, tube, objective, *, max_steps):
+        raise ValueError(f"{tube} {objective} {max_steps}")
+
+    monkeypatch.setattr("qtraj.design.tuning_route.tune_route.tune_route", refuse)
+    recording(tmp_path / "drive.csv")
+    scenario = tmp_path / "s.toml"
+    settings = '[limits]\nspeed = 9.0\n[tune]\ntube = 0.3\nobjective = "fastest"\nmax_steps = 17\n'
+    scenario.write_text('[track]\nfile = "drive.csv"\n' + settings)
+    result = qtraj("route", scenario, "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert "0.3 fastest 17" in result.stderr
 
 
 def test_a_damaged_compressed_recording_is_refused(qtraj, tmp_path):

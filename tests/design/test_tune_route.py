@@ -1,5 +1,8 @@
 """Routes tuned within limits and a tube: derivatives, optima of another solver, proofs against dense samples."""
 
+from fractions import Fraction
+from itertools import pairwise
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +13,8 @@ import qtraj as qt
 from qtraj.design.tuning_route import chain, newton, rounds, setup
 from qtraj.design.tuning_route.interior import RENEWALS
 from qtraj.design.tuning_route.problem import objective, segments
-from qtraj.design.tuning_route.tube import Displacement
+from qtraj.design.tuning_route.tube import Displacement, _halves, _positive
+from qtraj.path.route import from_segments
 
 NAMES = ("curvature", "speed", "lateral_acceleration")
 BOUNDS = (0.0212, 9.5, 1.4)
@@ -234,6 +238,15 @@ def test_segments_at_a_stop_stay_as_they_are():
     assert same.all()
 
 
+def test_joints_beside_a_kept_segment_take_its_state():
+    x = np.array([0.0, 8, 16, 20, 20, 20, 26])
+    c = np.zeros((6, 6, 3))
+    c[:, 0, 0], c[:, 1, 0] = x[:-1], [8, 8, 4, 0, 0, 6]
+    given = setup.parts(from_segments(np.arange(6.0), c, np.asarray(6.0), np.zeros(3)))
+    np.testing.assert_array_equal(setup.standing(given), [False, False, False, True, True, False])
+    np.testing.assert_array_equal(given.states[:, 1, 0], [8, 8, 6, 0, 0, 0, 6])
+
+
 def test_a_route_within_its_limits_is_not_changed(route):
     generous = qt.Limits(curvature=1.0, speed=20.0, lateral_acceleration=9.0)
     tuned = qt.tune_route(route, generous)
@@ -243,13 +256,37 @@ def test_a_route_within_its_limits_is_not_changed(route):
     np.testing.assert_array_equal(np.asarray(tuned.distance), 0)
 
 
-def test_limits_out_of_reach_are_reported(route):
-    tuned = qt.tune_route(route, qt.Limits(curvature=0.022, speed=5.0, lateral_acceleration=1.4), max_steps=60)
-    assert tuned.code == qt.ResultCode.route_infeasible
-    assert "Widen the tube" in tuned.result
-    assert "speed on" in tuned.result
-    with pytest.raises(RuntimeError, match="no route was found within the tube"):
-        tuned.check()
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        ({"max_steps": 2}, qt.ResultCode.not_optimal),
+        ({"max_steps": 7}, qt.ResultCode.route_not_converged),
+        (
+            {"limits": qt.Limits(curvature=0.022, speed=5.0, lateral_acceleration=1.4)},
+            qt.ResultCode.route_not_converged,
+        ),
+    ],
+)
+def test_a_search_that_stops_early_is_reported(route, tuned, change, code):
+    early = qt.tune_route(**({"route": route, "limits": LIMITS} | change))
+    assert early.code == code
+    assert not early.converged
+    assert "Try a larger max_steps" in early.result
+    if code == qt.ResultCode.not_optimal:
+        assert early.successful
+        assert early.certificate.holds
+        assert float(early.objective) > 2 * float(tuned.objective)
+    else:
+        assert "Without a proof: " in early.result
+        with pytest.raises(RuntimeError, match="stopped before it converged"):
+            early.check()
+
+
+def test_a_search_that_converges_without_a_proof_finds_no_route(route, monkeypatch):
+    monkeypatch.setattr(rounds, "ROUNDS", 0)
+    found = qt.tune_route(route, LIMITS, tube=TUBE)
+    assert found.code == qt.ResultCode.route_not_found
+    assert "cannot show that there is none" in found.result
 
 
 def test_the_result_is_stored(tuned, tmp_path):
@@ -274,6 +311,26 @@ def test_the_tube_is_proved_or_not_at_a_peak_between_samples(peak, inside):
     expected[1, 0] = inside
     np.testing.assert_array_equal(found.within(np.full((4, 2), 0.5)), expected)
     assert found.largest()[1, 0] == pytest.approx(peak, rel=1e-12)
+
+
+def test_roundings_of_halvings_are_counted():
+    """(u − a)² of degree 14 is halved towards a; exact fractions show the roundings, and what they hide is no proof."""
+    a = np.random.default_rng(3).uniform(0.1, 0.9, 20)
+    k = np.arange(15)
+    b = a[:, None] ** 2 - 2 * a[:, None] * k / 14 + k * (k - 1) / (14 * 13)
+    row, exact, rounding = b[:1], [Fraction(x) for x in b[0]], 14 * 2.0**-52 * np.abs(b[0]).max()
+    for halvings in range(1, 27):
+        side = int(a[0] * 2**halvings) % 2
+        row, triangle = _halves(row)[side], [exact]
+        while len(triangle[-1]) > 1:
+            triangle.append([(x + y) / 2 for x, y in pairwise(triangle[-1])])
+        exact = [x[-1] for x in reversed(triangle)] if side else [x[0] for x in triangle]
+        wrong = max(abs(Fraction(x) - y) for x, y in zip(row[0], exact, strict=True))
+        assert wrong <= halvings * rounding
+    assert wrong > 0
+    zero = np.zeros(len(b))
+    assert not _positive(b + 2e-16, zero).any()
+    assert _positive(b + 1e-12, zero).all()
 
 
 @pytest.mark.parametrize(

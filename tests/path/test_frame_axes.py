@@ -7,6 +7,7 @@ import pytest
 import qtraj as qt
 from qtraj.io.dataset import path_dataset
 from qtraj.io.flat import flatten
+from qtraj.path.frame_components import Basis
 from qtraj.path.trihedral import AbstractFrame
 
 HELIX = qt.SpiralHelix([10.0, 0.0], [0.2, 0.4], [1.0, 0.5], 6.0)
@@ -88,3 +89,11 @@ def test_many_rotation_minimizing_frames_agree_with_single_ones():
 def test_a_rotation_minimizing_frame_with_reduce_is_an_error():
     with pytest.raises(ValueError, match="integrated along the path, so it supports neither reduce nor reuse"):
         qt.evaluate(HELIX, TIMES, ALL, frame=qt.RotationMinimizing(), reduce="max")
+
+
+def test_a_basis_with_a_placement_alone_converts_vectors():
+    placement, v = qt.Placement((1.0, 2.0, 3.0), (1.0, 2.0, 3.0, 4.0)), jnp.array([1.0, -2.0, 0.5])
+    basis = Basis(placement=placement)
+    world = basis.world(tuple(v))
+    np.testing.assert_allclose(world, placement.to_world(v), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(basis.local(world), v, rtol=0, atol=1e-15)

@@ -6,6 +6,8 @@ import pytest
 import qtraj as qt
 from qtraj.io.dataset import path_dataset
 from qtraj.viz.figures import route_figure
+from qtraj.viz.report.paths import path_report
+from qtraj.viz.report.payload import payload
 from qtraj.viz.route_figure import distance
 from qtraj.viz.style import MARK
 
@@ -35,6 +37,19 @@ def test_every_axis_has_its_unit(dataset):
     assert [axes.get_ylabel() for axes in panels] == ["height\n[m]", "speed\n[m/s]", "curvature\n[1/m]"]
     assert panels[-1].get_xlabel() == "distance travelled [m]"
     assert bar.get_ylabel() == "curvature [1/m]"
+
+
+def test_the_report_has_the_colour_scale_of_the_figure(dataset):
+    """Samples at a stop do not change the scale."""
+    stopped = dataset.copy(deep=True)
+    stopped["speed"][..., :20] = 1e-3
+    stopped["curvature"][..., :20] = 50.0
+    for drawn in (dataset, stopped):
+        lines = route_figure(drawn).axes[0].collections[0]
+        colours = payload(path_report(drawn))["colours"]
+        assert lines.get_clim() == (0.0, colours["top"])
+        assert colours["top"] < 1.0
+        np.testing.assert_allclose(lines.get_array(), colours["values"][:-1], rtol=1e-5, atol=1e-12)
 
 
 def test_only_violations_are_red(dataset):

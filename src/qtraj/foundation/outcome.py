@@ -65,6 +65,11 @@ class ResultCode(enum.IntEnum):
         "every limit is proved to be satisfied except at stops, where a limited quantity is undefined and the route "
         "was not changed.",
     )
+    not_optimal = (
+        NOTES + 5,
+        "every limit is proved on the segments that may change, but the search stopped before the optimum. Try a "
+        "larger max_steps for a better value of the objective.",
+    )
 
     max_steps_reached = (
         FAILURES + 0,
@@ -114,11 +119,11 @@ class ResultCode(enum.IntEnum):
         "a limited quantity is undefined somewhere on the path, where it stops or is straight. Limit another quantity, "
         "or change the path.",
     )
-    route_infeasible = (
+    route_not_found = (
         FAILURES + 12,
-        "no route was found within the tube that satisfies the limits. Widen the tube, raise the limits that are not "
-        "proved to be satisfied, or fix fewer states. The objective 'smoothest' keeps the duration; use 'nearest' "
-        "instead.",
+        "no route was found within the tube that satisfies the limits; a local search cannot show that there is none. "
+        "Widen the tube, raise the limits without a proof, or fix fewer states; with the objective 'smoothest', which "
+        "keeps the duration, take 'nearest'.",
     )
     broken_at_stops = (
         FAILURES + 13,
@@ -126,6 +131,11 @@ class ResultCode(enum.IntEnum):
         "limit, or give the route other states there.",
     )
 
+    route_not_converged = (
+        FAILURES + 15,
+        "the search for a route stopped before it converged. Try a larger max_steps; if it stops again, widen the "
+        "tube, raise the limits without a proof, or fix fewer states.",
+    )
     end_speed_not_reached = (
         FAILURES + 14,
         "a given speed at an end cannot be reached within the limits. Give a lower speed there, or raise the limits.",

@@ -46,9 +46,10 @@ class Basis:
         if angle is not None:
             cos, sin = self.half = cos_sin(0.5 * angle)
             self.cos, self.sin = 1 - 2 * sin**2, 2 * sin * cos
-        if angle is not None and placement is not None:
-            self.origin = triple(placement.origin.astype(angle.dtype))
-            unit = jnp.vectorize(quaternion.unit, signature="(q)->(q)")(placement.orientation.astype(angle.dtype))
+        if placement is not None:
+            dtype = placement.origin.dtype if angle is None else angle.dtype
+            self.origin = triple(placement.origin.astype(dtype))
+            unit = jnp.vectorize(quaternion.unit, signature="(q)->(q)")(placement.orientation.astype(dtype))
             self.orientation = tuple(unit[..., k] for k in range(4))
             # The rows of the direction cosine matrix are the axes of the placement in world components.
             dcm = jnp.vectorize(rotation.to_dcm, signature="(q)->(i,j)")(unit)

@@ -9,13 +9,14 @@ from pydantic import model_validator
 from qtraj.design.fitting.fit_route import fit_route
 from qtraj.design.fitting.fitted_route import FittedRoute
 from qtraj.design.limits import Limits
+from qtraj.design.tuning_route.tune_route import require_suitable
 from qtraj.foundation.naming import naming
 from qtraj.foundation.untrusted import read_bytes
 from qtraj.io.recording import is_recording
 from qtraj.path.track import Track
-from qtraj.scenario.part import SECONDS, NamedPart, Part, Positive, Text, key
-from qtraj.scenario.path import LimitsPart, VehiclePart, limits_with, require_limits
-from qtraj.scenario.path_parts import TrackPart
+from qtraj.scenario.part import SECONDS, Counts, NamedPart, Part, Positive, Text, key
+from qtraj.scenario.path import LimitsPart, require_limits
+from qtraj.scenario.path_parts import COUNT, TrackPart
 from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
 
 
@@ -52,6 +53,7 @@ class RouteTunePart(Part):
         "'nearest', 'smoothest' or 'fastest'",
         "nearest",
     )
+    max_steps: Counts = key("maximum number of steps of all searches together", COUNT, 300)
 
 
 class RouteScenario(NamedPart):
@@ -75,6 +77,8 @@ class RouteScenario(NamedPart):
         require_limits(self.purpose, self.limits, self.vehicle)
         if self.tune is not None and not self.limits.limits():
             raise ValueError("[tune] needs limits: add a table [limits]")
+        if self.tune is not None:
+            require_suitable(tuple(self.limits.limits()), self.tune.objective)
         return self
 
 

@@ -11,13 +11,12 @@ from matplotlib.figure import Figure
 from qtraj.foundation.units import symbol
 from qtraj.io.dataset import LIMIT_VARIABLES
 from qtraj.viz.drawable import path_samples
+from qtraj.viz.map_colours import map_colours
 from qtraj.viz.report.ranges import spike
 from qtraj.viz.style import BAND, BOUND, COLOURS, MARK, RC, RECORD, WIDTH, head, title
 
 PANEL, MAP = 1.05, 4.6  # heights [inch]
 LEFT = 0.105
-COLOURED = 0.95
-"""Quantile of the curvature at which the colour scale of the map ends, because curvature is infinite at stops."""
 
 
 def route_figure(dataset: Any) -> Figure:
@@ -69,14 +68,12 @@ def _draw_map(figure: Figure, axes: Any, dataset: xarray.Dataset, path: xarray.D
     if "recorded_position" in dataset:
         recorded = dataset["recorded_position"].values[:, :2] - centre
         axes.plot(*recorded.T, ".", ms=1.5, color=RECORD, label="recorded", zorder=1, rasterized=True)
-    curvature = np.abs(path["curvature"].values)
-    moving = np.isfinite(curvature) & (path["speed"].values > 0.05 * path["speed"].values.max())
-    top = float(np.quantile(curvature[moving], COLOURED)) if moving.any() else 1.0
+    colours = map_colours(path)
     lines = LineCollection(
         list(np.stack([points[:-1], points[1:]], axis=1)), cmap="viridis", linewidths=2.2, zorder=2, capstyle="round"
     )
-    lines.set_array(np.where(moving, curvature, 0.0)[:-1])
-    lines.set_clim(0.0, top or 1.0)
+    lines.set_array(colours.values[:-1])
+    lines.set_clim(0.0, colours.top)
     axes.add_collection(lines)
     for letter, at in (("A", points[0]), ("B", points[-1])):
         axes.annotate(letter, at, xytext=(4, 4), textcoords="offset points", fontweight="bold")

@@ -55,12 +55,17 @@ class Judged(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The variables and their certified route; `proved`: whether all proofs succeeded where segments may change."""
+    """The variables and what is known of their route; `proved` on all segments that may change.
+
+    `optimal`: whether the last search converged. `exhausted`: whether a search stopped because no steps were left.
+    """
 
     z: Any
     judged: Judged
     proved: bool
     steps: int
+    optimal: bool = True
+    exhausted: bool = False
 
 
 @eqx.filter_jit
@@ -108,7 +113,8 @@ def solved(
         at, steps = search.at, steps + int(search.steps)
         judged = judge(route, given, limits, tube, problem, np.asarray(at.z))
         open_ = unproved(judged, names, moving)
-        found = Found(at.z, judged, not open_.any(), steps)
+        exhausted = steps >= most and not bool(search.done | search.stuck)
+        found = Found(at.z, judged, not open_.any(), steps, bool(search.done), exhausted)
         if found.proved or k == ROUNDS or steps >= most or not np.isfinite(judged.distances).all():
             return found
         values = [judged.certificate.segments.worst[name][1] for name in names]
@@ -117,7 +123,6 @@ def solved(
         mu = float(np.clip(np.max(np.where(open_, above - 1, 0.0)), *AGAIN))
         factor[:, 0, :count] *= np.where(open_, above, 1.0) ** -2
         k += 1
-    return None
 
 
 @eqx.filter_jit

@@ -31,14 +31,21 @@ class Parts(NamedTuple):
 
 
 def parts(route: Route) -> Parts:
-    """The segments of a route. Where a state jumps at a joint, it is the mean of both sides."""
+    """The segments of a route. Where it jumps, the state of a joint is the mean of both sides.
+
+    Beside a segment that stays as it is, it is that segment's state, so that the tuned route does not jump there.
+    """
     count = route.segments
     c, h = np.asarray(route.coefficients)[:count], np.diff(np.asarray(route.times))
     first = np.stack(pieces.values(c, np.zeros(count), 2), axis=1)
     last = np.stack(pieces.values(c, h, 2), axis=1)
     states = np.concatenate([first, last[-1:]])
     states[1:-1] = 0.5 * (first[1:] + last[:-1])
-    return Parts(c, h, states)
+    given = Parts(c, h, states)
+    still = standing(given)
+    before, after = still[:-1] & ~still[1:], still[1:] & ~still[:-1]
+    states[1:-1][before], states[1:-1][after] = last[:-1][before], first[1:][after]
+    return given
 
 
 def same_terms(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -111,28 +118,28 @@ def problem_of(
     used[np.array(smooth)[:, None], 0, np.flatnonzero(np.all(held[:-1], axis=1))[None]] = 0.0
     scale = np.repeat([1.0, 1 / TIME_SCALE, 1 / TIME_SCALE**2], 3)
     pace = float(np.median(speed[moving > 0])) if moving.any() else 1.0
-    fields = (
-        ends,
-        h,
-        moving,
-        _offsets(given, n, moving, basis.NODES),
-        _offsets(given, n, moving, basis.FINE_NODES),
-        bounds**2,
-        _tube(tube, n, basis.NODES),
-        _tube(tube, n, basis.FINE_NODES),
-        used,
-        SHORTEST * h,
-        LONGEST * h,
-        near,
-        weights["pace"],
-        weights["jerk"],
-        weights["time"],
-        np.asarray(unit),
-        free,
-        np.append(scale, 1 / max(pace, 1e-12)),
-        _axes(given, n),
-    )
-    return RouteProblem(*map(as_float, fields))
+    fields = {
+        "ends": ends,
+        "durations": h,
+        "moving": moving,
+        "offset": _offsets(given, n, moving, basis.NODES),
+        "fine_offset": _offsets(given, n, moving, basis.FINE_NODES),
+        "squares": bounds**2,
+        "tube": _tube(tube, n, basis.NODES),
+        "fine_tube": _tube(tube, n, basis.FINE_NODES),
+        "used": used,
+        "shortest": SHORTEST * h,
+        "longest": LONGEST * h,
+        "near": near,
+        "pace": weights["pace"],
+        "jerk": weights["jerk"],
+        "time": weights["time"],
+        "unit": np.asarray(unit),
+        "free": free,
+        "scale": np.append(scale, 1 / max(pace, 1e-12)),
+        "axes": _axes(given, n),
+    }
+    return RouteProblem(**{name: as_float(value) for name, value in fields.items()})
 
 
 def _axes(given: Parts, n: int) -> np.ndarray:

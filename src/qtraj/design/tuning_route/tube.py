@@ -15,7 +15,8 @@ DEPTH = 26
 """Maximum number of times that a segment is halved."""
 
 ROUNDINGS = 64
-"""A generous bound on the number of roundings in each coefficient."""
+"""Roundings in each coefficient before the halvings: at most 8 products and sums in a square, 3 of squares, and 17 of
+the Bernstein coefficients."""
 
 
 class Displacement:
@@ -77,10 +78,13 @@ def _positive(b: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Whether polynomials with Bernstein coefficients (n, terms) are proved to be at least `error` (n,) on [0, 1]."""
     proved = np.ones(len(b), bool)
     index = np.arange(len(b))
-    for _ in range(DEPTH):
-        open_ = b.min(axis=1) < error[index]
-        # The first and last coefficients are values of the polynomial: if one is below `error`, no proof is possible.
-        lost = open_ & (np.minimum(b[:, 0], b[:, -1]) < error[index])
+    # A halving takes at most as many means one after the other as the degree, each rounded once.
+    rounding = (b.shape[1] - 1) * np.finfo(float).eps * np.abs(b).max(axis=1, initial=0.0)
+    for halvings in range(DEPTH):
+        bound = (error + halvings * rounding)[index]
+        open_ = b.min(axis=1) < bound
+        # Coefficients at the ends are values: one below the bound refutes, or cannot be decided.
+        lost = open_ & (np.minimum(b[:, 0], b[:, -1]) < bound)
         proved[index[lost]] = False
         kept = open_ & proved[index]
         if not kept.any():

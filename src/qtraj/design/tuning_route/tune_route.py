@@ -25,9 +25,6 @@ OBJECTIVES = ("nearest", "smoothest", "fastest")
 UNSUITABLE = ("torsion", "angular_rate", "angular_acceleration")
 """Limits on quantities of the natural trihedral, which does not exist on straights."""
 
-INFEASIBLE = 1e-6
-"""If a larger relative violation remains, the limits are reported as infeasible."""
-
 
 def tune_route(
     route: Route,
@@ -59,11 +56,14 @@ def tune_route(
     position, heading or curvature. The time of a joint may change even if its state is fixed. Segments that touch a
     stop stay as they are.
 
-    The method is a primal-dual interior-point method with exact second derivatives (Wächter and Biegler 2006); the cost
-    of a step is proportional to the number of segments. It satisfies the limits at eleven instants of each segment,
-    with margins for larger values between them. Then whole segments are certified, as by `certify`, and the margins are
-    reduced until every limit is proved to be satisfied. The tuned segments are quintics with a continuous acceleration
-    at their joints, even if the original acceleration jumps.
+    The method is a primal-dual interior-point method with exact second derivatives, whose cost grows with the number of
+    segments (Wächter and Biegler 2006). It satisfies the limits at eleven instants of each segment, with margins for
+    larger values between them; `certify` then judges whole segments, and the margins shrink until everything is proved,
+    in at most eleven searches with `max_steps` steps in all. The result is a local optimum, whose code is `successful`;
+    `not_optimal` if everything is proved but the search stopped before the optimum.
+
+    Segments that change become quintics, and position, velocity and acceleration are continuous at their joints,
+    whatever the given route has. Segments that touch a stop keep their coefficients, and the jumps between them.
 
     The result is not differentiable with respect to the arguments, but its route is a path like any other.
 
@@ -79,26 +79,25 @@ def tune_route(
     widths, held = _widths(tube, joints), _fixed(fixed, joints)
     bounds = np.array([float(np.asarray(limits.given()[name])) for name in names])
     problem = problem_of(given, names, bounds, widths, held, objective, objective == "smoothest")
-    found = rounds.Found(*_unchanged(route, given, limits, widths, problem))
+    found = _unchanged(route, given, limits, widths, problem)
     moving = np.asarray(problem.moving)[: joints - 1] > 0
     smooth = not np.any(np.asarray(problem.offset)) and not np.any(np.abs(np.asarray(route.jumps())) > 1e-9)
     if moving.any() and not (objective == "nearest" and smooth and found.proved):
         found = rounds.solved(route, given, names, limits, widths, problem, max_steps)
-    result = _result(route, given, problem, found, names, moving, objective)
+    result = _result(given, problem, found, names, moving, objective)
     return result.check() if throw else result
 
 
-def _unchanged(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem) -> tuple:
-    """The original route with its certificate."""
+def _unchanged(route: Route, given: Parts, limits: Limits, tube: np.ndarray, problem: RouteProblem) -> rounds.Found:
+    """The given route itself, judged."""
     z = jnp.zeros_like(problem.free)
     judged = rounds.judge(route, given, limits, tube, problem, np.asarray(z))
     count = len(given.h)
     open_ = rounds.unproved(judged, tuple(limits.given()), np.asarray(problem.moving)[:count] > 0)
-    return z, judged, not open_.any(), 0
+    return rounds.Found(z, judged, not open_.any(), 0)
 
 
 def _result(
-    route: Route,
     given: Parts,
     problem: RouteProblem,
     found: rounds.Found,
@@ -117,24 +116,22 @@ def _result(
         states[:, 0] - given.states[:, 0],
         np.sum(h - given.h),
         ~moving,
-        _code(found, names, moving),
+        _code(found, names),
         found.steps,
     )
 
 
-def _code(found: rounds.Found, names: tuple[str, ...], moving: np.ndarray) -> ResultCode:
+def _code(found: rounds.Found, names: tuple[str, ...]) -> ResultCode:
     certificate = found.judged.certificate
-    if found.proved:
-        if certificate.holds:
-            return ResultCode.successful
-        undefined = all(certificate.status[name] in ("proved", "undefined") for name in names)
-        return ResultCode.undefined_at_stops if undefined else ResultCode.broken_at_stops
-    if not np.isfinite(found.judged.distances).all():
-        return ResultCode.not_finite
-    values = [certificate.segments.worst[name][1][moving] for name in names]
-    bounds = [certificate.worst[name][2] for name in names]
-    above = max((float(np.nanmax(v)) / float(b) - 1 for v, b in zip(values, bounds, strict=True)), default=0.0)
-    return ResultCode.route_infeasible if above > INFEASIBLE else ResultCode.not_converged
+    if not found.proved:
+        if not np.isfinite(found.judged.distances).all():
+            return ResultCode.not_finite
+        return ResultCode.route_not_converged if found.exhausted else ResultCode.route_not_found
+    if any(certificate.status[name] not in ("proved", "undefined") for name in names):
+        return ResultCode.broken_at_stops
+    if not found.optimal:
+        return ResultCode.not_optimal
+    return ResultCode.successful if certificate.holds else ResultCode.undefined_at_stops
 
 
 def _require_route(route: Any, limits: Any) -> None:
@@ -154,6 +151,12 @@ def _require_route(route: Any, limits: Any) -> None:
 
 def _names(limits: Limits, objective: str) -> tuple[str, ...]:
     names = tuple(limits.given())
+    require_suitable(names, objective)
+    return names
+
+
+def require_suitable(names: tuple[str, ...], objective: str) -> None:
+    """Raise a ValueError if a route cannot be tuned for this objective within limits of these names."""
     wrong = [name for name in names if name in UNSUITABLE]
     if wrong:
         raise ValueError(
@@ -173,7 +176,6 @@ def _names(limits: Limits, objective: str) -> tuple[str, ...]:
             "the fastest route needs a limit that bounds the speed, such as speed, acceleration, lateral_acceleration "
             "or yaw_rate"
         )
-    return names
 
 
 def _widths(tube: Any, joints: int) -> np.ndarray:

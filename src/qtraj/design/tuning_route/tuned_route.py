@@ -23,14 +23,14 @@ from qtraj.path.route import Route
 class TunedRoute(AbstractOutcome):
     """The result of `tune_route`.
 
-    - `path`: the tuned `Route`, with quintic segments and as many joints as the original route.
+    - `path`: the tuned `Route`, with as many joints as the given one; segments that changed are quintics.
     - `certificate`: the findings on the limits, on the whole route and on each segment.
-    - `distance` (segments, 2) [m]: the largest horizontal and vertical distance from the original route at sampled
-      instants of each segment. `within` (segments,): whether both are proved to be at most the half-widths everywhere.
-    - `displacement` (n, 3) [m]: the changes of the positions of the joints, world axes.
-    - `delay` [s]: the change of the duration, negative if the tuned route is faster.
-    - `kept` (segments,): whether a segment touches a stop and therefore stays as it is.
-    - `objective`: the attained value, in its own units. `iterations`: the number of steps of all searches.
+    - `distance` (segments, 2) [m]: the largest horizontal and vertical distance from the given route at 65 instants of
+      each segment. `within` (segments,): whether both are proved to be at most the half-widths of the tube everywhere.
+    - `displacement` (n, 3) [m]: the change of the joints' positions, world axes.
+    - `delay` [s]: the change of the duration.
+    - `kept` (segments,): the segments that touch a stop; they stay as they are.
+    - `objective`: the attained value, in its own units. `iterations`: the steps of all searches.
     """
 
     path: Route
@@ -68,8 +68,9 @@ class TunedRoute(AbstractOutcome):
 
     @property
     def converged(self) -> bool:
-        """Whether each segment that may change is proved to satisfy every limit and to stay within the tube."""
-        return bool(np.asarray(self.code) < FAILURES)
+        """Whether every limit and the tube are proved on every segment that may change, at a local optimum."""
+        code = int(np.asarray(self.code))
+        return code < FAILURES and code != ResultCode.not_optimal
 
     def explain(self, at: tuple[int, ...]) -> str:
         """The result in words: what is proved, where a proof is missing, and advice."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from qtraj.foundation import units
+from qtraj.viz.map_colours import MapColours
 
 MAX_INSTANTS = 2001
 """Maximum number of instants drawn for one body; longer series are thinned evenly, keeping both ends."""
@@ -86,6 +87,7 @@ class Table:
 class Report:
     """A complete report; `kind` is "path" or "attitude"; `recorded` (m, 3) are recorded points.
 
+    `colours` are those of the map of a single path, at its instants.
     `warnings` are shown in red above the `notes`.
     """
 
@@ -97,6 +99,7 @@ class Report:
     panels: list[Panel]
     tables: list[Table]
     recorded: np.ndarray | None = None
+    colours: MapColours | None = None
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 

@@ -8,6 +8,7 @@ import xarray
 from qtraj.design.tuning.outcome import Tuned
 from qtraj.io.dataset import LIMIT_VARIABLES
 from qtraj.path.frame_axes import AXES, THRUST_ALIGNED, UPRIGHT, FrameAxes
+from qtraj.viz.map_colours import map_colours
 from qtraj.viz.report.angles import heading_pitch_roll
 from qtraj.viz.report.frames import cosines
 from qtraj.viz.report.model import Arrow, Body, Panel, Report, Series, unit, words
@@ -65,6 +66,7 @@ def path_report(dataset: xarray.Dataset, tuned: Tuned | None = None) -> Report:
         panels=_panels(bodies, list(drawn.values()), frame),
         tables=path_tables(dataset, drawn, tuned),
         recorded=recorded,
+        colours=map_colours(paths[bodies[0].name]) if len(bodies) == 1 and "curvature" in dataset else None,
         notes=notes,
         warnings=[words(str(dataset.attrs["fit_warning"]))] if "fit_warning" in dataset.attrs else [],
     )

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from qtraj.viz.map_colours import MapColours
 from qtraj.viz.report.model import Body, Panel, Report, plain, thinned
 from qtraj.viz.report.ranges import HEADROOM, spike
 
@@ -29,6 +30,7 @@ def payload(report: Report) -> dict[str, Any]:
         "arrows": [{"symbol": a.symbol, "meaning": a.meaning, "colour": a.colour} for a in report.arrows],
         "bodies": [_body(body, rows, centre) for body, rows in zip(report.bodies, drawn, strict=True)],
         "recorded": None if report.recorded is None else plain(report.recorded[thinned(len(report.recorded))] - centre),
+        "colours": None if report.colours is None else _colours(report.colours, drawn[0]),
         "panels": [_panel(panel, drawn) for panel in report.panels],
     }
 
@@ -67,6 +69,10 @@ def _body(body: Body, rows: np.ndarray, centre: np.ndarray) -> dict[str, Any]:
         "dash": body.dash,
         "ghost": body.ghost,
     }
+
+
+def _colours(colours: MapColours, rows: np.ndarray) -> dict[str, Any]:
+    return {"values": plain(colours.values[rows]), "top": colours.top}
 
 
 def _panel(panel: Panel, drawn: list[np.ndarray]) -> dict[str, Any]:

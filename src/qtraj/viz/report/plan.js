@@ -31,17 +31,13 @@ function planStill() {
 }
 
 const COLOURS = ["#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725"];
-const COLOURED = 0.95; // quantile of the curvature at which the colour scale ends, because curvature is infinite at stops
 
 /** A single path coloured by curvature: one line with gaps for each colour, because many markers are slow. */
 function curvatureTraces() {
-  const panel = panels.find(({ title }) => title === "curvature");
-  if (bodies.length > 1 || !panel) return [];
+  if (!data.colours) return [];
   const [body] = bodies,
-    { values } = panel.series[0];
-  const sorted = values.filter((value) => value !== null).sort((a, b) => a - b);
-  const top = sorted[Math.floor(COLOURED * (sorted.length - 1))] || 1;
-  const colourAt = (k) => Math.min(COLOURS.length - 1, Math.floor((COLOURS.length * (values[k] ?? 0)) / top));
+    { values, top } = data.colours;
+  const colourAt = (k) => Math.min(COLOURS.length - 1, Math.floor((COLOURS.length * values[k]) / top));
   const lines = COLOURS.map(() => ({ x: [], y: [], time: [] }));
   for (let k = 0; k + 1 < values.length; k++) {
     const line = lines[colourAt(k)];
