@@ -15,7 +15,7 @@ from qtraj.foundation.untrusted import read_bytes
 from qtraj.io.recording import is_recording
 from qtraj.path.track import Track
 from qtraj.scenario.part import SECONDS, Counts, NamedPart, Part, Positive, Text, key
-from qtraj.scenario.path import LimitsPart, require_limits
+from qtraj.scenario.path import LimitsPart, VehiclePart, limits_with, require_limits
 from qtraj.scenario.path_parts import COUNT, TrackPart
 from qtraj.scenario.reader import ScenarioFile, content_hash, read_scenario
 
