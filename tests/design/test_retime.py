@@ -1,5 +1,7 @@
 """The fastest timing along a path: closed forms, dense samples, finite differences, routes with stops."""
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -347,6 +349,20 @@ def test_a_path_that_stands_is_refused():
     standing = helix([10.0, 0.0, 1.0], [0.0], [0.0], 2.0)
     with pytest.raises(ValueError, match="stands still somewhere"):
         qt.retime(standing, qt.Limits(speed=5.0), knots=KNOTS)
+
+
+def test_a_route_that_turns_back_at_a_stop_is_refused_with_the_parts_to_take():
+    """The fit of a stop overshoots a little: the parts that the message names are retimed."""
+    velocity = [[6.0, 0.3, 0], [-0.003, 0, 0], [6, 0.5, 0.2]]
+    route = qt.Route([0.0, 3, 6], [[-12.0, 0, 0], [0, 0, 0], [12, 1, 0.5]], velocity, np.zeros((3, 3)))
+    limits = qt.Limits(speed=7.0, longitudinal_acceleration=2.0, jerk=3.0)
+    with pytest.raises(ValueError, match="turns back at about") as error:
+        qt.retime(route, limits, knots=KNOTS)
+    found = re.search(r"before (\S+) s and after (\S+) s", str(error.value))
+    assert found
+    first, last = map(float, found.groups())
+    assert 2.5 < first < 3.0 < last < 3.5
+    assert qt.retime(route.window(0.0, first), limits, end_speed=0.0, knots=KNOTS).certificate.holds
 
 
 def test_a_route_with_a_kink_is_refused():

@@ -14,12 +14,15 @@ from qtraj.foundation.arrays import concrete
 from qtraj.path import pieces
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
-from qtraj.path.stops import Segments
+from qtraj.path.stops import Segments, fastest, stops
 
 CONTINUOUS = 1e-6
 """Relative jump of the velocity, and of the acceleration, at a joint that counts as none."""
 
 SAMPLES = 33
+
+SLOW = 0.02
+"""A speed below this part of the largest is slow."""
 
 
 class Part(NamedTuple):
@@ -92,9 +95,21 @@ def _require_no_stop_within(s: Segments, still: np.ndarray) -> None:
         i, k = found[0]
         at = s.starts[i] + local[i, k]
         raise ValueError(
-            f"the route turns back at about {at:.4g} s, within a segment: a timing needs a joint where the vehicle "
-            "stops. Cut the route there by window(t0, t1) and retime the parts, or fit it with a joint at the stop."
+            f"the route turns back at about {at:.4g} s, within a segment, but retime cuts a route only at joints where "
+            f"it stands. {_advice(s, at)}"
         )
+
+
+def _advice(s: Segments, at: float) -> str:
+    """What to do with a route that turns back at a time, most often in the slow motion beside a stop."""
+    slow = next(
+        ((a, b) for a, b in stops(s, SLOW * fastest(s)) if a <= at + s.durations.max() / SAMPLES and at <= b), None
+    )
+    parts = f"before {slow[0]:.6g} s and after {slow[1]:.6g} s, where it is not slow," if slow else "before and after"
+    return (
+        f"Take its parts {parts} by window(t0, t1), retime each with end_speed=0 or start_speed=0 for rest, or call "
+        "tune_route, which keeps slow motion as it is."
+    )
 
 
 def _require_smooth(s: Segments, cut: np.ndarray, jerk: bool) -> None:
