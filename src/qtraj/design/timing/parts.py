@@ -93,7 +93,7 @@ def _require_no_stop_within(s: Segments, still: np.ndarray) -> None:
     turns = np.sum(v[:, 1:] * v[:, :-1], axis=-1) < 0
     if (found := np.argwhere(turns & ~still[:, None])).size:
         i, k = found[0]
-        at = s.starts[i] + local[i, k]
+        at = float(s.starts[i] + local[i, k])
         raise ValueError(
             f"the route turns back at about {at:.4g} s, within a segment, but retime cuts a route only at joints where "
             f"it stands. {_advice(s, at)}"
