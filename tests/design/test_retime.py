@@ -1,5 +1,7 @@
 """The fastest timing along a path: closed forms, dense samples, finite differences, routes with stops."""
 
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,9 +10,12 @@ from scipy.integrate import quad
 from scipy.interpolate import PPoly
 
 import qtraj as qt
+from qtraj.design.timing import search
+from qtraj.design.timing.directions import directions
 from qtraj.design.timing.grid import uniform
 from qtraj.design.timing.proof import prove
 from qtraj.design.timing.retime import source
+from qtraj.path.stops import Segments
 from qtraj.path.values import value
 
 KNOTS = 128
@@ -147,6 +152,66 @@ def test_derivatives_of_the_retimed_path(comfortable):
         assert jnp.allclose(change, rows[order + 1], rtol=1e-5, atol=1e-6)
 
 
+def test_repeated_derivatives_of_the_retimed_path(comfortable):
+    """Differentiating `position` again and again gives what `derivatives` gives, at rest and at the end too."""
+    path = comfortable.path
+    velocity = jax.jacfwd(path.position)
+    acceleration = jax.jacfwd(velocity)
+    rows = jax.jit(lambda t: (velocity(t), acceleration(t), jax.jacfwd(acceleration)(t), path.derivatives(t, 3)[1:]))
+    for t in (0.0, 0.7, 3.21, float(path.duration)):
+        *found, expected = rows(t)
+        assert jnp.allclose(jnp.stack(found)[:2], expected[:2], rtol=1e-9, atol=1e-9)
+        assert t == 0 or jnp.allclose(found[2], expected[2], rtol=1e-8, atol=1e-8)
+
+
+def test_derivatives_in_the_timing(comfortable):
+    """Second derivatives in time and in the coefficients, mixed, against finite differences."""
+    timing = comfortable.timing
+
+    def place(t, k):
+        return qt.Timing(timing.coefficients * (1 + k), timing.knots, timing.rest).parameter(t)
+
+    rate = jax.jit(jax.grad(place))
+    step, at = 1e-4, (3.21, 0.02)
+    expected = (rate(at[0], at[1] + step) - rate(at[0], at[1] - step)) / (2 * step)
+    assert jax.jit(jax.grad(jax.grad(place), argnums=1))(*at) == pytest.approx(float(expected), rel=1e-6)
+    assert jax.jit(jax.grad(jax.grad(place, argnums=1)))(*at) == pytest.approx(float(expected), rel=1e-6)
+
+
+def test_a_traced_zero_speed_is_a_failure():
+    """Rest changes the cells, so it must be known; the code says so instead of ignoring the zero."""
+    limits = qt.Limits(speed=9.0, longitudinal_acceleration=2.0)
+    timed = jax.vmap(lambda v: qt.retime(STRAIGHT, limits, start_speed=v, knots=KNOTS))(jnp.array([0.0, 1.0, np.nan]))
+    codes = [qt.ResultCode.rest_unknown, qt.ResultCode.successful, qt.ResultCode.not_finite]
+    assert timed.code.tolist() == codes
+    assert timed.speeds[1, 0] == pytest.approx(1.0, rel=1e-5)
+    assert "plain number" in timed.result[0]
+
+
+def test_a_speed_without_bound_is_a_failure():
+    timed = qt.retime(STRAIGHT, qt.Limits(lateral_acceleration=2.0), knots=KNOTS)
+    assert timed.code == qt.ResultCode.speed_unbounded
+    assert not timed.converged
+    with pytest.raises(RuntimeError, match="Add a limit on speed"):
+        timed.check()
+
+
+def test_the_angular_rate_is_undefined_on_a_straight_path():
+    timed = qt.retime(STRAIGHT, qt.Limits(speed=5.0, angular_rate=0.5), knots=KNOTS)
+    assert timed.certificate.status == {"speed": "proved", "angular_rate": "undefined"}
+    assert timed.result.count("a limited quantity is undefined") == 1
+    assert "angular_rate is undefined: undefined at t =" in timed.result
+
+
+def test_a_slowed_timing_is_not_called_the_fastest(monkeypatch):
+    """The last resort against an excess between the nodes, a slower drive on the whole path, is no optimum."""
+    satisfied = search._satisfied
+    monkeypatch.setattr(search, "_satisfied", lambda *a: (*satisfied(*a)[:2], jnp.asarray(0.99)))
+    timed = qt.retime(STRAIGHT, qt.Limits(speed=9.0, longitudinal_acceleration=2.0), knots=KNOTS)
+    assert timed.code == qt.ResultCode.not_converged
+    assert "more knots" in timed.result
+
+
 def test_a_speed_that_cannot_be_reached_is_told():
     timed = qt.retime(CORNER, qt.Limits(**COMFORT), start_speed=0.0, end_speed=50.0, knots=KNOTS)
     assert timed.code == qt.ResultCode.end_speed_not_reached
@@ -251,11 +316,27 @@ def test_stops_keep_their_lengths():
     assert timed.duration < 11.0 + 5.0
 
 
+def test_what_is_left_of_the_speed_at_a_stop_is_in_the_error_of_its_direction():
+    """r' = (1 + s)·(1, 0, 0) and a little across it at s = −1: the error of q is that part, and no less."""
+    exact, rest = np.zeros((1, 3, 3)), np.zeros((1, 3, 3))
+    exact[0, 2, 0] = rest[0, 2, 0] = 0.5
+    rest[0, 1, 1] = 1e-13
+    standing = np.array([[True, False]])
+    both = [directions(Segments(np.zeros(1), c, np.full(1, 2.0)), standing) for c in (exact, rest)]
+    found = [x for x in both if x is not None]
+    assert found[0].powers.tolist() == found[1].powers.tolist() == [[1, 0]]
+    assert found[0].roundings == pytest.approx([2.0])
+    assert (found[1].roundings[0] - 2) * np.finfo(float).eps == pytest.approx(1e-13)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"limits": qt.Limits(speed=5.0, curvature=1.0)}, "retime does not support a limit on curvature"),
-        ({"limits": qt.Limits(longitudinal_acceleration=1.0)}, "needs a limit that bounds the speed"),
+        (
+            {"limits": qt.Limits(speed=5.0, curvature=1.0, torsion=1.0)},
+            "does not support a limit on curvature, torsion;",
+        ),
+        ({"limits": qt.Limits(longitudinal_acceleration=1.0)}, "bounds the speed.* only a limit on speed"),
         ({"limits": qt.Limits(speed=5.0), "knots": 100}, "power of two"),
         ({"limits": qt.Limits(speed=5.0), "start_speed": -1.0}, "at least 0"),
     ],
@@ -269,6 +350,20 @@ def test_a_path_that_stands_is_refused():
     standing = helix([10.0, 0.0, 1.0], [0.0], [0.0], 2.0)
     with pytest.raises(ValueError, match="velocity of the path is zero at some instant"):
         qt.retime(standing, qt.Limits(speed=5.0), knots=KNOTS)
+
+
+def test_a_route_that_turns_back_at_a_stop_is_refused_with_the_parts_to_take():
+    """The fit of a stop overshoots a little: the parts that the message names are retimed."""
+    velocity = [[6.0, 0.3, 0], [-0.003, 0, 0], [6, 0.5, 0.2]]
+    route = qt.Route([0.0, 3, 6], [[-12.0, 0, 0], [0, 0, 0], [12, 1, 0.5]], velocity, np.zeros((3, 3)))
+    limits = qt.Limits(speed=7.0, longitudinal_acceleration=2.0, jerk=3.0)
+    with pytest.raises(ValueError, match="turns back at about") as error:
+        qt.retime(route, limits, knots=KNOTS)
+    found = re.search(r"before (\S+) s and after (\S+) s", str(error.value))
+    assert found
+    first, last = map(float, found.groups())
+    assert 2.5 < first < 3.0 < last < 3.5
+    assert qt.retime(route.window(0.0, first), limits, end_speed=0.0, knots=KNOTS).certificate.holds
 
 
 def test_a_route_with_a_kink_is_refused():

@@ -145,7 +145,7 @@ def interpolated(p: ChebyshevModel, semi_axes: Float[Array, "ellipses cells path
     return _apply(TO_POWERS, a), (LEBESGUE * p.error + rounding + conversion + interpolation) * SLACK + TINY
 
 
-def add_rounding(error: Array, count: float, size: Array) -> Array:
+def add_rounding(error: Array, count: float | Array, size: Array) -> Array:
     """The bound `error`, enlarged for `count` more roundings of terms whose magnitudes sum to `size`."""
     return (error + count * float(np.finfo(size.dtype).eps) * size) * SLACK + TINY
 

@@ -140,6 +140,16 @@ class ResultCode(enum.IntEnum):
         FAILURES + 14,
         "a given speed at an end cannot be reached within the limits. Give a lower speed there, or raise the limits.",
     )
+    rest_unknown = (
+        FAILURES + 16,
+        "a speed at an end is zero or negative, but not known before the function is traced. Pass start_speed=0 or "
+        "end_speed=0 as a plain number for rest; a speed inside jit, vmap or grad must be positive.",
+    )
+    speed_unbounded = (
+        FAILURES + 17,
+        "no limit bounds the speed somewhere, for example on a straight part of the path: the duration is not "
+        "meaningful. Add a limit on speed.",
+    )
 
     velocity_vanishes = (
         ILL_POSED + 0,

@@ -65,10 +65,10 @@ class PathDerivatives(eqx.Module):
     pace: CellPolynomial | None = None
 
 
-def path_derivatives(path: MovingPolynomials, duration: PerPath, roundings: int = 0) -> PathDerivatives:
+def path_derivatives(path: MovingPolynomials, duration: PerPath, roundings: int | Array = 0) -> PathDerivatives:
     """The derivatives up to `ORDER` of a batch of paths, which is the last axis of all coefficients.
 
-    `roundings` is the number of relative rounding errors that each coefficient already contains.
+    `roundings` is the number of relative rounding errors that each coefficient already contains, or (1, paths) of them.
     """
     unit = 0.5 * duration
     # The initial height and azimuth do not matter. Without them the other coefficients keep their full precision.

@@ -7,20 +7,38 @@ motion and its change can be computed from q.
 from fractions import Fraction
 from typing import NamedTuple
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jax.lax import stop_gradient
+from jaxtyping import Array, Bool, Float, Int
 
+from qtraj.foundation.types import Scalar
+from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.stops import Segments
 
 STANDS = 1e-12
 """A velocity below this fraction of the size of its segment is zero."""
 
+ROUNDED = 2.0
+"""Roundings of each coefficient of the directions."""
+
+
+STRAIGHT = 1e-9
+"""A path that turns by less than this angle [rad] in its duration is straight."""
+
 
 class Directions(NamedTuple):
-    """For each segment the coefficients of Q(t), whose time derivative is q, and the powers m and n."""
+    """For each segment the coefficients of Q(t), whose derivative in t is q, the powers m and n, and the error of q.
+
+    The error is a number of roundings of the largest coefficient of q: one for itself, one for the limits of a number,
+    and what is left of r' at the stop, which is divided off.
+    """
 
     coefficients: Float[np.ndarray, "segments terms 3"]
     powers: Int[np.ndarray, "segments 2"]
+    roundings: Float[np.ndarray, " segments"]
 
 
 def directions(s: Segments, standing: np.ndarray) -> Directions | None:
@@ -34,26 +52,38 @@ def directions(s: Segments, standing: np.ndarray) -> Directions | None:
     if not some.size:
         return None
     c, powers = s.coefficients.copy(), np.zeros((still.size, 2), int)
+    roundings = np.full(still.size, ROUNDED)
     c[still, 1, 0] = 1.0
     for i in some:
-        c[i], powers[i] = _direction(s.coefficients[i], s.durations[i], standing[i])
-    return Directions(c, powers)
+        c[i], powers[i], left = _direction(s.coefficients[i], s.durations[i], standing[i])
+        roundings[i] += left / np.finfo(float).eps
+    return Directions(c, powers, roundings)
 
 
-def _direction(c: Float[np.ndarray, "terms 3"], duration: float, standing: np.ndarray) -> tuple[np.ndarray, list[int]]:
+def _direction(
+    c: Float[np.ndarray, "terms 3"], duration: float, standing: np.ndarray
+) -> tuple[np.ndarray, list[int], float]:
+    """The coefficients of Q, the powers, and what was left of r' at the stops, relative to q."""
     unit = Fraction(float(duration)) / 2
     # Fractions represent r' in powers of x = 1 + s exactly.
     p = [[(k + 1) * Fraction(float(x)) * unit**k for x in c[k + 1]] for k in range(len(c) - 1)]
-    size = max(abs(x) * 2**k for k, row in enumerate(p) for x in row)
-    powers = [0, 0]
-    while standing[0] and max(map(abs, p[0])) <= STANDS * size:
-        p, powers[0] = p[1:], powers[0] + 1
-    while standing[1] and max(abs(sum(row[a] * 2**k for k, row in enumerate(p))) for a in range(3)) <= STANDS * size:
-        p, powers[1] = _divided(p), powers[1] + 1
+    size, powers, left = _size(p), [0, 0], Fraction(0)
+    while standing[0] and (rest := max(map(abs, p[0]))) <= STANDS * size:
+        p, powers[0], left = p[1:], powers[0] + 1, left + rest
+    while standing[1] and (rest := _size_at_end(p)) <= STANDS * size:
+        p, powers[1], left = _divided(p), powers[1] + 1, left + rest
     found = np.zeros_like(c)
     for k, row in enumerate(p):
         found[k + 1] = [float(x / unit**k / (k + 1)) for x in row]
-    return found, powers
+    return found, powers, float(left / _size(p))
+
+
+def _size(p: list[list[Fraction]]) -> Fraction:
+    return max(abs(x) * 2**k for k, row in enumerate(p) for x in row)
+
+
+def _size_at_end(p: list[list[Fraction]]) -> Fraction:
+    return max(abs(sum((row[a] * 2**k for k, row in enumerate(p)), Fraction(0))) for a in range(3))
 
 
 def _divided(p: list[list[Fraction]]) -> list[list[Fraction]]:
@@ -62,3 +92,14 @@ def _divided(p: list[list[Fraction]]) -> list[list[Fraction]]:
     for row in p[-2:0:-1]:
         quotient.insert(0, [2 * b - a for a, b in zip(row, quotient[0], strict=True)])
     return quotient
+
+
+@eqx.filter_jit
+def straight(path: AbstractHodograph, knots: Float[Array, " cells+1"]) -> Bool[Array, " cells"]:
+    """Whether the path is straight to rounding in the middle of each cell."""
+
+    def along(u: Scalar) -> Array:
+        _, r1, r2 = path.derivatives(u, 2)
+        return jnp.linalg.norm(jnp.cross(r1, r2)) * path.duration <= STRAIGHT * jnp.sum(r1 * r1)
+
+    return jax.vmap(along)(stop_gradient(0.5 * (knots[1:] + knots[:-1])))

@@ -89,8 +89,13 @@ class Retimed(AbstractOutcome):
         if code == ResultCode.end_speed_not_reached:
             start, end = np.asarray(self.speeds)[at]
             return f"{code.text} The fastest timing has {start:.4g} m/s at the start and {end:.4g} m/s at the end."
-        if code in (ResultCode.limits_broken, ResultCode.limits_undecided):
-            return f"{code.text} {self.certificate.explain(at)}"
+        if code == ResultCode.not_converged:
+            return (
+                "the search stopped before it found the fastest timing. The timing returned may be slower than "
+                f"necessary. Try more knots, or other limits. The limits on this timing: {self.certificate.explain(at)}"
+            )
+        if code == int(np.asarray(self.certificate.code)[at]):  # names the limits
+            return self.certificate.explain(at)
         return code.text
 
     def record(self) -> Record:

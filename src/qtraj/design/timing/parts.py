@@ -14,12 +14,15 @@ from qtraj.foundation.arrays import concrete
 from qtraj.path import pieces
 from qtraj.path.hodograph import AbstractHodograph
 from qtraj.path.route import Route
-from qtraj.path.stops import Segments
+from qtraj.path.stops import Segments, fastest, stops
 
 CONTINUOUS = 1e-6
 """A smaller relative jump of the velocity or of the acceleration at a joint is treated as rounding."""
 
 SAMPLES = 33
+
+SLOW = 0.02
+"""A speed below this part of the largest is slow."""
 
 
 class Part(NamedTuple):
@@ -90,11 +93,23 @@ def _require_no_stop_within(s: Segments, still: np.ndarray) -> None:
     turns = np.sum(v[:, 1:] * v[:, :-1], axis=-1) < 0
     if (found := np.argwhere(turns & ~still[:, None])).size:
         i, k = found[0]
-        at = s.starts[i] + local[i, k]
+        at = float(s.starts[i] + local[i, k])
         raise ValueError(
-            f"the route reverses at about {at:.4g} s, within a segment, but retime needs a joint at every stop. Cut "
-            "the route there by window(t0, t1) and retime the parts, or fit a route with a joint at the stop."
+            f"the route turns back at about {at:.4g} s, within a segment, but retime cuts a route only at joints where "
+            f"it stands. {_advice(s, at)}"
         )
+
+
+def _advice(s: Segments, at: float) -> str:
+    """What to do with a route that turns back at a time, most often in the slow motion beside a stop."""
+    slow = next(
+        ((a, b) for a, b in stops(s, SLOW * fastest(s)) if a <= at + s.durations.max() / SAMPLES and at <= b), None
+    )
+    parts = f"before {slow[0]:.6g} s and after {slow[1]:.6g} s, where it is not slow," if slow else "before and after"
+    return (
+        f"Take its parts {parts} by window(t0, t1), retime each with end_speed=0 or start_speed=0 for rest, or call "
+        "tune_route, which keeps slow motion as it is."
+    )
 
 
 def _require_smooth(s: Segments, cut: np.ndarray, jerk: bool) -> None:

@@ -27,9 +27,6 @@ from qtraj.path.frenet import Invariants
 from qtraj.path.moving_basis import MovingPolynomials
 from qtraj.path.quantity import QUANTITIES
 
-ROUNDED = 2
-"""Number of roundings in each coefficient of the directions."""
-
 HIGHEST = 6
 """The highest multiplicity of a stop: up to six derivatives of a septic may vanish there."""
 
@@ -54,7 +51,7 @@ class Source(NamedTuple):
 
     polynomials: MovingPolynomials
     durations: Float[Array, " segments"]
-    ahead: tuple[MovingPolynomials, Int[np.ndarray, "segments 2"]] | None
+    ahead: tuple[MovingPolynomials, Int[np.ndarray, "segments 2"], Float[np.ndarray, " segments"]] | None
 
 
 class Proofs(eqx.Module):
@@ -118,11 +115,11 @@ def _of_cells(polynomials: list[CellPolynomial], segment: Int[Array, " cells"]) 
 
 
 def _directions(
-    ahead: tuple[MovingPolynomials, Any], durations: Array, length: Array, segment: Int[Array, " cells"]
+    ahead: tuple[MovingPolynomials, Any, Any], durations: Array, length: Array, segment: Int[Array, " cells"]
 ) -> tuple[list[CellPolynomial], CellPolynomial]:
-    """q with two derivatives in each cell, and w in r' = w·q; r' and q have their own units of length."""
-    polynomials, powers = ahead
-    found = path_derivatives(polynomials, durations, ROUNDED)
+    """q with two derivatives in each cell, and w with r' = w·q in the units of r' and q."""
+    polynomials, powers, roundings = ahead
+    found = path_derivatives(polynomials, durations, jnp.asarray(roundings)[None])
     table = np.zeros((HIGHEST + 1, HIGHEST + 1, 2 * HIGHEST + 1))  # (1 + s)^m (1 − s)^n
     for m in range(HIGHEST + 1):
         for n in range(HIGHEST + 1):

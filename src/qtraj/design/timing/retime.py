@@ -12,9 +12,9 @@ from jax.lax import stop_gradient
 from jaxtyping import Array, Float, Int
 
 from qtraj.design.limits import Limits
-from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, Certificate, require_float64
-from qtraj.design.timing.constraints import NAMES
-from qtraj.design.timing.directions import directions
+from qtraj.design.proof.certificate import BROKEN, PROVED, SAMPLED, UNDECIDED, UNDEFINED, Certificate, require_float64
+from qtraj.design.timing.constraints import LARGEST, NAMES
+from qtraj.design.timing.directions import directions, straight
 from qtraj.design.timing.grid import Shape
 from qtraj.design.timing.outcome import Retimed
 from qtraj.design.timing.parts import Part, known_segments, known_zero, of_path, standing_ends
@@ -52,10 +52,10 @@ def retime(
 
     `limits` may contain only limits that depend on the timing: `speed`, `acceleration`, `lateral_acceleration`,
     `longitudinal_acceleration`, `jerk`, `yaw_rate`, `yaw_acceleration` and `angular_rate`. `start_speed` and
-    `end_speed` [m/s]: zero for rest, None for a free speed. The squared path speed u̇², where u is the parameter of
-    `path`, is a cubic spline in u with continuous second derivative and `knots` cells, a power of two; with more cells
-    the duration is closer to the minimum over all timings. At rest the acceleration starts with a jump, so a limit on
-    the jerk applies to the motion after the start and before the end.
+    `end_speed` [m/s]: zero for rest, which must be a plain number inside jit, vmap and grad too, None for a speed that
+    is free. The squared path speed u̇², u the path's own parameter, is a cubic spline of u with continuous second
+    derivative in `knots` cells, a power of two; more cells come closer to the least time of all. At rest the
+    acceleration begins with a jump, so a limit on the jerk is one on the motion after the start and before the end.
 
     A route is cut at its stops. Each drive between two stops is timed with at least `knots` cells, from rest to rest,
     and the stops keep their durations.
@@ -118,6 +118,9 @@ def _retimed(
     own = np.array([NAMES.index(name) for name in names])
     usage = jnp.concatenate([x.usage for x in timed], axis=1)[own] * (1 - MARGIN)
     codes = jnp.concatenate([x.codes for x in timed], axis=1)[own]
+    if "angular_rate" in names:  # the natural trihedral is undefined on straight parts
+        without = straight(path, knots)[None] & np.array([name == "angular_rate" for name in names])[:, None]
+        codes = jnp.where(without & ((codes == UNDECIDED) | (codes == SAMPLED)), UNDEFINED, codes)
     searches = [x.found for x in timed if x.found is not None]
     cells = [part.grid.cells for part in parts if part.grid is not None]
     errors = jnp.stack([found.error for found in searches])
@@ -172,7 +175,11 @@ def source(path: AbstractHodograph) -> Source | None:
         found = directions(segments, standing_ends(segments))
         if found is None:
             return Source(_in_world(segments.coefficients), durations, None)
-        ahead = _in_world(found.coefficients), np.pad(found.powers, [(0, more), (0, 0)])
+        ahead = (
+            _in_world(found.coefficients),
+            np.pad(found.powers, [(0, more), (0, 0)]),
+            np.pad(found.roundings, (0, more)),
+        )
         return Source(_in_world(segments.coefficients), durations, ahead)
     own = path.polynomials()
     if own is None:
@@ -206,25 +213,32 @@ def _judged(
     powers, wanted = timing.coefficients, facts.wanted
     ends = jnp.sqrt(jnp.maximum(jnp.stack([powers[0, 0], jnp.sum(powers[-1])]), 0.0)) * facts.pace
     missed = jnp.any(jnp.isfinite(wanted) & (ends < wanted * (1 - REACHED)))
+    ignored = jnp.any((wanted <= 0) & (ends > 0))  # a traced zero: rest has other cells, which must be chosen before
+    unbounded = jnp.max(powers[:, 0]) > 0.5 * LARGEST
     code = jnp.where(missed, int(ResultCode.end_speed_not_reached), certificate.code)
     code = jnp.where(jnp.all(facts.errors < facts.enough), code, int(ResultCode.not_converged))
-    return certificate, ends, jnp.where(jnp.isfinite(powers).all(), code, int(ResultCode.not_finite))
+    code = jnp.where(unbounded, int(ResultCode.speed_unbounded), code)
+    code = jnp.where(ignored, int(ResultCode.rest_unknown), code)
+    finite = jnp.isfinite(powers).all() & ~jnp.isnan(wanted).any()
+    return certificate, ends, jnp.where(finite, code, int(ResultCode.not_finite))
 
 
 def _certificate(
     timing: Timing, facts: _Facts, polynomials: MovingPolynomials | None, names: tuple[str, ...]
 ) -> Certificate:
-    cell = jnp.argmax(facts.usage, axis=1)
+    nowhere = (facts.codes == UNDEFINED) & ~jnp.any(facts.codes == BROKEN, axis=1, keepdims=True)
+    cell = jnp.argmax(jnp.where(nowhere, jnp.inf, facts.usage), axis=1)
     values = jnp.take_along_axis(facts.usage, cell[:, None], axis=1)[:, 0] * facts.limits
     times = 0.5 * (timing.times[cell] + timing.times[cell + 1])
-    rank = jnp.asarray([0, 1, 3, 2])[facts.codes]  # proved, sampled, undecided, broken
-    whole = jnp.asarray([PROVED, SAMPLED, UNDECIDED, BROKEN])[jnp.max(rank, axis=1)]
+    rank = jnp.asarray([0, 1, 4, 2, 3])[facts.codes]  # proved, sampled, undecided, undefined, broken
+    whole = jnp.asarray([PROVED, SAMPLED, UNDECIDED, UNDEFINED, BROKEN])[jnp.max(rank, axis=1)]
     if polynomials is not None and polynomials.placement is not None:
         x, y = polynomials.placement.orientation[1:3]
         vertical = np.array([QUANTITIES[name].upright for name in names])
         whole = jnp.where(vertical & ((x != 0) | (y != 0)), SAMPLED, whole)
     over = values > facts.limits
     whole = jnp.where(over & ((whole == SAMPLED) | (whole == UNDECIDED)), BROKEN, whole)
+    values = jnp.where(jnp.any(nowhere, axis=1), jnp.nan, values)
     return Certificate(names, whole, times, values, facts.limits)
 
 
@@ -232,13 +246,15 @@ def _require_limits(limits: Limits) -> tuple[str, ...]:
     names = tuple(limits.given())
     if unknown := [name for name in names if name not in NAMES]:
         raise ValueError(
-            f"retime does not support a limit on {unknown[0]}; it supports limits on {', '.join(NAMES)}. Use "
-            "qtraj.certify to check other limits."
+            f"retime does not support a limit on {', '.join(unknown)}; it takes limits on {', '.join(NAMES)}. Remove "
+            "the others, and check them on the path of the result by qtraj.certify: those that depend on the shape "
+            "alone, such as the curvature, are the same for every timing."
         )
-    if not any(QUANTITIES[name].bounds_speed for name in names):
+    bounding = [name for name in NAMES if QUANTITIES[name].bounds_speed]
+    if not set(bounding) & set(names):
         raise ValueError(
-            "the fastest timing needs a limit that bounds the speed, such as speed or acceleration, but "
-            f"{limits!r} was given"
+            f"retime needs a limit that bounds the speed, but {limits!r} was given. Add one of {', '.join(bounding)}; "
+            "on straight parts of a path only a limit on speed does so."
         )
     return names
 

@@ -27,6 +27,9 @@ ROUNDS, ALLOWED = 8, 2e-6
 OVER, CHECKED = 1.3, 17
 """Limits are tightened by `OVER` times the excess found at `CHECKED` places of each cell."""
 
+SLOWED = 1e-4
+"""A timing slower than the solution of the last search by more than this part of a has not converged."""
+
 INSIDE, CLOSE = 0.9, 0.98
 """The initial values of the first and of later searches are scaled to this fraction of the largest feasible ones."""
 
@@ -80,7 +83,7 @@ def fastest(problem: Problem, t: Tables) -> Found:
     r = _searched(*stop_gradient((program, places)), t.within)
     powers, usage, slower = _satisfied(r, stop_gradient(places), t)
     sensitivity = _sensitivity(program, r)
-    return Found(powers, usage, sensitivity, r.steps, jnp.where(slower > 0, r.error, jnp.inf))
+    return Found(powers, usage, sensitivity, r.steps, jnp.where(slower >= 1 - SLOWED, r.error, jnp.inf))
 
 
 class _Round(NamedTuple):

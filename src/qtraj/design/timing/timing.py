@@ -10,7 +10,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.lax import stop_gradient
 from jaxtyping import Array, Float
 
 from qtraj.foundation.arrays import as_float, one_instant
@@ -84,12 +83,9 @@ class Timing(eqx.Module):
         return self.times[cell] + _elapsed(self._form(cell), self._length(cell), starts, ends, z)
 
     def parameter(self, t: ScalarLike) -> Scalar:
-        """The parameter at a time [s]; outside [0, duration], the parameter of the nearer end."""
-        t = jnp.clip(one_instant(t), 0.0, self.duration)
-        u = stop_gradient(self._inverted(t))
-        return u + _root(self.squared_speed(u)) * (
-            t - self.time(u)
-        )  # the second term is zero, but has the derivatives of the inverse
+        """The parameter at a time [s]; outside [0, duration] that of the nearer end."""
+        t = _clipped(one_instant(t), 0.0, self.duration)
+        return _parameter(self, t)
 
     def _inverted(self, t: Scalar) -> Scalar:
         cell = jnp.clip(jnp.searchsorted(self.times, t, side="right") - 1, 0, self._cells - 1)
@@ -119,7 +115,53 @@ class Timing(eqx.Module):
     def _locate(self, u: Scalar) -> tuple[Array, Scalar]:
         u = u.astype(self.knots.dtype)
         cell = jnp.clip(jnp.searchsorted(self.knots, u, side="right") - 1, 0, self._cells - 1)
-        return cell, jnp.clip((u - self.knots[cell]) / (self.knots[cell + 1] - self.knots[cell]), 0.0, 1.0)
+        return cell, _clipped((u - self.knots[cell]) / (self.knots[cell + 1] - self.knots[cell]), 0.0, 1.0)
+
+
+# The derivatives of u(t) and of its rate w(t) = √a(u(t)) follow from u̇ = w and ẇ = a'(u)/2. Each rule calls both
+# functions again, so derivatives of every order are correct, at rest too, where √a itself has none in u.
+
+
+@eqx.filter_custom_jvp
+def _parameter(timing: Timing, t: Scalar) -> Scalar:
+    """The parameter at a time within [0, duration]."""
+    return timing._inverted(t)
+
+
+@_parameter.def_jvp
+def _parameter_jvp(primals: Any, tangents: Any) -> tuple[Scalar, Scalar]:
+    timing, t = primals
+    u = _parameter(timing, t)
+    return u, _rate(timing, t) * _advance(timing, u, tangents)
+
+
+@eqx.filter_custom_jvp
+def _rate(timing: Timing, t: Scalar) -> Scalar:
+    """u̇ at a time within [0, duration]."""
+    return _root(timing.squared_speed(timing._inverted(t)))
+
+
+@_rate.def_jvp
+def _rate_jvp(primals: Any, tangents: Any) -> tuple[Scalar, Scalar]:
+    timing, t = primals
+    u = _parameter(timing, t)
+    change = 0.5 * timing.taylor(u)[1] * _advance(timing, u, tangents)
+    if _varies(tangents[0]):
+        change += eqx.filter_jvp(lambda x: _root(x.squared_speed(u)), (timing,), (tangents[0],))[1]
+    return _rate(timing, t), change
+
+
+def _advance(timing: Timing, u: Scalar, tangents: Any) -> Scalar:
+    """The tangent of t, less that of the time at which the parameter is u."""
+    of_timing, of_time = tangents
+    advance = jnp.zeros_like(u) if of_time is None else of_time
+    if _varies(of_timing):
+        advance -= eqx.filter_jvp(lambda x: x.time(u), (timing,), (of_timing,))[1]
+    return advance
+
+
+def _varies(tangents: Any) -> bool:
+    return bool(jax.tree.leaves(tangents))
 
 
 # Near a state of rest, time is proportional to the square root of the distance. So in a cell that starts or ends at
@@ -218,6 +260,11 @@ def _composed(shape: Float[Array, "orders 3"], change: list[Scalar]) -> Float[Ar
         ]
         result = jnp.stack(product).at[0].add(row)
     return result
+
+
+def _clipped(x: Array, low: ScalarLike, high: ScalarLike) -> Array:
+    """x within its bounds; where it equals one, its derivative is still 1."""
+    return jnp.where(x < low, low, jnp.where(x > high, high, x))
 
 
 def _horner(c: Array, x: Array) -> Array:
