@@ -110,7 +110,7 @@ def test_a_recording_alone_is_fitted_without_limits(qtraj, tmp_path):
     [
         ("[fit]\nsmoothing = 1.0\ntolerance = 0.1\n", "smoothing and tolerance were both given: give one of them"),
         ("[tune]\ntube = 1.0\n", "[tune] needs limits: add a table [limits]"),
-        ("[limits]\ntorsion = 1.0\n[tune]\n", "torsion belong to the natural trihedral"),
+        ("[limits]\ntorsion = 1.0\n[tune]\n", "does not support limits on torsion"),
         ('[limits]\ncurvature = 1.0\n[tune]\nobjective = "fastest"\n', "needs a limit that bounds the speed"),
         ("[limits]\nspeed = 9.0\n[tune]\nmax_steps = 0\n", "expected a whole number, 1 or more"),
         ("[fit]\nspacing = 0\n", "the key 'fit.spacing' has the value 0, but expected a positive finite number"),

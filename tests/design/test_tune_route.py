@@ -277,7 +277,7 @@ def test_a_search_that_stops_early_is_reported(route, tuned, change, code):
         assert early.certificate.holds
         assert float(early.objective) > 2 * float(tuned.objective)
     else:
-        assert "Without a proof: " in early.result
+        assert "Not proved: " in early.result
         with pytest.raises(RuntimeError, match="stopped before it converged"):
             early.check()
 

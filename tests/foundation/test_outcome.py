@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from jaxtyping import Array, Int
 
-from qtraj.foundation.outcome import FAILURES, AbstractOutcome, ResultCode, Texts
+from qtraj.foundation.outcome import FAILURES, AbstractOutcome, ResultCode
 from qtraj.foundation.record import Quantity, Record
+from qtraj.foundation.texts import Texts
 
 composed = []
 

@@ -7,8 +7,8 @@ between are successes with a note.
 
 import abc
 import enum
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, TypeVar, overload
+from collections.abc import Mapping
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Int
 
 from qtraj.foundation.arrays import concrete
 from qtraj.foundation.result import AbstractResult
+from qtraj.foundation.texts import Texts
 
 T = TypeVar("T", bound="AbstractOutcome")
 
@@ -208,39 +209,6 @@ class ResultCode(enum.IntEnum):
 MESSAGES = tuple(code.text for code in ResultCode)
 _MESSAGE_INDEX = np.zeros(max(ResultCode) + 1, np.int32)
 _MESSAGE_INDEX[[int(code) for code in ResultCode]] = np.arange(len(ResultCode))
-
-
-class Texts(Sequence[str]):
-    """The messages of a batch, composed on access; several batch axes are indexed like a nested list."""
-
-    def __init__(self, make: Callable[[tuple[int, ...]], str], shape: tuple[int, ...]):
-        self._make, self._shape = make, shape
-        self._at = np.arange(np.prod(shape, dtype=int)).reshape(shape)
-
-    @overload
-    def __getitem__(self, index: int) -> str: ...
-    @overload
-    def __getitem__(self, index: slice) -> "Texts": ...
-    def __getitem__(self, index: Any) -> Any:
-        at = self._at[index]
-        if np.ndim(at) == 0:
-            return self._make(tuple(int(k) for k in np.unravel_index(at, self._shape)))
-        part = Texts(self._make, self._shape)
-        part._at = at
-        return part
-
-    def __len__(self) -> int:
-        return len(self._at)
-
-    def __iter__(self) -> Iterator[Any]:
-        return (self[k] for k in range(len(self)))
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        texts = [self._make(tuple(map(int, np.unravel_index(k, self._shape)))) for k in self._at.ravel()]
-        return np.array(texts, dtype=dtype or str).reshape(self._at.shape)
-
-    def __repr__(self) -> str:
-        return f"<texts of {' × '.join(map(str, self._at.shape))} results>"
 
 
 class AbstractOutcome(AbstractResult):
