@@ -180,7 +180,7 @@ def test_a_step_that_makes_no_sense(qtraj, step):
 def test_too_many_samples(qtraj):
     result = qtraj("evaluate", HELIX, "--samples", 10**9)
     assert result.exit_code == 2
-    assert "expected at most 1000000" in result.stderr
+    assert "must be at most 1000000" in result.stderr
 
 
 def test_samples_and_step_exclude_each_other(qtraj):

@@ -334,7 +334,7 @@ def test_a_search_that_does_not_converge_is_reported(turn):
 def test_a_poor_fit_is_told_whether_the_search_converged_or_not(turn):
     result = fit(turn, radius_bounds=(3.0, 4.0), max_steps=2)
     assert result.code == ResultCode.poor_fit
-    assert "of the turn's radius" in result.result
+    assert "of the radius of the turn" in result.result
 
 
 def test_a_radius_at_a_bound_is_reported(turn):
@@ -413,7 +413,9 @@ def test_loose_and_poor_fits_are_reported(size, velocities):
     assert result.successful == (not exceeds[1])
     assert (size > 0) == exceeds[0]
     if size == 0.2:
-        with pytest.raises(RuntimeError, match=r"% of the turn's radius, more than 10%.*does not follow its recording"):
+        with pytest.raises(
+            RuntimeError, match=r"radius of the turn, more than 10%.*does not follow its recording"
+        ):
             fit(Track(angle, position, velocity if velocities else None), "uniform", velocity_sigma=1e3, throw=True)
 
 

@@ -363,7 +363,7 @@ def test_too_few_steps_are_reported():
         ({"objective": "fastest", "limits": qt.Limits(curvature=0.05)}, "the fastest path is unbounded"),
         ({"duration": 5.0}, "the tuned rate of uniform motion determines the duration"),
         ({"duration": -5.0, "motion": "hermite"}, "must be positive"),
-        ({"turns": -1}, "turns must be 0 or more"),
+        ({"turns": -1}, "must be 0 or more, but -1 was given"),
         ({"turn": 1.0}, "does not lead from the azimuth of the start"),
         ({"end": START}, "same azimuth"),
         ({"start": qt.BoundaryState([20.0, 0, 0], [1.0, 0.0, 0.3])}, "sense of rotation is unknown"),

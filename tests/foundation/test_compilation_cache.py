@@ -114,7 +114,7 @@ def test_a_folder_that_cannot_be_created_is_an_error(tmp_path, name, message):
 
 def test_a_folder_that_cannot_be_written_to_is_an_error(tmp_path, monkeypatch):
     monkeypatch.setattr(compilation_cache.os, "access", lambda path, mode: False)
-    with pytest.raises(ValueError, match="cannot be written to"):
+    with pytest.raises(ValueError, match="is not writable"):
         qt.enable_compilation_cache(tmp_path)
 
 

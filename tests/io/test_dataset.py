@@ -7,7 +7,8 @@ import xarray
 from scipy.spatial.transform import Rotation
 
 import qtraj as qt
-from qtraj.io.dataset import LIMIT_VARIABLES, path_dataset, write_netcdf
+from qtraj.io.dataset import path_dataset, write_netcdf
+from qtraj.path.quantity import QUANTITIES
 
 R, RATE, CLIMB, DURATION = 10.0, 0.4, 0.5, 20.0
 SAMPLES = 65
@@ -50,7 +51,7 @@ def dataset():
 def test_every_variable_has_its_unit(dataset):
     assert {name: dataset[name].attrs["units"] for name in UNITS} == UNITS
     assert all(v.attrs.get("units") and v.attrs.get("long_name") for v in dataset.data_vars.values())
-    assert set(LIMIT_VARIABLES.values()) <= set(dataset.data_vars)
+    assert {q.variable for q in QUANTITIES.values() if not q.needs_vehicle} <= set(dataset.data_vars)
     for name in ("quaternion_convention", "frame_convention", "rate_convention", "layout", "source"):
         assert dataset.attrs[name]
     assert dataset.attrs["title"] == "helices"
@@ -100,10 +101,10 @@ def test_attitudes_agree_and_the_quaternion_is_continuous(dataset):
 def test_limits_and_recording_are_kept(dataset):
     assert dataset["curvature"].attrs["limit"] == 0.05
     assert dataset["acceleration_magnitude"].attrs["limit"] == 2.0
-    assert [name for name in dataset.data_vars if "limit" in dataset[name].attrs] == [
+    assert {name for name in dataset.data_vars if "limit" in dataset[name].attrs} == {
         "curvature",
         "acceleration_magnitude",
-    ]
+    }
     assert dataset["recorded_time"].values.tolist() == [0, 1, 2, 3]
     assert np.array_equal(dataset["recorded_position"].values.ravel(), np.arange(12.0))
 

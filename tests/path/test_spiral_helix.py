@@ -159,7 +159,7 @@ RADIAL = qt.BoundaryState([10.0, 0.0, 0.0], [4.0, 0.0, 0.0])
         (lambda: qt.SpiralHelix.from_boundary(AXIS, END), "start lies on the axis"),
         (lambda: qt.SpiralHelix.hermite(START, AXIS, 3.0), "end lies on the axis"),
         (lambda: qt.SpiralHelix.from_boundary(RADIAL, qt.BoundaryState([0, 10.0, 0], [0, 4.0, 0])), "V_phi is 0"),
-        (lambda: qt.SpiralHelix.from_boundary(START, END, turns=-1), "turns must be 0 or more"),
+        (lambda: qt.SpiralHelix.from_boundary(START, END, turns=-1), "must be 0 or more, but -1 was given"),
         (lambda: qt.SpiralHelix.hermite(START, END, [3.0, 4.0]), "one number"),
         (lambda: qt.SpiralHelix.from_boundary(dataclasses.replace(START, acceleration=[0.0, 0, 0]), END), "accel"),
         (lambda: qt.SpiralHelix.hermite(dataclasses.replace(START, acceleration=[0.0, 0, 0]), END, 1.0), "both or"),

@@ -13,7 +13,7 @@ from qtraj.viz.map_colours import MapColours
 MAX_INSTANTS = 2001
 """Maximum number of instants drawn for one body; longer series are thinned evenly, keeping both ends."""
 
-NAMES = re.compile(r"\b(lateral|longitudinal|angular|yaw|max)_(?=(acceleration|rate|jerk)\b)")
+NAMES = re.compile(r"\b(lateral|longitudinal|angular|yaw|normal|max)_(?=(acceleration|rate|jerk|force|load)\b)")
 """The first word of limit names that consist of two words."""
 
 
