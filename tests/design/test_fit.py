@@ -413,9 +413,7 @@ def test_loose_and_poor_fits_are_reported(size, velocities):
     assert result.successful == (not exceeds[1])
     assert (size > 0) == exceeds[0]
     if size == 0.2:
-        with pytest.raises(
-            RuntimeError, match=r"radius of the turn, more than 10%.*does not follow its recording"
-        ):
+        with pytest.raises(RuntimeError, match=r"radius of the turn, more than 10%.*does not follow its recording"):
             fit(Track(angle, position, velocity if velocities else None), "uniform", velocity_sigma=1e3, throw=True)
 
 
