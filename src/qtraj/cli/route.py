@@ -42,10 +42,12 @@ def route(
 ) -> None:
     """Fit a route to a whole recorded drive or flight, check its limits, and change it until they are satisfied.
 
-    Stops, straight parts and gaps are allowed. Every limit of the scenario is proved or disproved on every segment.
-    With a table [tune] the route changes within a tube so that all limits are proved where it moves. Writes a dataset
-    (paths.nc), the route, the fit and the findings (route.json, fit.json, certificate.json), the tuning (tuning.json),
-    a map and plots (route.png, route.svg), and an HTML report (report.html). Exit code 1 if a limit is not proved.
+    Stops, straight parts and gaps are allowed. On every segment each limit of the scenario is certified: proved to be
+    satisfied, violated, undecided or undefined. With a table [tune] the route changes within a tube until all limits
+    are proved where it moves. Writes a dataset (paths.nc), the route, the fit and the findings (route.json, fit.json,
+    certificate.json), the tuning (tuning.json), a map and plots (route.png, route.svg), and an HTML report
+    (report.html). Exit code 1 if a limit is not proved to be satisfied; after tuning, a limited quantity may be
+    undefined at stops.
     """
     with terminal.guarded():
         outcome = run(recording, out)

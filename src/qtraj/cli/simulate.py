@@ -65,7 +65,7 @@ def simulate(
     samples: int | None = typer.Option(
         None, min=2, max=100_000, metavar="N", help="Number of instants, including both ends; overrides the scenario."
     ),
-    frame: FrameName | None = terminal.frame_option("the scenario's; upright"),
+    frame: FrameName | None = terminal.frame_option("the frame of the scenario, or upright"),
     open_loop: bool = typer.Option(
         False, "--open-loop", help="Also simulate the body without feedback, under the program's acceleration alone."
     ),
